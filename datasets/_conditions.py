@@ -54,8 +54,6 @@ class Conditions:
 
     def drawn(self, rig: Rig, seed: np.random.SeedSequence) -> Rig:
         """Return the rig at the conditions of one assembly."""
-        from cyclofeat.simulators import LoadDrift
-
         random = np.random.default_rng(seed)
         shares = random.random(2)
         changes = {}
@@ -68,8 +66,10 @@ class Conditions:
         # A brake drifts with its load, but the rig states no more than this drift.
         factor = min(1.0, changes.get("load_torque", rig.gearbox.load_torque) / rig.gearbox.load_torque)
         effects = [
-            one.with_parameters(rms_nm=_scaled(one.rms_nm, factor)) if isinstance(one, LoadDrift) else one
-            for one in rig.effects
+            effect.with_parameters(rms_nm=_scaled(effect.rms_nm, factor))
+            if effect.effect_id == "load_drift"
+            else effect
+            for effect in rig.effects
         ]
         return rig.replace(gearbox=rig.gearbox.replace(**changes), effects=effects)
 

@@ -87,7 +87,7 @@ def make_rig_recordings(
     speed_rpm, load_nm : float or (low, high), optional
         Nominal input speed in RPM and load torque in Nm: one for all, or a range from which each assembly
         draws its own (log-uniform). Default: those of the rig's gearbox. Below the gearbox's load, the load
-        drift (:class:`cyclofeat.simulators.LoadDrift`) shrinks in proportion to it.
+        drift (:class:`cyclofeat.simulators.Drift`) shrinks in proportion to it.
     duration : float, optional
         Length of each recording in s, default 1.8. It begins when the assembly has settled
         (:func:`cyclofeat.simulators.settling_time`).

@@ -14,9 +14,8 @@ from cyclofeat._base.checks import check_type, is_whole, short
 from cyclofeat._base.quantities import CHANNELS, TORQUES, factor_to_output
 from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.courses import Courses
-from cyclofeat.simulators.effects import Effect, TorqueContext
-from cyclofeat.simulators.effects import _library as library
-from cyclofeat.simulators.effects._base import Fluctuation
+from cyclofeat.simulators.effects import Effect, library
+from cyclofeat.simulators.effects.effect import Fluctuation, TorqueContext
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.motor import Motor
 from cyclofeat.simulators.simulation import SimulationRun, simulate

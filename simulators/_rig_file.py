@@ -13,8 +13,8 @@ from typing import Any, TypeVar
 from cyclofeat._base.checks import number, short
 from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.effects import Effect
-from cyclofeat.simulators.effects._library import effects_from_list, read_variants
-from cyclofeat.simulators.effects._numbers import meant, to_plain
+from cyclofeat.simulators.effects._parameter import suggest_key, to_plain
+from cyclofeat.simulators.effects.library import effects_from_list, read_variants
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
 Made = TypeVar("Made")
@@ -111,7 +111,7 @@ def reject_unknown(given: Mapping[str, Any], known: Iterable[str], prefix: str =
     names = list(known)
     for key, value in given.items():
         if key not in names:
-            right = meant(key, names, prefix)
+            right = suggest_key(key, names, prefix)
             raise ValueError(f"unknown key {prefix + key!r} with value {short(value)}: {right}")
 
 

@@ -32,21 +32,17 @@ from cyclofeat.simulators.defects import LobeDefects
 from cyclofeat.simulators.effects import (
     BrakeRotor,
     Clearance,
-    ContactDampingScale,
-    ContactStiffnessScale,
+    Drift,
     Effect,
     GearboxParameter,
-    LoadDrift,
-    LoadScale,
     Noise,
     PinErrors,
-    Place,
     RunOut,
-    SpeedScale,
+    Scale,
+    library,
 )
-from cyclofeat.simulators.effects import _library as library
 from cyclofeat.simulators.effects._gearbox import GEARBOX_NUMBERS
-from cyclofeat.simulators.effects._numbers import is_distribution, meant, shown
+from cyclofeat.simulators.effects._parameter import is_distribution, suggest_key, value_text
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.motor import Motor
 from cyclofeat.simulators.simulation import SimulationRun
@@ -75,8 +71,8 @@ class Rig:
     gearbox : CycloidalGearbox
         Nominal gearbox, speed and load. Default: paper B's of steel.
     effects : sequence of Effect
-        Copied and sorted into the order of the chain (:class:`cyclofeat.simulators.Place`); effects of one
-        place act in the order given. Several of one kind are allowed, but at most one brake.
+        Copied and sorted into the order of the chain (:attr:`cyclofeat.simulators.Effect.place`); effects of
+        one place act in the order given. Several of one kind are allowed, but at most one brake.
     name : str, default "rig"
         Prefix of the names of its surrogate recordings.
     variants : sequence of sequences of Effect
@@ -133,7 +129,7 @@ class Rig:
 
     def _check_together(self, effects: Sequence[Effect], name: str) -> None:
         """Raise ValueError unless effects fit together and to the gearbox."""
-        motors = [effect.effect_id for effect in effects if effect.place is Place.MOTOR]
+        motors = [effect.effect_id for effect in effects if effect.place == "motor"]
         if len(set(motors)) < len(motors):
             raise ValueError(
                 f"{name} must hold each effect of the motor once at most, got {', '.join(motors)}"
@@ -165,7 +161,8 @@ class Rig:
         contacts within 25 %, load within 3 % and speed within 1 % of nominal, load drift of 3 Nm rms below
         1.5 Hz, white noise of 0.2 Nm.
         """
-        contacts = (ContactStiffnessScale(uniform(0.75, 0.5)), ContactDampingScale(uniform(0.75, 0.5)))
+        spread = uniform(0.75, 0.5)
+        contacts = Scale("contact_stiffness", spread), Scale("contact_damping", spread)
         return cls(effects=(*_assembly_errors(), *contacts), name="R0")
 
     @classmethod
@@ -184,10 +181,10 @@ class Rig:
         factor of 2; a second drift of 0.3 Nm rms below 25 Hz, which reaches the lobes' frequencies.
         """
         differing = (
-            ContactStiffnessScale((0.5, 2.0)),
-            ContactDampingScale((0.5, 2.0)),
+            Scale("contact_stiffness", (0.5, 2.0)),
+            Scale("contact_damping", (0.5, 2.0)),
             BrakeRotor((0.005, 0.05), (3e3, 3e4), (0.01, 0.05)),
-            LoadDrift(0.3, 25.0),
+            Drift(0.3, 25.0),
         )
         return cls(effects=(*_assembly_errors(), *differing), name="R2")
 
@@ -228,7 +225,7 @@ class Rig:
     @property
     def has_motor(self) -> bool:
         """True if a motor with control turns the input shaft, if only in a variant, and not a given speed."""
-        return any(effect.place is Place.MOTOR for effects in self.effect_sets() for effect in effects)
+        return any(effect.place == "motor" for effects in self.effect_sets() for effect in effects)
 
     def replace(self, **changes: Any) -> Rig:
         """Return a checked copy with single fields changed."""
@@ -323,7 +320,9 @@ class Rig:
         known = self.parameters()
         for name in values:
             if name not in known:
-                raise ValueError(f"unknown parameter {name!r} of rig {self.name!r}: {meant(name, known)}")
+                raise ValueError(
+                    f"unknown parameter {name!r} of rig {self.name!r}: {suggest_key(name, known)}"
+                )
         changed: dict[str, dict[str, Any]] = {name: {} for name in self.labelled_effects()}
         gearbox: dict[str, Any] = {}
         for name, value in values.items():
@@ -578,7 +577,7 @@ class Rig:
 
         The file holds one object with the keys ``"name"``, ``"gearbox"`` (the parameters of
         :class:`CycloidalGearbox` in SI units) and ``"effects"``: a list of objects, the effect's name under
-        ``"effect"``, then its parameters (:func:`cyclofeat.simulators.effect_library`). A parameter is a
+        ``"effect"``, then its parameters (:func:`cyclofeat.simulators.known_effects`). A parameter is a
         number, a range ``[low, high]``, or a distribution of scipy by its name and arguments,
         ``{"distribution": "norm", "loc": 0.2, "scale": 0.05}``. ``"variants"`` is a list of such lists of
         effects, of which each assembly has one. All keys may be left out. ``"note"`` is free text.
@@ -617,7 +616,9 @@ def _stated(value: Any) -> str:
     """Return a number, range, distribution or setting of an effect as short text."""
     if isinstance(value, tuple) and len(value) == 2 and all(map(is_number, value)):
         return f"{value[0]:.4g} to {value[1]:.4g}"
-    return f"{value:.4g}" if is_number(value) else shown(value) if is_distribution(value) else short(value)
+    return (
+        f"{value:.4g}" if is_number(value) else value_text(value) if is_distribution(value) else short(value)
+    )
 
 
 def _wheel_and_pins(gearbox: CycloidalGearbox) -> list[NDArray[np.complex128]]:
@@ -635,8 +636,8 @@ def _assembly_errors() -> tuple[Effect, ...]:
         RunOut(rayleigh(scale=5e-6), wheels=(0,)),
         RunOut(rayleigh(scale=5e-6), wheels=(1,)),
         Clearance(uniform(0.0, 30e-6)),
-        LoadScale((0.97, 1.03)),
-        SpeedScale((0.99, 1.01)),
-        LoadDrift(3.0, 1.5),
+        Scale("load", (0.97, 1.03)),
+        Scale("speed", (0.99, 1.01)),
+        Drift(3.0, 1.5),
         Noise(0.2),
     )

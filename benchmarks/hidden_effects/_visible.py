@@ -41,7 +41,7 @@ _WHEELS = ((0,), (0, 1))
 def effects_of(one: Definition) -> dict[str, Effect]:
     """The hidden effects of a set that the library has, as its own."""
     known = known_effects()
-    return {name: known[name](**theta).check() for name, theta in one.hidden if name in known}
+    return {name: known[name].with_parameters(**theta) for name, theta in one.hidden if name in known}
 
 
 def simulated_cells(

@@ -14,20 +14,14 @@ from cyclofeat.gap._result import FoundEffect, GapResult, Remainder, RemainderRo
 from cyclofeat.gap._settings import GapSettings
 from cyclofeat.gap._where import where_of
 from cyclofeat.gap.confirm import Confirmed, confirm, draw_effects, simulate_possible
-from cyclofeat.gap.posterior import (
-    ABSENT,
-    TIES,
-    EffectPosterior,
-    answer_of,
-    load_posterior,
-    named_effects,
-)
+from cyclofeat.gap.posterior import ABSENT, EffectPosterior, answer_of, load_posterior, named_effects
 from cyclofeat.gap.proof import Proof, prove
 from cyclofeat.gap.simulations import as_rig
 from cyclofeat.gap.where import LocatedGap, locate_all
 from cyclofeat.gap.world import Session, World
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Effect, Rig
+from cyclofeat.simulators.effects.library import look_alikes
 
 _ROWS = 12
 _VARIANTS = 200  # a probability is off by up to 0.07
@@ -154,7 +148,7 @@ def _effects(
         for key in effect.vector_names():
             low, middle, high = (float(value) for value in quantiles[f"{name}.{key}"])
             sizes.append(Size(key, effect.parameters[key].unit, middle, low, high))
-        others = [other for group in TIES if name in group for other in group if other != name]
+        others = [other for group in look_alikes() if name in group for other in group if other != name]
         ties = tuple(other for other in others if presence.get(other, 0.0) > ABSENT)
         found.append(
             FoundEffect(

@@ -24,7 +24,6 @@ from cyclofeat.gap.posterior import (
     detection_limit,
     ends,
     load_posterior,
-    main_parameter,
     score_posterior,
     strengths_of,
 )
@@ -288,7 +287,7 @@ def _checked(column: int, p: Float, rigs: Rigs, world: World) -> CheckedEffect:
     """Return how well an effect is found, given the probabilities of all in each rig."""
     effect: Effect = (world.effects or ())[column]
     there, found = rigs.present[:, column], p[:, column] > _NAMED
-    name = main_parameter(effect)
+    name = effect.main_parameter
     parameter = effect.parameters[name]
     sizes = rigs.sizes[there, world.size_names.index(f"{effect.effect_id}.{name}")]
     strengths = strengths_of(parameter, sizes)

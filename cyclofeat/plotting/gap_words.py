@@ -71,10 +71,10 @@ def effect_name(effect_id: str) -> str:
     """Name of an effect in plain words: ``Mains hum in the torque signal``."""
     from cyclofeat.simulators import known_effects  # loads numba: only where an effect is named
 
-    kind = known_effects().get(effect_id)
-    if kind is None:
+    effect = known_effects().get(effect_id)
+    if effect is None:
         return effect_id.replace("_", " ")
-    return kind.summary().partition(":")[0].partition(",")[0].removesuffix(".")
+    return effect.summary.partition(":")[0].partition(",")[0].removesuffix(".")
 
 
 def family_name(family: str) -> str:

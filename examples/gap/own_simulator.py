@@ -23,11 +23,11 @@ from cyclofeat.gap import GapSettings, find_gap, hold_out
 from cyclofeat.gap.posterior import EffectPosterior
 from cyclofeat.gap.world import World, prepare_world
 from cyclofeat.simulators import (
+    Drift,
     Effect,
     EffectParameter,
     Gain,
     Hum,
-    LoadDrift,
     Noise,
     Offset,
     Rig,
@@ -102,7 +102,7 @@ class SoftShaft(Effect):
 # In the model, load drift and noise are known. The world considers the soft shaft and three effects of the
 # sensor.
 
-model = Rig(effects=[LoadDrift(0.2), Noise(0.1)], name="drive", simulator=TwoMassDrive())
+model = Rig(effects=[Drift(0.2), Noise(0.1)], name="drive", simulator=TwoMassDrive())
 world = World(
     rig=model,
     effects=(SoftShaft(), Gain(), Offset(), Hum()),

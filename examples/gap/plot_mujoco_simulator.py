@@ -18,7 +18,7 @@ import numpy as np
 from mujoco import rollout
 from scipy import signal
 
-from cyclofeat.simulators import LoadDrift, Noise, Rig, Simulator
+from cyclofeat.simulators import Drift, Noise, Rig, Simulator
 
 # The brake hangs on the motor: its joint is the shaft, and the joint's angle the shaft's twist.
 MODEL = """
@@ -94,7 +94,7 @@ def _model(step, drive):
 # The resonance of the shaft moves down by the square root of two.
 
 stiff = MujocoDrive()
-drive = Rig(effects=[LoadDrift(0.3, cutoff_hz=150.0), Noise(0.02)], name="drive", simulator=stiff)
+drive = Rig(effects=[Drift(0.3, cutoff_hz=150.0), Noise(0.02)], name="drive", simulator=stiff)
 soft = drive.replace(simulator=replace(stiff, stiffness=1500.0))
 
 figure, ax = plt.subplots(figsize=(8, 4), layout="constrained")

@@ -21,9 +21,9 @@ import matplotlib.pyplot as plt
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.gap import GapSettings, find_gap, hold_out
 from cyclofeat.plotting import GapOverlayDisplay, GapReductionDisplay
-from cyclofeat.simulators import BrakeRotor, CycloidalGearbox, Hum, LoadDrift, Noise, Rig
+from cyclofeat.simulators import BrakeRotor, CycloidalGearbox, Drift, Hum, Noise, Rig
 
-hidden = [BrakeRotor(0.02, 12_000.0, 0.03), LoadDrift(1.0), Hum(0.3), Noise(0.1)]
+hidden = [BrakeRotor(0.02, 12_000.0, 0.03), Drift(1.0), Hum(0.3), Noise(0.1)]
 recordings = [
     recording
     for load in (14.0, 28.0)

@@ -21,7 +21,7 @@ from cyclofeat.counting import make_lobe_counter
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.gap import MAY_DIFFER, GapSettings, find_gap, hold_out
 from cyclofeat.plotting import GapOverlayDisplay, GapReductionDisplay
-from cyclofeat.simulators import BrakeRotor, Hum, LoadDrift, Noise, Rig
+from cyclofeat.simulators import BrakeRotor, Drift, Hum, Noise, Rig
 
 # %%
 # Recordings of the rig
@@ -30,7 +30,7 @@ from cyclofeat.simulators import BrakeRotor, Hum, LoadDrift, Noise, Rig
 # used to judge. With files you would write ``read_folder("measured/")``.
 
 model = Rig()  # the bare gearbox of the papers, at 500 RPM and 22 Nm
-missing = [BrakeRotor(0.02, 12_000.0, 0.03), LoadDrift(0.3), Hum(0.3), Noise(0.1)]
+missing = [BrakeRotor(0.02, 12_000.0, 0.03), Drift(0.3), Hum(0.3), Noise(0.1)]
 hidden = model.with_added(*MAY_DIFFER, *missing)
 recordings = make_rig_recordings(6, (0, 3), rig=hidden, duration=2.0, random_state=1, kernel="auto")
 fitted, held_out = hold_out(recordings, 0.4)

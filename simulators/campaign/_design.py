@@ -21,7 +21,7 @@ from cyclofeat._base import checks
 from cyclofeat._base.files import write_whole
 from cyclofeat.simulators._rig_file import read_json, reject_unknown
 from cyclofeat.simulators.defects import MOST_WEAR_UM
-from cyclofeat.simulators.effects._numbers import settings_of_file, settings_to_file
+from cyclofeat.simulators.effects._parameter import settings_of_file, settings_to_file
 from cyclofeat.simulators.rig import Rig
 from cyclofeat.simulators.simulation import Solver
 

@@ -18,7 +18,7 @@ from cyclofeat.simulators._machine import MachineRun, PlannedRun
 from cyclofeat.simulators._settling import settling_time
 from cyclofeat.simulators.campaign._design import DEPTH, OF_DEFECTS, WEAR, Campaign, RunPlan
 from cyclofeat.simulators.defects import LobeDefects
-from cyclofeat.simulators.effects._library import labelled, stream
+from cyclofeat.simulators.effects.library import labelled, stream
 from cyclofeat.simulators.many import attempt_planned, run_planned
 from cyclofeat.simulators.rig import DEFECTS, Rig
 from cyclofeat.simulators.simulation import GearboxLocked, SimulationFailed, Solver

@@ -1,27 +1,68 @@
-"""Effects on load and speed."""
+"""Effects on load and speed, and the drifts and warm-ups that act on load or torque meter."""
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfilt
 from scipy.stats import loguniform, norm
 
+from cyclofeat._base.checks import is_number, whole
 from cyclofeat.simulators._lines import on_lines
-from cyclofeat.simulators.effects import _noise
-from cyclofeat.simulators.effects._base import Effect, Float, Fluctuation, Place, check_phase
-from cyclofeat.simulators.effects._noise import Drift, check_order
-from cyclofeat.simulators.effects._numbers import EffectParameter
+from cyclofeat.simulators.effects._parameter import EffectParameter
+from cyclofeat.simulators.effects.effect import Effect, Float, Fluctuation, Of, TorqueContext
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
+# Samples of the process per period of its cutoff, interpolated linearly. Near half of that rate the bilinear
+# filter attenuates more than the analogue one: FINE is for levels compared in that range.
+OVERSAMPLING = 200
+FINE = 1000
+# Time beyond the requested duration, in s: a simulation is longer, for its anti-alias filter.
+MARGIN = 1.0
 
-class LoadDrift(Drift):
-    """Slow fluctuation of the brake's torque, to which the whole drive answers.
+
+class _LoadOrMeter(Effect):
+    """Base of the effects that add a course over time to the brake's torque or to the torque meter's."""
+
+    place: ClassVar[Any] = Of(load="load_and_speed", sensor="sensor")
+    moves_mean = True
+
+    def overrides(self, hook: str) -> bool:
+        return hook == ("load_fluctuation" if self.place == "load_and_speed" else "change_torque")
+
+    def load_fluctuation(
+        self, gearbox: CycloidalGearbox, duration: float, random: Generator
+    ) -> Fluctuation | None:
+        if not self.overrides("load_fluctuation"):
+            return None
+        return self._added_torque(duration + MARGIN, random)
+
+    def change_torque(
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
+    ) -> Float:
+        if not self.overrides("change_torque"):
+            return torque
+        added = self._added_torque(torque.size / sampling_rate, random)
+        return torque if added is None else np.asarray(torque + added(np.arange(torque.size) / sampling_rate))
+
+    def _added_torque(self, end: float, random: Generator) -> Fluctuation | None:
+        """Return the course in Nm as a function of time from 0 to ``end`` (s), None for no effect."""
+        raise NotImplementedError
+
+
+class Drift(_LoadOrMeter):
+    """Drift: a slow fluctuation of the brake's torque or of the torque meter's zero.
 
     White noise through a Butterworth low-pass, stationary from the start: a one-sided density
-    S(f) = ``rms``^2 / B / (1 + (f/f_c)^(2n)) with B = f_c (pi/2n) / sin(pi/2n).
+    S(f) = ``rms``^2 / B / (1 + (f/f_c)^(2n)) with B = f_c (pi/2n) / sin(pi/2n). The whole drive answers to a
+    drift of the load; one of the meter is added to its torque. Both give nearly the same record: a load
+    modulates the envelope of the mesh frequency, and a zero drift does not. A record with the brake off
+    separates them too.
 
     Parameters
     ----------
@@ -31,31 +72,83 @@ class LoadDrift(Drift):
         f_c (-3 dB) in Hz, up to 1000.
     order : int, default 2
         n, from 1 to 8.
-
-    Notes
-    -----
-    A drift of the sensor's zero gives nearly the same torque. Separating measurement: the envelope of the
-    mesh frequency, which a load modulates and a zero drift does not; or a record with the brake off.
+    of : {"load", "sensor"}, default "load"
+        What drifts. In files the effect is named ``load_drift`` or ``sensor_drift``.
     """
 
-    def load_fluctuation(
-        self, gearbox: CycloidalGearbox, duration: float, random: Generator
-    ) -> Fluctuation | None:
+    effect_id: ClassVar[Any] = Of(load="load_drift", sensor="sensor_drift")
+    summary: ClassVar[Any] = Of(
+        load="Slow fluctuation of the brake's torque, to which the whole drive answers.",
+        sensor="Drift of the torque meter's zero: added to the torque, not to the load.",
+    )
+    parameters: ClassVar = {
+        "rms_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, loguniform(0.1, 6.0), log=True, default=3.0),
+        "cutoff_hz": EffectParameter("Hz", 1e-3, 1e3, None, loguniform(0.2, 20.0), log=True, default=1.5),
+    }
+    settings: ClassVar = {"order": 2, "of": "load"}
+    separated_by = "the envelope of the mesh frequency"
+    shows_as = "slow torque"
+
+    def check_settings(self) -> None:
+        check_order(self, self.order)
+
+    def _added_torque(self, end: float, random: Generator) -> Fluctuation | None:
         if self.rms_nm == 0:
             return None
-        end = duration + _noise.MARGIN
-        low_pass = self.cutoff_hz, self.order
-        return _noise.LowPassed(_noise.seed_from(random), self.rms_nm, low_pass, end)
+        return LowPassed(seed_from(random), self.rms_nm, (self.cutoff_hz, self.order), end)
+
+
+class WarmUp(_LoadOrMeter):
+    """Warm-up of brake or torque meter: its torque or zero begins too high or too low and settles.
+
+    The torque T becomes T + ``size`` exp(-t/``time_constant``). For the brake t runs from the start of the
+    run, and a record begins later by the settling time; a brake that fades while it warms up does so. For the
+    meter t runs from the first sample. Each run begins cold, by assumption: a warm-up over a session of many
+    recordings is not modelled.
+
+    Parameters
+    ----------
+    size_nm : float or (low, high), default 1
+        Excess at the start in Nm, of either sign; 0 is neutral.
+    time_constant_s : float or (low, high), default 2
+        In s.
+    of : {"load", "sensor"}, default "load"
+        What warms up. In files the effect is named ``load_warm_up`` or ``sensor_warm_up``.
+    """
+
+    effect_id: ClassVar[Any] = Of(load="load_warm_up", sensor="sensor_warm_up")
+    summary: ClassVar[Any] = Of(
+        load="Warm-up of the brake: its torque begins too high or too low and settles exponentially.",
+        sensor="Warm-up of the torque meter: its zero begins too high or too low and settles exponentially.",
+    )
+    parameters: ClassVar = {
+        "size_nm": EffectParameter("Nm", -1e3, 1e3, 0.0, norm(0.0, 1.5), default=1.0),
+        "time_constant_s": EffectParameter(
+            "s", 1e-2, 1e5, None, loguniform(0.3, 10.0), log=True, default=2.0
+        ),
+    }
+    settings: ClassVar = {"of": "load"}
+    separated_by: ClassVar[Any] = Of(
+        load="the same record when the rig is warm",
+        sensor="the same record when the rig is warm, and the meter's reading with the machine at rest",
+    )
+    shows_as = "start of the torque"
+    proposed = False
+
+    def _added_torque(self, end: float, random: Generator) -> Fluctuation | None:
+        if self.size_nm == 0:
+            return None
+        return lambda time: np.asarray(self.size_nm * np.exp(-check_time(time, end) / self.time_constant_s))
 
 
 class ProportionalDrift(Effect):
     """Fluctuation of the brake's torque in proportion to it: a drift of its logarithm.
 
-    The load T becomes T exp(x(t) - s^2/2), x low-passed white noise as in
-    :class:`cyclofeat.simulators.LoadDrift` with standard deviation s = ``relative``: the mean stays T, and
-    excursions are as large upward as downward by factors, hence larger upward by newton metres. A brake whose
-    torque is a product (pressure, friction coefficient, radius) does so. *An assumption*: no brake was
-    looked at.
+    The load T becomes T exp(x(t) - s^2/2), x low-passed white noise as in :class:`Drift` with standard
+    deviation s = ``relative``: the mean stays T, and excursions are as large upward as downward by factors,
+    hence larger upward by newton metres. A brake whose torque is a product (pressure, friction coefficient,
+    radius) does so. *An assumption*: no brake was looked at. Separating measurement: another set-point of the
+    brake, with which this drift grows and an additive one does not; or the skewness of a long record.
 
     Parameters
     ----------
@@ -66,12 +159,6 @@ class ProportionalDrift(Effect):
     order : int, default 2
         Order of that low-pass (Butterworth), from 1 to 8.
 
-    Notes
-    -----
-    Rigs and files can name it; a search for missing effects proposes only
-    :class:`cyclofeat.simulators.LoadDrift`. Separating measurement: another set-point of the
-    brake, with which this drift grows and an additive one does not; or the skewness of a long record.
-
     Examples
     --------
     >>> from cyclofeat.simulators import Rig
@@ -81,15 +168,14 @@ class ProportionalDrift(Effect):
     """
 
     parameters: ClassVar = {
-        "relative": EffectParameter("1", 0.0, 1.0, 0.0, loguniform(0.005, 0.3), log=True),
-        "cutoff_hz": EffectParameter("Hz", 1e-3, 1e3, None, loguniform(0.2, 400.0), log=True),
+        "relative": EffectParameter("1", 0.0, 1.0, 0.0, loguniform(0.005, 0.3), log=True, default=0.15),
+        "cutoff_hz": EffectParameter("Hz", 1e-3, 1e3, None, loguniform(0.2, 400.0), log=True, default=50.0),
     }
+    settings: ClassVar = {"order": 2}
     separated_by = "another set-point of the brake"
-
-    def __init__(self, relative: Any = 0.15, cutoff_hz: Any = 50.0, order: int = 2) -> None:
-        self.relative = relative
-        self.cutoff_hz = cutoff_hz
-        self.order = order
+    shows_as = "slow torque"
+    moves_mean = True
+    proposed = False
 
     def check_settings(self) -> None:
         check_order(self, self.order)
@@ -99,73 +185,18 @@ class ProportionalDrift(Effect):
     ) -> Fluctuation | None:
         if self.relative == 0:
             return None
-        end = duration + _noise.MARGIN
         # For cutoffs of tens of hertz the coarser steps keep the density accurate at the lobe lines.
         low_pass = self.cutoff_hz, self.order
-        logarithm = _noise.LowPassed(
-            _noise.seed_from(random), self.relative, low_pass, end, _noise.OVERSAMPLING
-        )
+        logarithm = LowPassed(seed_from(random), self.relative, low_pass, duration + MARGIN, OVERSAMPLING)
         load, shift = gearbox.load_torque, 0.5 * float(self.relative) ** 2
         return lambda time: load * np.expm1(logarithm(time) - shift)
-
-
-class LoadScale(Effect):
-    """Load of the brake by a factor: its set-point is off, or differs between assemblies.
-
-    The mean load T becomes ``factor`` T.
-
-    Parameters
-    ----------
-    factor : float or (low, high), default 1.02
-        A pure number; 1 is neutral.
-
-    Notes
-    -----
-    Rigs and files can name it; a search for missing effects in recordings does not propose it, as the gain of
-    the torque meter looks the same. Separating measurement: a dead-weight calibration, and the brake's own
-    reading.
-    """
-
-    place = Place.LOAD_AND_SPEED
-    parameters: ClassVar = {
-        # 0.5 Nm on the papers' 22 Nm.
-        "factor": EffectParameter("1", 0.0, 1e3, 1.0, norm(1.0, 0.5 / 22), default=1.02),
-    }
-    separated_by = "a dead-weight calibration, and the brake's own reading"
-
-    def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
-        return gearbox.replace(load_torque=gearbox.load_torque * self.factor)
-
-
-class SpeedScale(Effect):
-    """Speed of the input by a factor: its set-point is off, or differs between assemblies.
-
-    The mean speed w_0 becomes ``factor`` w_0.
-
-    Parameters
-    ----------
-    factor : float or (low, high), default 1.01
-        A pure number; 1 is neutral.
-
-    Notes
-    -----
-    Rigs and files can name it; a search for missing effects does not propose it, as recordings are compared
-    at their own speed. Separating measurement: a tachometer.
-    """
-
-    place = Place.LOAD_AND_SPEED
-    parameters: ClassVar = {"factor": EffectParameter("1", 1e-3, 1e3, 1.0, norm(1.0, 0.01), default=1.01)}
-    separated_by = "a tachometer"
-
-    def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
-        return gearbox.replace(input_speed=gearbox.input_speed * self.factor)
 
 
 class SpeedWander(Effect):
     """Fluctuation of the input speed: a slow wander, a ripple locked to the shaft, or both.
 
     w(t) = w_0 (1 + u(t) + ``ripple`` sin(``ripple_order`` phi(t) + ``phase``)), u as the drift of
-    :class:`LoadDrift` with rms ``rms``; phi is the angle that the mean speed and the wander turn the input
+    :class:`Drift` with rms ``rms``; phi is the angle that the mean speed and the wander turn the input
     shaft from the start (without the share of the ripple, below ripple/ripple_order rad). Separating
     measurement: a tachometer on its own clock; the clock of the converter moves all frequencies by one
     constant factor.
@@ -212,22 +243,22 @@ class SpeedWander(Effect):
 
     def check_settings(self) -> None:
         check_order(self, self.order)
-        check_phase(f"phase of {self.effect_id}", self.phase)
+        check_phase(self, self.phase)
 
     def speed_fluctuation(
         self, gearbox: CycloidalGearbox, duration: float, random: Generator
     ) -> Fluctuation | None:
-        seed = _noise.seed_from(random)
+        seed = seed_from(random)
         phase = 2 * np.pi * random.random()  # drawn even if a phase is given, so that nothing else changes
         if self.phase is not None:
             phase = float(self.phase)
         if self.rms == 0 and self.ripple == 0:
             return None
-        end = duration + _noise.MARGIN
+        end = duration + MARGIN
         times, wander = np.array([0.0, 2 * end]), np.zeros(2)
         if self.rms > 0:
             low_pass = self.cutoff_hz, self.order
-            times, wander = _noise.LowPassed(seed, self.rms, low_pass, end, _noise.OVERSAMPLING).knots
+            times, wander = LowPassed(seed, self.rms, low_pass, end, OVERSAMPLING).knots
         speed, ramp = gearbox.input_speed, gearbox.ramp_time
         # Fluctuations are scaled by the ramp like the speed; the angle is their integral.
         reached = wander * np.clip(times / ramp, 0, 1) if ramp else wander
@@ -237,7 +268,7 @@ class SpeedWander(Effect):
         ripple, ripple_order = float(self.ripple), float(self.ripple_order)
 
         def fluctuation(time: Float) -> Float:
-            time = _noise.checked_time(time, end)
+            time = check_time(time, end)
             slow = on_lines(time, times, wander)
             if ripple == 0:
                 return np.asarray(speed * slow)
@@ -273,21 +304,22 @@ class StickSlip(Effect):
         "frequency_hz": EffectParameter("Hz", 1e-2, 1e3, None, loguniform(1.0, 30.0), log=True, default=5.0),
     }
     separated_by = "another speed"
+    proposed = False
 
     def load_fluctuation(
         self, gearbox: CycloidalGearbox, duration: float, random: Generator
     ) -> Fluctuation | None:
-        own = np.random.default_rng(_noise.seed_from(random))
+        own = np.random.default_rng(seed_from(random))
         if self.amplitude_nm == 0:
             return None
-        end, size = duration + _noise.MARGIN, float(self.amplitude_nm)
+        end, size = duration + MARGIN, float(self.amplitude_nm)
         began = own.random()
         cycles = own.uniform(0.75, 1.25, math.ceil(end * self.frequency_hz / 0.75) + 2)
         last = np.cumsum(cycles) - began * cycles[0]
         first = last - cycles
         times = np.column_stack([first, last - 0.1 * cycles]).ravel() / self.frequency_hz
         values = np.column_stack([np.full(cycles.size, -size / 2), size * (cycles - 0.5)]).ravel()
-        return lambda time: np.asarray(on_lines(_noise.checked_time(time, end), times, values))
+        return lambda time: np.asarray(on_lines(check_time(time, end), times, values))
 
 
 class Rattle(Effect):
@@ -314,14 +346,15 @@ class Rattle(Effect):
         "blow_s": EffectParameter("s", 1e-4, 0.1, None, default=2e-3),
     }
     separated_by = "the part taken off, or preloaded"
+    proposed = False
 
     def load_fluctuation(
         self, gearbox: CycloidalGearbox, duration: float, random: Generator
     ) -> Fluctuation | None:
-        own = np.random.default_rng(_noise.seed_from(random))
+        own = np.random.default_rng(seed_from(random))
         if self.blow_nm == 0:
             return None
-        end, length = duration + _noise.MARGIN, float(self.blow_s)
+        end, length = duration + MARGIN, float(self.blow_s)
         # As many as can follow each other without a pause.
         waits, heights = own.exponential(size=(math.ceil(end / length) + 1, 2)).T
         last = np.cumsum(waits / self.rate_hz + length)
@@ -329,4 +362,81 @@ class Rattle(Effect):
         nothing = np.zeros(last.size)
         times = np.column_stack([last - length, last - length / 2, last]).ravel()
         values = np.column_stack([nothing, self.blow_nm * signs * heights, nothing]).ravel()
-        return lambda time: np.asarray(on_lines(_noise.checked_time(time, end), times, values))
+        return lambda time: np.asarray(on_lines(check_time(time, end), times, values))
+
+
+def check_order(effect: Effect, order: Any) -> None:
+    """Raise TypeError or ValueError unless a Butterworth low-pass can have this order."""
+    whole(f"order of {effect.effect_id}", order, 1, 8)
+
+
+def check_phase(effect: Effect, phase: Any) -> None:
+    """Raise ValueError unless the phase of an effect is None or a finite number of rad."""
+    if phase is not None and not (is_number(phase) and math.isfinite(phase)):
+        raise ValueError(
+            f"phase of {effect.effect_id} must be a number of rad, or None for a random one, got {phase!r}"
+        )
+
+
+def decay_time(cutoff: float, order: int) -> float:
+    """Return the time in s in which the slowest pole of a Butterworth low-pass decays to 1e-9."""
+    slowest = 2 * np.pi * cutoff * math.sin(np.pi / (2 * order))
+    return math.log(1e9) / slowest
+
+
+def seed_from(random: Generator) -> NDArray[np.int64]:
+    """Draw the seed of one process."""
+    return random.integers(2**63, size=4)
+
+
+class LowPassed:
+    """Stationary low-passed noise with the given expected rms, as a function of time from 0 to ``end`` (s).
+
+    It is made at its first use, from its seed: planned runs wait without their noise.
+    """
+
+    def __init__(
+        self,
+        seed: NDArray[np.int64],
+        rms: float,
+        low_pass: tuple[float, int],
+        end: float,
+        oversampling: int = FINE,
+    ) -> None:
+        self._seed, self._rms, (self._cutoff, self._order) = seed, rms, low_pass
+        self._end, self._oversampling = end, oversampling
+
+    @functools.cached_property
+    def knots(self) -> tuple[Float, Float]:
+        """Times in s, and the values between which lines are straight."""
+        rate = self._oversampling * self._cutoff
+        warm_up = math.ceil(decay_time(self._cutoff, self._order) * rate)
+        sos, power = _low_pass(self._cutoff, self._order, warm_up, self._oversampling)
+        n = math.ceil(self._end * rate) + 1
+        noise = np.random.default_rng(self._seed).normal(size=warm_up + n)
+        return np.arange(n) / rate, self._rms / math.sqrt(power) * sosfilt(sos, noise)[warm_up:]
+
+    def __call__(self, time: Float) -> Float:
+        """Return the values at increasing times in s; raise ValueError for times outside 0 to the end."""
+        return np.asarray(on_lines(check_time(time, self._end), *self.knots))
+
+
+@functools.lru_cache(maxsize=64)
+def _low_pass(cutoff: float, order: int, n: int, oversampling: int) -> tuple[Float, float]:
+    """Return the filter and the mean square of its response of ``n`` samples to white noise."""
+    sos: Float = butter(order, cutoff, fs=oversampling * cutoff, output="sos")
+    response = sosfilt(sos, np.r_[1.0, np.zeros(n)])
+    # Averaged over its length, a straight line between two samples has 2/3 of their variance plus 1/3 of
+    # their covariance.
+    return sos, 2 / 3 * float(response @ response) + 1 / 3 * float(response[1:] @ response[:-1])
+
+
+def check_time(time: Any, end: float) -> Float:
+    """Return times as an array; raise ValueError for times outside 0 to ``end`` (s)."""
+    times = np.asarray(time, dtype=float)
+    if times.size and not (times.min() >= 0 and times.max() <= end):
+        raise ValueError(
+            f"time must lie between 0 and {end:g} s in this drift, got {times.min():g} to "
+            f"{times.max():g} s: draw it with a longer duration"
+        )
+    return times

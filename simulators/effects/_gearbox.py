@@ -7,11 +7,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.random import Generator
-from scipy.stats import loguniform
+from scipy.stats import loguniform, norm
 
 from cyclofeat._base.checks import members, one_of, short
-from cyclofeat.simulators.effects._base import Effect, Place
-from cyclofeat.simulators.effects._numbers import EffectParameter, meant
+from cyclofeat.simulators.effects._parameter import EffectParameter, suggest_key
+from cyclofeat.simulators.effects.effect import Effect, Of
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
 _FORMS = ("paper", "hunt_crossley")
@@ -93,12 +93,11 @@ class RunOut(Effect):
         is the length of an offset whose components are normal with standard deviation s.
     """
 
-    parameters: ClassVar = {"runout": EffectParameter("m", 0.0, 2e-4, 0.0, loguniform(2e-6, 1e-4), log=True)}
+    parameters: ClassVar = {
+        "runout": EffectParameter("m", 0.0, 2e-4, 0.0, loguniform(2e-6, 1e-4), log=True, default=10e-6)
+    }
+    settings: ClassVar = {"wheels": (0, 1)}
     separated_by = "the folded torque over whole output turns"
-
-    def __init__(self, runout: Any = 10e-6, wheels: tuple[int, ...] = (0, 1)) -> None:
-        self.runout = runout
-        self.wheels = wheels
 
     def check_settings(self) -> None:
         given = members(self.wheels)
@@ -167,49 +166,68 @@ class Clearance(Effect):
         return gearbox.replace(clearance=gearbox.clearance + self.clearance)
 
 
-class ContactStiffnessScale(Effect):
-    """Stiffness of all contacts, by a factor on paper B's coefficient H.
+class Scale(Effect):
+    """One quantity of the rig by a factor: stiffness or damping of all contacts, set-point of load or speed.
 
-    K becomes ``factor`` K (paper B eq. 14), for external and internal sleeves. Separating measurement:
-    the slope of the torque-deflection loop with held output.
+    The stiffness is the K of paper B eq. 14 and the damping the C of eq. 11, for external and internal
+    sleeves; load and speed are the means of brake and input.
 
     Parameters
     ----------
-    factor : float or (low, high), default 2
+    of : {"contact_stiffness", "contact_damping", "load", "speed"}
+        The quantity. In files the effect is named ``contact_stiffness_scale``, ``contact_damping_scale``,
+        ``load_scale`` or ``speed_scale``.
+    factor : float or (low, high)
         A pure number; 1 is neutral.
+
+    Notes
+    -----
+    A search that adds one effect at a time proposes neither load, as the gain of the torque meter looks the
+    same, nor speed, as recordings are compared at their own. A tap test separates the damping, as it shortens
+    the ringing, which a low-pass in the torque meter does not.
     """
 
-    place = Place.CONTACT
-    parameters: ClassVar = {
-        "factor": EffectParameter("1", 1e-3, 1e3, 1.0, loguniform(0.25, 4.0), log=True, default=2.0)
-    }
-    separated_by = "the slope of the torque-deflection loop with held output"
+    effect_id: ClassVar[Any] = Of(
+        contact_stiffness="contact_stiffness_scale", contact_damping="contact_damping_scale",
+        load="load_scale", speed="speed_scale",
+    )  # fmt: skip
+    summary: ClassVar[Any] = Of(
+        contact_stiffness="Stiffness of all contacts, by a factor on paper B's coefficient H.",
+        contact_damping="Damping of all contacts, by a factor on C.",
+        load="Load of the brake by a factor: its set-point is off, or differs between assemblies.",
+        speed="Speed of the input by a factor: its set-point is off, or differs between assemblies.",
+    )
+    place: ClassVar[Any] = Of(
+        contact_stiffness="contact", contact_damping="contact", load="load_and_speed", speed="load_and_speed"
+    )
+    parameters: ClassVar[Any] = Of(
+        contact_stiffness={"factor": EffectParameter("1", 1e-3, 1e3, 1.0, loguniform(0.25, 4.0), log=True)},
+        contact_damping={"factor": EffectParameter("1", 0.0, 1e3, 1.0, loguniform(0.25, 4.0), log=True)},
+        # 0.5 Nm on the papers' 22 Nm.
+        load={"factor": EffectParameter("1", 0.0, 1e3, 1.0, norm(1.0, 0.5 / 22))},
+        speed={"factor": EffectParameter("1", 1e-3, 1e3, 1.0, norm(1.0, 0.01))},
+    )
+    separated_by: ClassVar[Any] = Of(
+        contact_stiffness="the slope of the torque-deflection loop with held output",
+        contact_damping="a tap test with the machine at rest",
+        load="a dead-weight calibration, and the brake's own reading",
+        speed="a tachometer",
+    )
+    shows_as: ClassVar[Any] = Of(
+        contact_stiffness="", contact_damping="", load="mean torque", speed="time axis"
+    )
+    proposed: ClassVar[Any] = Of(contact_stiffness=True, contact_damping=True, load=False, speed=False)
+
+    def __init__(self, of: str, factor: Any) -> None:
+        self.of = of
+        self.factor = factor
 
     def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
-        return gearbox.replace(stiffness_scale=gearbox.stiffness_scale * self.factor)
-
-
-class ContactDampingScale(Effect):
-    """Damping of all contacts, by a factor on C.
-
-    C becomes ``factor`` C (paper B eq. 11), for external and internal sleeves. Separating measurement:
-    a tap test with the machine at rest, whose ringing it shortens; a low-pass in the torque meter leaves the
-    decay as it is.
-
-    Parameters
-    ----------
-    factor : float or (low, high), default 2
-        A pure number; 1 is neutral, 0 takes all damping away.
-    """
-
-    place = Place.CONTACT
-    parameters: ClassVar = {
-        "factor": EffectParameter("1", 0.0, 1e3, 1.0, loguniform(0.25, 4.0), log=True, default=2.0)
-    }
-    separated_by = "a tap test with the machine at rest"
-
-    def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
-        return gearbox.replace(contact_damping=gearbox.contact_damping * self.factor)
+        field = {
+            "contact_stiffness": "stiffness_scale", "contact_damping": "contact_damping",
+            "load": "load_torque", "speed": "input_speed",
+        }[self.of]  # fmt: skip
+        return gearbox.replace(**{field: getattr(gearbox, field) * self.factor})
 
 
 class ContactDampingForm(Effect):
@@ -235,7 +253,7 @@ class ContactDampingForm(Effect):
     damping grows with the load.
     """
 
-    place = Place.CONTACT
+    place = "contact"
     parameters: ClassVar = {"factor": EffectParameter("1", 1e-3, 1e3, 1.0, loguniform(0.5, 2.0), log=True)}
     separated_by = "recordings at two loads"
 
@@ -296,7 +314,7 @@ class SleeveFriction(Effect):
         Coefficient on the axle times the ratio of axle to sleeve radius.
     """
 
-    place = Place.JOINTS
+    place = "joints"
     parameters: ClassVar = {
         "coulomb": EffectParameter("1", 0.0, 1.0, 0.0, loguniform(0.005, 0.2), log=True, default=0.05),
         "stribeck": EffectParameter("1", 0.0, 1.0, 0.0),
@@ -304,6 +322,7 @@ class SleeveFriction(Effect):
         "journal": EffectParameter("1", 0.0, 1.0, 0.0),
     }
     separated_by = "two speeds and both directions"
+    moves_mean = True
 
     def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
         if self.coulomb == self.stribeck == self.viscous == self.journal == 0:
@@ -332,7 +351,7 @@ class BearingFriction(Effect):
         In Nms/rad.
     """
 
-    place = Place.JOINTS
+    place = "joints"
     parameters: ClassVar = {
         "coulomb": EffectParameter("Nm", 0.0, 100.0, 0.0, loguniform(0.02, 2.0), log=True, default=0.2),
         "viscous": EffectParameter("Nms/rad", 0.0, 100.0, 0.0),
@@ -369,7 +388,7 @@ class BrakeRotor(Effect):
     after a blow, which a low-pass in the meter does not.
     """
 
-    place = Place.SHAFT_AND_METER
+    place = "shaft_and_meter"
     parameters: ClassVar = {
         "inertia": EffectParameter("kg m2", 0.0, 10.0, 0.0, loguniform(2e-3, 0.1), log=True, default=0.02),
         "stiffness": EffectParameter("Nm/rad", 1.0, 1e7, None, loguniform(1e3, 3e4), log=True, default=1e4),
@@ -400,11 +419,6 @@ class GearboxParameter(Effect):
     value : float or (low, high), default 22
         Value of the field, in its SI unit.
 
-    Notes
-    -----
-    Rigs and files can name it; a search for missing effects does not propose it. Separating measurement: a
-    drawing of the gearbox.
-
     Examples
     --------
     >>> from cyclofeat.simulators import Rig
@@ -413,9 +427,10 @@ class GearboxParameter(Effect):
     True
     """
 
-    place = Place.NOMINAL
+    place = "nominal"
     parameters: ClassVar = {"value": EffectParameter("1", -1e15, 1e15)}
     separated_by = "a drawing of the gearbox"
+    proposed = False
 
     def __init__(self, parameter: str = "load_torque", value: Any = 22.0) -> None:
         self.parameter = parameter
@@ -425,7 +440,7 @@ class GearboxParameter(Effect):
         if not isinstance(self.parameter, str) or self.parameter not in GEARBOX_NUMBERS:
             raise ValueError(
                 f"parameter of {self.effect_id} must be a numeric field of the gearbox, got "
-                f"{short(self.parameter)}: {meant(str(self.parameter), GEARBOX_NUMBERS)}"
+                f"{short(self.parameter)}: {suggest_key(str(self.parameter), GEARBOX_NUMBERS)}"
             )
 
     def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:

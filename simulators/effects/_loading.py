@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from cyclofeat.simulators._simulator import Simulator
-from cyclofeat.simulators.effects._base import Effect
-from cyclofeat.simulators.effects._library import effects_in, is_known, register_effect
+from cyclofeat.simulators.effects.effect import Effect
+from cyclofeat.simulators.effects.library import is_known, register_effect
 
 _PREFIX = "cyclofeat_effects_"
 
@@ -72,7 +72,7 @@ def load_effects(path: str | os.PathLike[str]) -> dict[str, type[Effect]]:
     except UnicodeDecodeError as error:
         raise ValueError(f"{file}: is not text in UTF-8 (byte {error.start})") from None
     module = _run(str(file.resolve()), text)
-    kinds = effects_in(module)
+    kinds = _effects_in(module)
     if not kinds:
         raise ValueError(f"{file}: defines no subclass of Effect")
     for kind in kinds:
@@ -96,7 +96,7 @@ def _run(file: str, text: str, *, replace: bool = False) -> types.ModuleType:
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
     try:
         exec(compile(text, file, "exec"), vars(module))
-        for kind in effects_in(module):
+        for kind in _effects_in(module):
             _register(kind, file, replace=replace)
         for simulator in _simulators_in(module):
             simulator.__reduce__ = _reduce  # type: ignore[method-assign, assignment]
@@ -124,6 +124,18 @@ def _register(kind: type[Effect], file: str, *, replace: bool = False) -> None:
         line = inspect.getsourcelines(kind)[1]
         raise _NotAnEffect(f"{file}, line {line}: {error}") from None
     kind.__reduce__ = _reduce  # type: ignore[method-assign, assignment]
+
+
+def _effects_in(module: types.ModuleType) -> list[type[Effect]]:
+    """Return the public effects that a module defines."""
+    return [
+        kind
+        for name, kind in vars(module).items()
+        if inspect.isclass(kind)
+        and issubclass(kind, Effect)
+        and kind.__module__ == module.__name__
+        and not name.startswith("_")
+    ]
 
 
 def _simulators_in(module: types.ModuleType) -> list[type[Simulator]]:

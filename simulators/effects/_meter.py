@@ -1,24 +1,33 @@
-"""Effects of the torque meter and its signal: applied to the torque, the gearbox does not feel them."""
+"""Effects of torque meter and converter: applied to the torque, the gearbox does not feel them."""
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 from scipy.signal import butter, fftconvolve, sosfilt, sosfilt_zi
 from scipy.stats import loguniform, norm
 
-from cyclofeat._base.checks import is_number
-from cyclofeat.simulators.effects import _noise
-from cyclofeat.simulators.effects._base import Effect, Float, Place, TorqueContext, check_phase
-from cyclofeat.simulators.effects._noise import Drift, check_order
-from cyclofeat.simulators.effects._numbers import EffectParameter
+from cyclofeat._base.checks import is_number, one_of
+from cyclofeat.simulators._jit import njit
+from cyclofeat.simulators._lines import between
+from cyclofeat.simulators.effects._drive import check_order, check_phase, decay_time
+from cyclofeat.simulators.effects._parameter import EffectParameter
+from cyclofeat.simulators.effects.effect import Effect, Float, Of, TorqueContext
 
 # Coloured noise is white below this frequency, in Hz: its rms is finite and independent of the duration.
 LOWEST_COLOURED = 1.0
+# Samples on either side of an instant from which its value is interpolated, and shape of the window (Kaiser).
+# The error is below 1e-5 of a wave up to 0.9 of the Nyquist frequency.
+_HALF_WIDTH = 48
+_BETA = 10.0
+# Fractions of a sample at which the weights are tabulated: linear interpolation has an error of 2e-6.
+_FRACTIONS = 512
 
 
 class TorqueMeterLowPass(Effect):
@@ -39,16 +48,15 @@ class TorqueMeterLowPass(Effect):
         n, from 1 to 8.
     """
 
-    place = Place.SHAFT_AND_METER
+    place = "shaft_and_meter"
     parameters: ClassVar = {
         # At lower cutoffs rounding of the coefficients matters: it grows with (sampling rate / cutoff)^2.
-        "cutoff_hz": EffectParameter("Hz", 0.1, math.inf, math.inf, loguniform(30.0, 3000.0), log=True),
+        "cutoff_hz": EffectParameter(
+            "Hz", 0.1, math.inf, math.inf, loguniform(30.0, 3000.0), log=True, default=300.0
+        ),
     }
+    settings: ClassVar = {"order": 2}
     separated_by = "a tap test with the filter switched off, or a step of speed"
-
-    def __init__(self, cutoff_hz: Any = 300.0, order: int = 2) -> None:
-        self.cutoff_hz = cutoff_hz
-        self.order = order
 
     def check_settings(self) -> None:
         check_order(self, self.order)
@@ -67,41 +75,12 @@ class TorqueMeterLowPass(Effect):
         at_one = sosfilt_zi(sos)
         if context is not None and context.from_rest:
             return np.asarray(sosfilt(sos, torque, zi=at_one * torque[0])[0])
-        decay = math.ceil(_noise.decay_time(self.cutoff_hz, self.order) * sampling_rate)
+        decay = math.ceil(decay_time(self.cutoff_hz, self.order) * sampling_rate)
         before = torque[1 : decay + 1][::-1]
         state = at_one * (before.mean() if before.size else torque[0])
         if before.size:
             _, state = sosfilt(sos, before, zi=state)
         return np.asarray(sosfilt(sos, torque, zi=state)[0])
-
-
-class SensorDrift(Drift):
-    """Drift of the torque meter's zero: added to the torque, not to the load.
-
-    The process of :class:`LoadDrift`: white noise through a Butterworth low-pass, stationary from the first
-    sample, with a one-sided density S(f) = ``rms``^2 / B / (1 + (f/f_c)^(2n)), B = f_c (pi/2n) / sin(pi/2n).
-    Separating measurement: the envelope of the mesh frequency, which a drift of the load modulates and this
-    one does not; or a record with the brake off.
-
-    Parameters
-    ----------
-    rms_nm : float or (low, high), default 3
-        Expected rms in Nm; 0 is neutral.
-    cutoff_hz : float or (low, high), default 1.5
-        f_c (-3 dB) in Hz, up to 1000.
-    order : int, default 2
-        n, from 1 to 8.
-    """
-
-    def change_torque(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
-    ) -> Float:
-        if self.rms_nm == 0:
-            return torque
-        end = torque.size / sampling_rate
-        seed = _noise.seed_from(random)
-        drift = _noise.LowPassed(seed, self.rms_nm, (self.cutoff_hz, self.order), end)
-        return np.asarray(torque + drift(np.arange(torque.size) / sampling_rate))
 
 
 class Gain(Effect):
@@ -120,6 +99,7 @@ class Gain(Effect):
         "factor": EffectParameter("1", 1e-3, 1e3, 1.0, loguniform(0.9, 1.1), log=True, default=1.02)
     }
     separated_by = "calibration with dead weights"
+    shows_as = "mean torque"
 
     def change_torque(
         self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
@@ -141,6 +121,7 @@ class Offset(Effect):
 
     parameters: ClassVar = {"offset_nm": EffectParameter("Nm", -1e3, 1e3, 0.0, norm(0.0, 0.5), default=0.5)}
     separated_by = "the meter's reading without load, and both directions of rotation"
+    shows_as = "mean torque"
 
     def change_torque(
         self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
@@ -213,25 +194,14 @@ class Hum(Effect):
     """
 
     parameters: ClassVar = {
-        "amplitude_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, loguniform(0.01, 2.0), log=True),
-        "frequency_hz": EffectParameter("Hz", 1.0, 1e3, None),
+        "amplitude_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, loguniform(0.01, 2.0), log=True, default=0.2),
+        "frequency_hz": EffectParameter("Hz", 1.0, 1e3, None, default=50.0),
     }
+    settings: ClassVar = {"harmonics": (1.0,), "phase": None}
     separated_by = "a record with the motor off, or at another speed"
 
-    def __init__(
-        self,
-        amplitude_nm: Any = 0.2,
-        frequency_hz: Any = 50.0,
-        harmonics: tuple[float, ...] = (1.0,),
-        phase: float | None = None,
-    ) -> None:
-        self.amplitude_nm = amplitude_nm
-        self.frequency_hz = frequency_hz
-        self.harmonics = harmonics
-        self.phase = phase
-
     def check_settings(self) -> None:
-        check_phase(f"phase of {self.effect_id}", self.phase)
+        check_phase(self, self.phase)
         given = self.harmonics
         if (
             not isinstance(given, (tuple, list, np.ndarray))
@@ -262,20 +232,40 @@ class Hum(Effect):
         return np.asarray(torque + self.amplitude_nm * hum)
 
 
-class _ShaftLine(Effect):
-    """Base of the lines of both shafts: amplitude and phase."""
+class ShaftLine(Effect):
+    """Line of a shaft: a wave in the torque signal once per turn of the input or of the output.
 
+    Adds a sin(phi/z + p) with the angle phi of the input and, for the output, the reduction z (for the input
+    1). A bent shaft, a coupling, a magnet that couples into the meter, or a meter that answers to bending
+    does so. The gearbox does not feel it; :class:`SpeedWander` with a ripple is a fluctuation that it feels.
+
+    Parameters
+    ----------
+    amplitude_nm : float or (low, high), default 0.2
+        a in Nm; 0 is neutral.
+    phase : float, optional
+        p in rad. Default: random in each run.
+    of : {"input", "output"}, default "input"
+        The shaft. In files the effect is named ``input_shaft_line`` or ``output_shaft_line``.
+    """
+
+    effect_id: ClassVar[Any] = Of(input="input_shaft_line", output="output_shaft_line")
+    summary: ClassVar[Any] = Of(
+        input="Line of the input shaft: a wave in the torque signal once per turn of the input.",
+        output="Line of the output shaft: a wave in the torque signal once per turn of the output.",
+    )
     parameters: ClassVar = {
-        "amplitude_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, loguniform(0.01, 2.0), log=True)
+        "amplitude_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, loguniform(0.01, 2.0), log=True, default=0.2)
     }
-    _of_output: ClassVar = False
-
-    def __init__(self, amplitude_nm: Any = 0.2, phase: float | None = None) -> None:
-        self.amplitude_nm = amplitude_nm
-        self.phase = phase
+    settings: ClassVar = {"phase": None, "of": "input"}
+    separated_by: ClassVar[Any] = Of(
+        input="another speed, with which it moves as hum does not, and the torque folded over turns",
+        output="several whole output turns, in which it repeats as a drift does not",
+    )
+    proposed = False
 
     def check_settings(self) -> None:
-        check_phase(f"phase of {self.effect_id}", self.phase)
+        check_phase(self, self.phase)
 
     def change_torque(
         self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
@@ -287,43 +277,219 @@ class _ShaftLine(Effect):
             raise ValueError(
                 f"{self.effect_id} needs gearbox and input_angle of the record as context, got {context!r}"
             )
-        angle = context.input_angle / (context.gearbox.n_lobes if self._of_output else 1)
+        angle = context.input_angle / (context.gearbox.n_lobes if self.of == "output" else 1)
         return np.asarray(torque + self.amplitude_nm * np.sin(angle + phase))
 
 
-class InputShaftLine(_ShaftLine):
-    """Line of the input shaft: a wave in the torque signal once per turn of the input.
+class ClockError(Effect):
+    """Error of the converter's clock: the true sampling rate is not the stated one.
 
-    Adds a sin(phi + p) with the angle phi of the input. A bent shaft, a coupling or a magnet that couples
-    into the meter does so. The gearbox does not feel it; :class:`SpeedWander` with a ripple is a fluctuation
-    that it feels. Separating measurement: another speed, with which it moves as hum does not, and the torque
-    folded over turns.
-
-    Parameters
-    ----------
-    amplitude_nm : float or (low, high), default 0.2
-        a in Nm; 0 is neutral.
-    phase : float, optional
-        p in rad. Default: random in each run.
-    """
-
-    separated_by = "another speed, with which it moves as hum does not, and the torque folded over turns"
-
-
-class OutputShaftLine(_ShaftLine):
-    """Line of the output shaft: a wave in the torque signal once per turn of the output.
-
-    Adds a sin(phi/z + p) with the angle phi of the input and the reduction z. A misaligned coupling or
-    a meter that answers to bending does so. The gearbox does not feel it. Separating measurement: several
-    whole output turns, in which it repeats as a drift does not.
+    With relative error r the samples lie at k / ((1 + r) f_s) while the record states f_s: a line at f
+    appears at f / (1 + r). The values in between come from a windowed sinc (Kaiser, 48 samples on either
+    side); the record's other channels, sampled by the same clock, are moved along by straight lines.
 
     Parameters
     ----------
-    amplitude_nm : float or (low, high), default 0.2
-        a in Nm; 0 is neutral.
-    phase : float, optional
-        p in rad. Default: random in each run.
+    relative : float or (low, high), default 2e-4
+        r, a pure number; 0 is neutral.
+
+    Notes
+    -----
+    Where the samples given do not reach so far (r < 0), the result is shorter; where they reach further, it
+    is longer. Separating measurement: a tachometer on its own clock; an error of the speed changes the lines
+    of shaft and lobes, but not hum.
     """
 
-    separated_by = "several whole output turns, in which it repeats as a drift does not"
-    _of_output = True
+    place = "adc_clock"
+    parameters: ClassVar = {"relative": EffectParameter("1", -0.05, 0.05, 0.0, norm(0.0, 1e-3), default=2e-4)}
+    separated_by = "a tachometer on its own clock"
+    shows_as = "time axis"
+
+    def samples_needed(self, n_samples: int) -> int:
+        if self.relative == 0:
+            return n_samples
+        return math.ceil((n_samples - 1) / (1 + float(self.relative))) + 1 + _HALF_WIDTH
+
+    def _instants(self, n_given: int) -> Float:
+        """Instants of the new samples, in samples of the given record."""
+        rate = 1 + float(self.relative)
+        n_samples = math.floor((n_given - 1) * rate) + 1
+        return np.asarray(np.minimum(np.arange(n_samples) / rate, n_given - 1))
+
+    def change_torque(
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
+    ) -> Float:
+        if self.relative == 0:
+            return torque
+        return np.asarray(_interpolate(torque, self._instants(torque.size), _weight_table()))
+
+    def resample(self, values: Float, sampling_rate: float) -> Float:
+        if self.relative == 0:
+            return values
+        return between(values, self._instants(len(values)))
+
+
+@functools.cache
+def _weight_table() -> Float:
+    """Windowed sinc (Kaiser) at fractions 0 to 1 of a sample (rows), for the samples around it (columns)."""
+    distance = np.linspace(0, 1, _FRACTIONS + 1)[:, None] - np.arange(1 - _HALF_WIDTH, _HALF_WIDTH + 1)
+    inside = np.clip(1 - (distance / _HALF_WIDTH) ** 2, 0, None)
+    return np.asarray(np.sinc(distance) * np.i0(_BETA * np.sqrt(inside)))
+
+
+@njit(fastmath={"reassoc", "contract"})  # sums in any order
+def _interpolate(torque: Float, instants: Float, table: Float) -> Float:
+    """Torque at instants in samples; samples beyond the ends get no weight."""
+    result = np.empty(instants.size)
+    for i in range(instants.size):
+        nearest = math.floor(instants[i])
+        place = (instants[i] - nearest) * _FRACTIONS
+        row = min(int(place), _FRACTIONS - 1)
+        share = place - row
+        first = nearest + 1 - _HALF_WIDTH
+        total = weights = 0.0
+        for j in range(max(0, -first), min(2 * _HALF_WIDTH, torque.size - first)):
+            weight = (1 - share) * table[row, j] + share * table[row + 1, j]
+            total += weight * torque[first + j]
+            weights += weight
+        result[i] = total / weights
+    return result
+
+
+class Quantisation(Effect):
+    """Codes of the converter: torque in whole steps (LSB), clipped at the ends of its range.
+
+    T becomes q c with the code c = T/q rounded to the nearest whole number (half to even), limited to -N <= c
+    <= N - 1 with N = floor(full scale / q). Separating measurement: the comb of the histogram, which noise
+    does not have.
+
+    Parameters
+    ----------
+    lsb_nm : float or (low, high), default 0.05
+        Step q in Nm; 0 for none.
+    full_scale_nm : float or (low, high), default infinity
+        Range from -full_scale_nm to just below full_scale_nm, in Nm; infinity (``null`` in files) never
+        clips. Set by hand: neither fitted nor drawn from a prior.
+    """
+
+    place = "adc_codes"
+    parameters: ClassVar = {
+        "lsb_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, loguniform(2e-3, 1.0), log=True, default=0.05),
+        "full_scale_nm": EffectParameter("Nm", 1e-6, math.inf, math.inf, log=True),
+    }
+    separated_by = "the comb of the histogram"
+
+    def check_settings(self) -> None:
+        if self.has_spread or self.lsb_nm <= self.full_scale_nm:
+            return
+        raise ValueError(
+            f"full_scale_nm of {self.effect_id} must be at least lsb_nm = {self.lsb_nm:g} Nm, "
+            f"got {self.full_scale_nm!r}"
+        )
+
+    def change_torque(
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
+    ) -> Float:
+        step, full = float(self.lsb_nm), float(self.full_scale_nm)
+        if step == 0:
+            return torque if math.isinf(full) else np.clip(torque, -full, full)
+        codes = np.rint(torque / step)
+        if math.isfinite(full):
+            # By rounding, a full scale of N steps may give slightly less than N.
+            n_codes = math.floor(full / step * (1 + 1e-12))
+            codes = np.clip(codes, -n_codes, n_codes - 1)
+        return np.asarray(step * codes)
+
+
+class Clipping(Effect):
+    """Clipping: amplifier or converter saturate at a torque.
+
+    T is limited to -L to L, as by the ``full_scale_nm`` of :class:`Quantisation`, but without steps and with
+    a prior (*an assumption*, for loads of some 22 Nm). A saturated amplifier that recovers late is not
+    modelled. Separating measurement: a lower load, or a lower gain of the amplifier.
+
+    Parameters
+    ----------
+    limit_nm : float or (low, high), default 25
+        L in Nm; infinity (``null`` in files) is neutral.
+    """
+
+    place = "adc_codes"
+    parameters: ClassVar = {
+        "limit_nm": EffectParameter(
+            "Nm", 1e-6, math.inf, math.inf, loguniform(12.0, 40.0), log=True, default=25.0
+        )
+    }
+    separated_by = "a lower load, or a lower gain of the amplifier"
+    moves_mean = True
+    proposed = False
+
+    def change_torque(
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
+    ) -> Float:
+        limit = float(self.limit_nm)
+        return torque if math.isinf(limit) else np.clip(torque, -limit, limit)
+
+
+class LostSamples(Effect):
+    """Lost samples: the transfer of the record loses a block of them now and then.
+
+    In each stretch of ``block``/``share`` samples one block at a random place is lost. The block holds the
+    last value before it, is zero, or is cut out, so that what follows comes too early. Only the torque's
+    channel loses samples: an angle recorded beside it stays, and no longer matches a torque with samples cut
+    out.
+    Separating measurement: a tachometer in the same channel, or a counter of samples.
+
+    Parameters
+    ----------
+    share : float or (low, high), default 0.03
+        Share of the samples that is lost, a pure number; 0 is neutral.
+    block : float or (low, high), default 64
+        Length of a block in samples, rounded to whole ones.
+    fill : {"hold", "zero", "cut"}, default "hold"
+        What stands in the place of the block.
+    """
+
+    place = "adc_codes"
+    parameters: ClassVar = {
+        "share": EffectParameter("1", 0.0, 0.5, 0.0, loguniform(5e-3, 0.1), log=True, default=0.03),
+        "block": EffectParameter("1", 1.0, 1e6, None, loguniform(4.0, 256.0), log=True, default=64.0),
+    }
+    settings: ClassVar = {"fill": "hold"}
+    separated_by = "a tachometer in the same channel, or a counter of samples"
+    moves_mean = True
+    proposed = False
+
+    def check_settings(self) -> None:
+        one_of(f"fill of {self.effect_id}", self.fill, ("hold", "zero", "cut"))
+
+    def samples_needed(self, n_samples: int) -> int:
+        if self.share == 0 or self.fill != "cut":
+            return n_samples
+        # At most one block more than the share is lost.
+        return math.ceil((n_samples + self._length) / (1 - float(self.share))) + 1
+
+    @property
+    def _length(self) -> int:
+        return round(float(self.block))
+
+    def _lost(self, n_samples: int, random: Generator) -> NDArray[np.bool_]:
+        stretch = self._length / float(self.share)
+        places = random.random(math.ceil(n_samples / stretch)) * (1 - float(self.share))
+        starts = np.floor((np.arange(places.size) + places) * stretch).astype(int)
+        lost = np.zeros(math.ceil(places.size * stretch), dtype=bool)
+        lost[starts[:, None] + np.arange(self._length)] = True
+        return lost[:n_samples]
+
+    def change_torque(
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
+    ) -> Float:
+        if self.share == 0 or torque.size == 0:
+            return torque
+        lost = self._lost(torque.size, random)
+        if self.fill == "cut":
+            return np.asarray(torque[~lost])
+        if self.fill == "zero":
+            return np.where(lost, 0.0, torque)
+        # A block at the beginning repeats the first sample.
+        return np.asarray(torque[np.maximum.accumulate(np.where(lost, 0, np.arange(torque.size)))])

@@ -8,8 +8,8 @@ from typing import ClassVar
 from numpy.random import Generator
 from scipy.stats import uniform
 
-from cyclofeat.simulators.effects._base import Effect
-from cyclofeat.simulators.effects._numbers import EffectParameter
+from cyclofeat.simulators.effects._parameter import EffectParameter
+from cyclofeat.simulators.effects.effect import Effect
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.motor import Motor
 

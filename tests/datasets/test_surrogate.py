@@ -21,8 +21,8 @@ from cyclofeat.simulators import (
     BrakeRotor,
     Cogging,
     CycloidalGearbox,
+    Drift,
     Hum,
-    LoadDrift,
     LobeDefects,
     Noise,
     Offset,
@@ -574,7 +574,7 @@ def test_load_drift_shrinks_with_the_load():
         (drift,) = (e for e in one.meta["effects"] if e["effect"] == "load_drift")
         drifts.append(drift["rms_nm"])
     assert drifts == [1.5, 3.0, 3.0]
-    rig = rig_preset("R0").with_effects(LoadDrift(uniform(1.0, 2.0)))
+    rig = rig_preset("R0").with_effects(Drift(uniform(1.0, 2.0)))
     with pytest.raises(ValueError, match="load_nm scales the load drift"):
         make_rig_recordings(1, [0], rig=rig, load_nm=11.0, duration=0.05)
 

@@ -24,8 +24,8 @@ from cyclofeat.gap.confirm._confirm import farther
 from cyclofeat.gap.posterior import EffectPosterior, load_posterior, named_effects
 from cyclofeat.gap.world import FLOOR, Session, World, prepare_world
 from cyclofeat.recordings import Recording
-from cyclofeat.simulators import Gain, Hum, LoadDrift, LoadScale, Noise, Offset, Rig, SensorDrift
-from cyclofeat.simulators.effects import InputShaftLine, SleeveFriction
+from cyclofeat.simulators import Drift, Gain, Hum, Noise, Offset, Rig, Scale
+from cyclofeat.simulators.effects import ShaftLine, SleeveFriction
 
 RATE, SPEED, N_SIZES, N_FEATURES = 6400.0, 1350.0, 2, 12
 PRIOR = Gaussian(np.zeros(N_SIZES), np.eye(N_SIZES))
@@ -108,7 +108,7 @@ class Stated:
     """A posterior that states given probabilities, and sizes of mean 0 and deviation 0.01."""
 
     def __init__(self, presence):
-        effects = (Noise(), Hum(), Gain(), Offset(), LoadScale(), LoadDrift(), SensorDrift())
+        effects = (Noise(), Hum(), Gain(), Offset(), Scale("load", 1.02), Drift(), Drift(of="sensor"))
         self.world = SimpleNamespace(effects=tuple(one for one in effects if one.effect_id in presence))
         self.presence = lambda session: presence
 
@@ -171,7 +171,7 @@ def test_sizes_of_confirmed_effects_are_drawn_together_and_the_others_beside():
 
 
 SMALL = World(
-    effects=(Noise(), Gain(), InputShaftLine()), most=2, sampling_rate=RATE,
+    effects=(Noise(), Gain(), ShaftLine()), most=2, sampling_rate=RATE,
     speeds_rpm=(0.95 * SPEED, 1.05 * SPEED), wheels=((0,),), defect_counts=(0, 2), n_recordings=5,
     n_rigs_per_machine=6,
 )  # fmt: skip

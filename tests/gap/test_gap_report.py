@@ -22,8 +22,6 @@ from cyclofeat.gap.proof import _alternatives as alternatives
 from cyclofeat.gap.proof import _distance as distance
 from cyclofeat.simulators import (
     BrakeRotor,
-    ContactDampingScale,
-    ContactStiffnessScale,
     CycloidalGearbox,
     Effect,
     Hum,
@@ -311,7 +309,7 @@ def test_gaussian_process_extrapolates_over_the_count() -> None:
 @pytest.mark.slow
 def test_retuned_finds_the_contacts_of_the_rig(cache: Path) -> None:
     """Contacts of half the stiffness and three times the damping, and nothing else is added."""
-    truth = [ContactStiffnessScale(0.5), ContactDampingScale(3.0)]
+    truth = [Scale("contact_stiffness", 0.5), Scale("contact_damping", 3.0)]
     bank = bank_of(truth, [0, 4], 8, 5, cache)
     comparison = Comparison(sampling_rate=FS, rig=BASE, cache=cache)
     retuned = alternatives.Retuned(10).fit(comparison, comparison.measured(bank.X, y=bank.counts))

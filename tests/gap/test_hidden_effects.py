@@ -36,13 +36,13 @@ from cyclofeat.gap.posterior import load_posterior, named_effects
 from cyclofeat.gap.world import FLOOR, Session, World
 from cyclofeat.simulators import (
     CycloidalGearbox,
+    Drift,
     Effect,
-    LoadDrift,
     Noise,
     known_effects,
     settling_time,
 )
-from cyclofeat.simulators.effects import TorqueContext
+from cyclofeat.simulators.effects.effect import TorqueContext
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.slow  # a benchmark is no part of the package
@@ -57,7 +57,7 @@ def theta(effect: str, strength: str = "medium", seed: int = 0) -> dict[str, flo
 
 
 def library(effect: str, values: dict[str, float]) -> Effect:
-    return known_effects()[effect](**values).check()
+    return known_effects()[effect].with_parameters(**values)
 
 
 # The generator.
@@ -78,7 +78,7 @@ def test_generator_takes_nothing_but_dimensions_from_the_package(file: str) -> N
 def test_floor_is_that_of_the_training_world() -> None:
     noise, drift = FLOOR
     assert isinstance(noise, Noise)
-    assert isinstance(drift, LoadDrift)
+    assert isinstance(drift, Drift)
     assert noise.rms_nm == _effects.FLOOR_NOISE
     assert (drift.rms_nm, drift.cutoff_hz) == (_effects.FLOOR_DRIFT, _effects.FLOOR_CUTOFF)
 

@@ -16,9 +16,9 @@ from cyclofeat.gap import Bank, Comparison, Conditions, LocatedGap, locate, summ
 from cyclofeat.gap.summaries import FAMILIES, Cell
 from cyclofeat.gap.where import SPREADS, TOGETHER, Permuted, family_p, holm, statistics_by_family
 from cyclofeat.simulators import (
+    Drift,
     Effect,
     Hum,
-    LoadDrift,
     Offset,
     TorqueMeterLowPass,
 )
@@ -280,7 +280,7 @@ def test_simulated_recordings_in_the_place_of_measured_ones_rarely_disagree(
     ("effect", "family", "name"),
     [
         (Hum(0.2), "shaft lines", "input order 2"),
-        (LoadDrift(0.5), "slow part", "level below 4 Hz"),
+        (Drift(0.5), "slow part", "level below 4 Hz"),
         (TorqueMeterLowPass(150.0), "spectrum", "third octave"),
         (Offset(1.0), "amplitudes", "mean"),
     ],

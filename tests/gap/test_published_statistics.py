@@ -15,7 +15,7 @@ from cyclofeat.gap.published import crps, sign_flip_p, to_statistics
 from cyclofeat.gap.published._gap import predicted
 from cyclofeat.gap.published._rigs import SimulatedRigs
 from cyclofeat.gap.published._search import Search
-from cyclofeat.simulators import CycloidalGearbox, Offset, Rig, SensorDrift
+from cyclofeat.simulators import CycloidalGearbox, Drift, Offset, Rig
 
 SMALL = {"duration": 0.1, "n_draws": 2, "library": ["sensor_drift", "gain", "offset"]}
 PUBLISHED = load_published_tables()
@@ -95,7 +95,7 @@ def test_what_the_tables_say_themselves():
 
 @pytest.fixture(scope="module")
 def drift():
-    made = table_of([SensorDrift(rms_nm=4.0, cutoff_hz=15.0)], seed=5)
+    made = table_of([Drift(rms_nm=4.0, cutoff_hz=15.0, of="sensor")], seed=5)
     return made, gap_of(made, np.linspace(1, 2, 8))
 
 

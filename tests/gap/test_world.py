@@ -23,15 +23,14 @@ from cyclofeat.gap.world import (
 )
 from cyclofeat.simulators import (
     BrakeRotor,
+    Drift,
     EffectParameter,
     Gain,
     Hum,
-    LoadDrift,
     Noise,
     Offset,
     PinErrors,
     Rig,
-    SensorDrift,
     TorqueMeterLowPass,
     known_effects,
 )
@@ -55,7 +54,7 @@ def rigs(folder):
 
 @pytest.mark.slow
 def test_each_number_of_effects_is_as_probable_and_each_effect_as_frequent():
-    effects = tuple(kind() for kind in list(known_effects().values())[3:13] if kind.vector_names())
+    effects = tuple(effect for effect in list(known_effects().values())[3:13] if effect.vector_names())
     effects += (Noise(), Gain(), Hum(), Offset())
     prior, random = EffectPrior(effects, 6), np.random.default_rng(2)
     drawn = []
@@ -77,9 +76,9 @@ def test_each_number_of_effects_is_as_probable_and_each_effect_as_frequent():
 
 
 def test_what_the_model_has_is_not_missing():
-    every = {name for name, kind in known_effects().items() if kind.vector_names()}
+    every = {name for name, effect in known_effects().items() if effect.vector_names()}
     assert set(World().names) == every
-    of_rig = World(rig=Rig.r1().with_added(SensorDrift()))
+    of_rig = World(rig=Rig.r1().with_added(Drift(of="sensor")))
     assert every - set(of_rig.names) == {effect.effect_id for effect in of_rig.rig.effects}
     with_brake = World(rig=Rig(Rig().gearbox.with_brake(0.02, 1e4, 0.02)))
     assert every - set(with_brake.names) == {"brake_rotor"}
@@ -190,7 +189,7 @@ def test_of_a_load_drift_the_mesh_lines_tell_and_of_a_sensor_drift_not():
     n = turn_samples(conditions)
     at = Rig().gearbox.replace(input_speed=20 * np.pi)
     correlations = []
-    for effect in (LoadDrift(3.0, 5.0), SensorDrift(3.0, 5.0)):
+    for effect in (Drift(3.0, 5.0), Drift(3.0, 5.0, of="sensor")):
         rig = Rig(at, [effect, Noise(0.02)])
         runs = [rig.simulate(duration=n / 25_600, random_state=seed) for seed in range(4)]
         values, cells = recording_cells(np.array([run.torque_out for run in runs], np.float32), conditions)

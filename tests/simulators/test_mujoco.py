@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from cyclofeat.simulators import LoadDrift, LobeDefects, Rig
+from cyclofeat.simulators import Drift, LobeDefects, Rig
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "gap" / "plot_mujoco_simulator.py"
 RATE = 4000.0
@@ -25,7 +25,7 @@ def drive():
 
 @pytest.mark.slow
 def test_a_drive_in_mujoco_obeys_its_equations(drive) -> None:  # type: ignore[no-untyped-def]
-    rig = Rig(effects=[LoadDrift(0.5, cutoff_hz=20.0)], simulator=drive)
+    rig = Rig(effects=[Drift(0.5, cutoff_hz=20.0)], simulator=drive)
     plan = rig.plan_run(LobeDefects.worn(3), duration=1.0, sampling_rate=RATE, random_state=2)
     run = plan.simulate().run
     j, b, k, c = drive.motor_inertia, drive.brake_inertia, drive.stiffness, drive.damping

@@ -19,17 +19,17 @@ from cyclofeat.gap import Comparison
 from cyclofeat.gap.world import World, prepare_world
 from cyclofeat.simulators import (
     CycloidalGearbox,
+    Drift,
     Effect,
     EffectParameter,
     Gain,
-    LoadDrift,
     LobeDefects,
     Noise,
     Offset,
     Rig,
+    Scale,
     SimulationFailed,
     Simulator,
-    SpeedScale,
     load_effects,
     register_effect,
     run_planned,
@@ -91,7 +91,7 @@ def test_a_record_is_what_the_formula_says() -> None:
 
 
 def test_effects_on_load_speed_and_torque_act_as_on_the_gearbox() -> None:
-    rig = OWN.with_added(SpeedScale(1.1), LoadDrift(0.5, 4.0), Gain(2.0), Offset(-1.0))
+    rig = OWN.with_added(Scale("speed", 1.1), Drift(0.5, 4.0), Gain(2.0), Offset(-1.0))
     run = rig.simulate(**SHORT, random_state=3)
     np.testing.assert_allclose(np.diff(run.input_angle) * RATE, 1.1 * OWN.gearbox.input_speed)
     load = (run.torque_out + 1) / 2 / (1 + 0.1 * np.cos(2 * run.input_angle))

@@ -10,9 +10,10 @@ import numpy as np
 from cyclofeat.gap.confirm._confirm import Confirmed
 from cyclofeat.gap.confirm._sessions import sized
 from cyclofeat.gap.confirm._sizes import Gaussian
-from cyclofeat.gap.posterior import ABSENT, PRESENT, TIES, EffectPosterior
+from cyclofeat.gap.posterior import ABSENT, PRESENT, EffectPosterior
 from cyclofeat.gap.world import Session
 from cyclofeat.simulators import Effect
+from cyclofeat.simulators.effects.library import look_alikes
 
 
 def draw_effects(
@@ -21,7 +22,7 @@ def draw_effects(
     """Draw sets of missing effects, with sizes, from what the recordings leave possible.
 
     An effect is present with its probability: always from ``PRESENT`` on, never up to ``ABSENT``. Those of
-    different groups of ``TIES`` are independent; those of a group occur together only as often as their
+    different groups of look-alikes are independent; those of a group occur together only as often as their
     probabilities, where they add up to more than 1, make necessary. Sizes of confirmed effects are drawn from
     their joint distribution, those of others each from its own.
 
@@ -58,9 +59,10 @@ def draw_effects(
 
 def _present(probabilities: Mapping[str, float], random: np.random.Generator) -> set[str]:
     """Draw the effects that are present."""
-    tied = {name for group in TIES for name in group}
+    groups = look_alikes()
+    tied = {name for group in groups for name in group}
     present = set()
-    for group in (*TIES, *((name,) for name in probabilities if name not in tied)):
+    for group in (*groups, *((name,) for name in probabilities if name not in tied)):
         # Systematic sampling (Madow 1949): the effects lie end to end, each as long as it is probable, and
         # every point one apart from a random first one picks the effect that it falls on.
         end, first = 0.0, random.random()

@@ -5,16 +5,15 @@ of recordings, the probability of each effect and quantiles of its size. :func:`
 often it is right on rigs that it has not seen.
 """
 
-from cyclofeat.gap.posterior._answers import ABSENT, PRESENT, TIES, UNSEEN, answer_of, named_effects
+from cyclofeat.gap.posterior._answers import ABSENT, PRESENT, UNSEEN, answer_of, named_effects
 from cyclofeat.gap.posterior._mean_torque import gain_and_offset
 from cyclofeat.gap.posterior._posterior import EffectPosterior, load_posterior
 from cyclofeat.gap.posterior._score import PosteriorScore, calibration_error, score_posterior
-from cyclofeat.gap.posterior._strengths import detection_limit, ends, main_parameter, strengths_of
+from cyclofeat.gap.posterior._strengths import detection_limit, ends, strengths_of
 
 __all__ = [
     "ABSENT",
     "PRESENT",
-    "TIES",
     "UNSEEN",
     "EffectPosterior",
     "PosteriorScore",
@@ -24,7 +23,6 @@ __all__ = [
     "ends",
     "gain_and_offset",
     "load_posterior",
-    "main_parameter",
     "named_effects",
     "score_posterior",
     "strengths_of",

@@ -8,16 +8,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat.simulators.effects.library import look_alikes
+
 Float = NDArray[np.float64]
 EffectAnswer = Literal["present", "absent", "unresolved"]
 
-# Effects that one speed, load and direction cannot separate.
-TIES: tuple[tuple[str, ...], ...] = (
-    ("gain", "offset", "load_scale"),
-    ("load_drift", "sensor_drift", "proportional_drift"),
-    ("load_warm_up", "sensor_warm_up"),
-    ("clock_error", "speed_scale"),
-)
 PRESENT, ABSENT = 0.95, 0.05  # probabilities from which, and up to which, an effect counts as that
 NAMED = 0.5
 # An open effect counts as too small to be seen up to this probability of being there and visible.
@@ -40,7 +35,7 @@ def answer_of(probability: float) -> EffectAnswer:
 def named_effects(presence: Mapping[str, float]) -> list[str]:
     """Return the effects that are more probable than not.
 
-    Of look-alikes (``TIES``) of which only the group is, the most probable one is named.
+    Of look-alikes (:func:`look_alikes`) of which only the group is, the most probable one is named.
 
     Parameters
     ----------
@@ -53,7 +48,7 @@ def named_effects(presence: Mapping[str, float]) -> list[str]:
     ['noise', 'offset']
     """
     named = {name for name, p in presence.items() if p > NAMED}
-    for group in TIES:
+    for group in look_alikes():
         members = {name: presence[name] for name in group if presence.get(name, 0.0) > 0}
         if members and not named & members.keys() and sum(members.values()) > NAMED:
             named.add(max(members, key=lambda name: members[name]))
@@ -61,7 +56,7 @@ def named_effects(presence: Mapping[str, float]) -> list[str]:
 
 
 def with_look_alikes(probabilities: Float, names: Sequence[str]) -> Float:
-    """Return for each effect the sum of the probabilities of its group in ``TIES``, at most 1.
+    """Return for each effect the sum of the probabilities of its group of look-alikes, at most 1.
 
     Parameters
     ----------
@@ -69,7 +64,7 @@ def with_look_alikes(probabilities: Float, names: Sequence[str]) -> Float:
     names : sequence of str
         Of the effects.
     """
-    group = {name: k for k, members in enumerate(TIES) for name in members}
-    labels = np.array([group.get(name, len(TIES) + k) for k, name in enumerate(names)])
+    group = {name: k for k, members in enumerate(look_alikes(), start=len(names)) for name in members}
+    labels = np.array([group.get(name, k) for k, name in enumerate(names)])
     together: Float = probabilities @ (labels[:, None] == labels)
     return np.asarray(np.minimum(together, 1.0))

@@ -10,16 +10,14 @@ from scipy.optimize import minimize_scalar
 from scipy.special import expit
 from sklearn.linear_model import LogisticRegression
 
+from cyclofeat.simulators import known_effects
+
 Float = NDArray[np.float64]
 
 FEWEST_LEARNED = 20  # machines with an effect, or rigs, from which something is learned of it
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 _POWERS = (0.5, 2.0)
-# Effects that change the mean torque alone, and those beside which the mean says little of them.
-_MOVING = ("gain", "offset", "load_scale")
-_WARM_UPS = ("load_warm_up", "sensor_warm_up")
-_HIDING = (*_WARM_UPS, "load_drift", "sensor_drift", "proportional_drift", "sleeve_friction", "clipping",
-           "lost_samples")  # fmt: skip
+_MEAN, _START = "mean torque", "start of the torque"  # what effects show as
 _MANY = 100  # rigs with such an effect from which its coefficients are learned
 
 
@@ -52,9 +50,13 @@ def of_mean(logits: Float, causes: Float, names: Sequence[str]) -> Float:
     ndarray, shape (n_rigs, n_numbers)
     """
     absent = 1 - expit(logits)
-    parts = [logits[:, [name in _MOVING for name in names]], causes]
-    for hiding in (_HIDING, _WARM_UPS):
-        plain = np.prod(absent[:, [name in hiding for name in names]], axis=1, keepdims=True)
+    known = known_effects()
+    effects = [known.get(name) for name in names]
+    parts = [logits[:, [effect is not None and effect.shows_as == _MEAN for effect in effects]], causes]
+    moving = [effect is not None and effect.moves_mean for effect in effects]
+    at_start = [effect is not None and effect.shows_as == _START for effect in effects]
+    for hiding in (moving, at_start):
+        plain = np.prod(absent[:, hiding], axis=1, keepdims=True)
         parts += [plain * causes, plain]
     return np.hstack(parts)
 
@@ -66,8 +68,9 @@ def mean_coefficients(told: Float, present: NDArray[np.bool_], names: Sequence[s
     """
     found = np.full((len(names), told.shape[1] + 1), np.nan)
     centre, spread = told.mean(axis=0), told.std(axis=0) + 1e-9
+    of_mean_alone = {name for name, effect in known_effects().items() if effect.shows_as == _MEAN}
     for k, (name, with_it) in enumerate(zip(names, present.T, strict=True)):
-        if name in _MOVING and min(with_it.sum(), (~with_it).sum()) >= _MANY:
+        if name in of_mean_alone and min(with_it.sum(), (~with_it).sum()) >= _MANY:
             line = LogisticRegression(max_iter=1000).fit((told - centre) / spread, with_it)
             weights = line.coef_[0] / spread
             found[k] = np.r_[weights, line.intercept_ - centre @ weights]

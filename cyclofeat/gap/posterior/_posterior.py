@@ -36,7 +36,6 @@ from cyclofeat.gap.posterior._reference import Reference
 from cyclofeat.gap.posterior._strengths import (
     detection_limit,
     ends,
-    main_parameter,
     reach_beyond,
     strengths_of,
 )
@@ -211,7 +210,7 @@ class EffectPosterior(BaseEstimator):
             return []
         found = []
         for effect in self.world.effects or ():
-            name = main_parameter(effect)
+            name = effect.main_parameter
             column = self.size_names_.index(f"{effect.effect_id}.{name}")
             found.append((self.names_.index(effect.effect_id), column, effect.parameters[name]))
         return found

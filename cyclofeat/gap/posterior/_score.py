@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.gap.posterior._answers import NAMED, TIES
+from cyclofeat.gap.posterior._answers import NAMED
 from cyclofeat.gap.posterior._posterior import EffectPosterior
 from cyclofeat.gap.world import Rigs
+from cyclofeat.simulators.effects.library import look_alikes
 
 Float = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -117,7 +118,7 @@ def calibration_error(probabilities: Float, present: Flags) -> float:
 
 def _joined(flags: Flags, names: Sequence[str]) -> Flags:
     """Return one column for each group of ties, and one for each effect without a group."""
-    of_group = {name: f"group {k}" for k, group in enumerate(TIES) for name in group}
+    of_group = {name: f"group {k}" for k, group in enumerate(look_alikes()) for name in group}
     labels = np.array([of_group.get(name, name) for name in names])
     return np.column_stack([flags[:, labels == label].any(axis=1) for label in np.unique(labels)])
 

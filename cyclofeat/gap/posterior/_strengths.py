@@ -10,7 +10,6 @@ from scipy.special import logit
 from scipy.stats import norm
 from sklearn.linear_model import LogisticRegression
 
-from cyclofeat.simulators import Effect
 from cyclofeat.simulators.effects import EffectParameter
 
 Float = NDArray[np.float64]
@@ -52,12 +51,6 @@ def detection_limit(strengths: Float, detected: NDArray[np.bool_], share: float)
         return float(strengths.min()) if detected.mean() >= share else math.nan
     needed = float(centre + spread * (logit(share) - level) / slope)
     return math.nan if needed > strengths.max() else max(needed, float(strengths.min()))
-
-
-def main_parameter(effect: Effect) -> str:
-    """Return the name of the fitted parameter that says how strong an effect is."""
-    names = effect.vector_names()
-    return next((name for name in names if effect.parameters[name].neutral is not None), names[0])
 
 
 def strengths_of(parameter: EffectParameter, sizes: Float) -> Float:

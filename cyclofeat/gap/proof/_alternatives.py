@@ -18,7 +18,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 from cyclofeat.gap.comparison import Comparison
 from cyclofeat.gap.simulations import Bank
 from cyclofeat.gap.summaries import Measured, class_means, less_class_means, per_recording, smallest_spreads
-from cyclofeat.simulators import ContactDampingScale, ContactStiffnessScale, Rig, SimulationFailed
+from cyclofeat.simulators import Rig, Scale, SimulationFailed
 
 Float = NDArray[np.float64]
 Counts = Sequence[int] | None
@@ -87,7 +87,7 @@ class Retuned(Simulated):
 def _with_contacts(rig: Rig, logarithms: Float) -> Rig:
     """Return the rig with stiffness and damping of all contacts by factors."""
     stiffness, damping = np.exp(logarithms).tolist()
-    return rig.with_added(ContactStiffnessScale(stiffness), ContactDampingScale(damping))
+    return rig.with_added(Scale("contact_stiffness", stiffness), Scale("contact_damping", damping))
 
 
 class _Filtered(Simulated):

@@ -21,7 +21,7 @@ from cyclofeat.gap.published._scores import STATISTICS, fewest_units, sign_flip_
 from cyclofeat.gap.published._search import Search, Step, Tried
 from cyclofeat.gap.published._settings import PublishedSettings
 from cyclofeat.gap.where import holm
-from cyclofeat.simulators import Effect, Rig, effect_library
+from cyclofeat.simulators import Effect, Rig, known_effects
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,8 +30,8 @@ Float = NDArray[np.float64]
 Table = Literal["discrepancies", "ranking", "steps", "rejected", "parameters", "held_out"]
 TABLES: tuple[Table, ...] = ("discrepancies", "ranking", "steps", "rejected", "parameters", "held_out")
 
-# A clock error of some thousandths does not change minimum, maximum, mean or deviation.
-_UNSEEN = ("clock_error",)
+# Effects that show as an error of the time axis do not change minimum, maximum, mean or deviation.
+_UNSEEN = "time axis"
 
 
 @dataclass(frozen=True)
@@ -363,9 +363,9 @@ def _too_few(n: int, alpha: float) -> list[str]:
 
 
 def _names(library: Sequence[str] | None) -> Set:
-    known = (*effect_library(), SET_POINT)
+    known = (*known_effects(proposed=True), SET_POINT)
     if library is None:
-        return tuple(name for name in known if name not in _UNSEEN)
+        return tuple(name for name in known if kind_of(name).shows_as != _UNSEEN)
     chosen = different_names(library, known, "library")
     return tuple(name for name in known if name in chosen)
 

@@ -21,12 +21,12 @@ from cyclofeat.gap.published._settings import PublishedSettings
 from cyclofeat.gap.simulations import NO_SUCH_RIG, Population
 from cyclofeat.signal.density import shannon_entropy
 from cyclofeat.signal.welch import welch_psd
-from cyclofeat.simulators import Effect, LoadScale, Rig, effect_library
+from cyclofeat.simulators import Effect, Rig, known_effects
 
 Float = NDArray[np.float64]
 Set = tuple[str, ...]
 
-SET_POINT = LoadScale.effect_id
+SET_POINT = "load_scale"
 _REPLICATES = 2
 
 
@@ -92,7 +92,7 @@ class SimulatedRigs:
         for name in key:
             names = _parameters(name)
             values = dict(zip(names, theta[at : at + len(names)].tolist(), strict=True))
-            effects.append(kind_of(name)().with_parameters(**values))
+            effects.append(kind_of(name).with_parameters(**values))
             at += len(names)
         return tuple(effects)
 
@@ -241,8 +241,8 @@ class SimulatedRigs:
         return bool(np.allclose(simulated, statistics.astype(np.float64), rtol=2e-3, atol=1e-3))
 
 
-def kind_of(name: str) -> type[Effect]:
-    return LoadScale if name == SET_POINT else effect_library()[name]
+def kind_of(name: str) -> Effect:
+    return known_effects()[name]
 
 
 def _parameters(name: str) -> list[str]:

@@ -10,17 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat.gap.published._between import DenseRigs, interpolated
-from cyclofeat.gap.published._rigs import SET_POINT, Set, SimulatedRigs, kind_of, simulated_ones
+from cyclofeat.gap.published._rigs import Set, SimulatedRigs, kind_of, simulated_ones
 from cyclofeat.gap.published._scores import crps, sign_flip_p, student_samples
 from cyclofeat.gap.published._settings import PublishedSettings
+from cyclofeat.simulators import known_effects
+from cyclofeat.simulators.effects.library import look_alikes
 
 Float = NDArray[np.float64]
 
 _TOLERANCE = 0.5  # increase of the score, in spreads over the discs, that reduces the weight of a rig to 1/e
 _SAMPLES = 400
-
-# The effects of a group have the same influence on these statistics: the search uses the first.
-_SAME_TORQUE = (("sensor_drift", "load_drift"), ("offset", "gain", SET_POINT))
 
 
 @dataclass(frozen=True)
@@ -88,6 +87,10 @@ class Search:
         if (self.scales <= 0).any():
             raise ValueError("statistics must differ between discs: their spread is the scale")
         self.random_state = rigs.random_state
+        # Look-alikes have the same influence on these statistics: the search uses the last in the chain.
+        self._same_torque = [
+            [name for name in reversed(known_effects()) if name in group] for group in look_alikes()
+        ]
         self._scores: dict[tuple[Set, tuple[int, ...]], Float] = {}
         self._fits: dict[Set, DenseRigs] = {}
 
@@ -182,9 +185,11 @@ class Search:
             if sign_flip_p(before - scores[name], "greater") <= alpha
             and sign_flip_p(scores[name] - scores[best]) > alpha
         ]
-        chosen = next((group[0] for group in _SAME_TORQUE if best in group and group[0] in alike), best)
+        chosen = next((group[0] for group in self._same_torque if best in group and group[0] in alike), best)
         # They are physically equivalent here, even if few rigs of one of them were simulated.
-        same = [name for group in _SAME_TORQUE if chosen in group for name in group if name in self.library]
+        same = [
+            name for group in self._same_torque if chosen in group for name in group if name in self.library
+        ]
         return Step(
             effect=chosen,
             score_before=float(before.mean()),
@@ -207,7 +212,7 @@ class Search:
             and not (
                 simulated_ones((name,)) and len(simulated_ones((*named, name))) > self.settings.max_simulated
             )
-            and not any(name in group and set(group) & set(named) for group in _SAME_TORQUE)
+            and not any(name in group and set(group) & set(named) for group in self._same_torque)
         ]
 
     def _ordered(self, names: Iterable[str]) -> Set:

@@ -16,8 +16,9 @@ class PublishedSettings:
     Attributes
     ----------
     library : sequence of str or None
-        Effects that are considered, of :func:`cyclofeat.simulators.effect_library`, and
-        ``"load_scale"``. None: all but ``"clock_error"``, which does not change these statistics.
+        Effects that are considered, of ``known_effects(proposed=True)``
+        (:func:`cyclofeat.simulators.known_effects`) and ``"load_scale"``. None: all but ``"clock_error"``,
+        which does not change these statistics.
     max_effects : int
     max_simulated : int
         Largest number of named effects that change the gearbox's motion: each set of those needs simulations

@@ -17,15 +17,14 @@ from cyclofeat._base.quantities import CHANNELS, factor_to_output
 from cyclofeat.simulators import (
     CycloidalGearbox,
     Effect,
-    LoadScale,
     LobeDefects,
     MachineRun,
     PinErrors,
     PlannedRun,
     Rig,
+    Scale,
     SimulationFailed,
     Solver,
-    SpeedScale,
     run_planned,
 )
 
@@ -44,7 +43,9 @@ SPARE = 0.06  # share by which a run is longer, for the slowest converter in the
 
 
 # Assumptions: pin errors of 5 um rms, load +-0.5 %, speed +-0.3 %.
-MAY_DIFFER: tuple[Effect, ...] = (PinErrors(5e-6), LoadScale((0.995, 1.005)), SpeedScale((0.997, 1.003)))
+MAY_DIFFER: tuple[Effect, ...] = (
+    PinErrors(5e-6), Scale("load", (0.995, 1.005)), Scale("speed", (0.997, 1.003)),
+)  # fmt: skip
 
 
 def as_rig(model: Rig | CycloidalGearbox | None) -> Rig:

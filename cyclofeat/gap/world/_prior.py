@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from scipy.stats import hypergeom
 
 from cyclofeat.gap.simulations import with_may_differ
-from cyclofeat.simulators import Effect, LoadDrift, Noise, Rig, known_effects
+from cyclofeat.simulators import Drift, Effect, Noise, Rig, known_effects
 
 Float = NDArray[np.float64]
 
 # Assumption: no rig is free of noise, and no brake free of drift.
-FLOOR: tuple[Effect, ...] = (Noise(0.02), LoadDrift(0.05, 1.5))
+FLOOR: tuple[Effect, ...] = (Noise(0.02), Drift(0.05, 1.5))
 # Assumptions: a rig may be made better than ``MAY_DIFFER`` states, or somewhat worse (a factor on all of it),
 # and its recordings may all be of one assembly, whose pins they share.
 TOLERANCES = (0.0, 1.5)
@@ -104,9 +104,9 @@ def missing_effects(rig: Rig) -> tuple[Effect, ...]:
     stated = {effect.effect_id for effects in rig.effect_sets() for effect in effects}
     stated |= {"brake_rotor"} if rig.has_brake else set()
     return tuple(
-        kind()
-        for name, kind in known_effects().items()
-        if kind.vector_names() and name not in stated and not kind.overrides(unanswered)
+        effect
+        for name, effect in known_effects().items()
+        if effect.vector_names() and name not in stated and not effect.overrides(unanswered)
     )
 
 

@@ -15,11 +15,8 @@ from scipy import stats
 from cyclofeat._base.checks import is_number, short
 from cyclofeat._base.words import from_1
 
-# Distributions that rigs and files may contain, by their names in scipy.
-DISTRIBUTIONS: Mapping[str, Any] = {
-    name: getattr(stats, name)
-    for name in ("uniform", "loguniform", "norm", "truncnorm", "lognorm", "rayleigh")
-}
+# Distributions of scipy that rigs and files may contain.
+_DISTRIBUTIONS = ("uniform", "loguniform", "norm", "truncnorm", "lognorm", "rayleigh")
 # Probabilities of quantiles are limited to this distance from 0 and 1, where quantiles may be infinite.
 _LEAST_SHARE = 1e-12
 
@@ -65,6 +62,18 @@ class EffectParameter:
         """True if the parameter has a prior, and is therefore fitted."""
         return self.prior is not None
 
+    def default_value(self) -> float | None:
+        """Return the default in a constructor made from the parameters."""
+        if self.default is None and self.prior is not None:
+            return float(self.prior.median())
+        return self.neutral if self.default is None else self.default
+
+    def fit_value(self, value: float) -> float:
+        """Return a value on the scale of the fit; minus infinity for the logarithm of 0."""
+        if not self.log:
+            return float(value)
+        return math.log(value) if value > 0 else -math.inf
+
     def quantile(self, distribution: Any, share: float) -> float:
         """Return the quantile of a frozen distribution, truncated to the bounds, at a share from 0 to 1."""
         below, up_to = _probabilities(distribution, self.low, self.high)
@@ -106,12 +115,12 @@ class EffectParameter:
             self._check_distribution(where, value)
             return
         unit = "" if self.unit == "1" else f" of {self.unit}"
-        what = f"a number{unit}, a range (low, high) or a distribution"
+        wrong = f"{where} must be a number{unit}, a range (low, high) or a distribution, got {short(value)}"
         ends: Sequence[Any] = value if is_range(value) else (value,)
         if is_range(value) and len(ends) != 2:
-            raise ValueError(f"{where} must be {what}, got {short(value)}")
+            raise ValueError(wrong)
         if not all(map(is_number, ends)):
-            raise TypeError(f"{where} must be {what}, got {short(value)}")
+            raise TypeError(wrong)
         if not all(self.low <= end <= self.high for end in ends):  # also for NaN
             raise ValueError(f"{where} must lie between {self._bounds()}, got {value!r}")
         if not is_range(value):
@@ -125,12 +134,12 @@ class EffectParameter:
 
     def _check_distribution(self, where: str, distribution: Any) -> None:
         name = distribution.dist.name
-        if name not in DISTRIBUTIONS:
-            raise ValueError(f"{where} must be one of scipy's {', '.join(DISTRIBUTIONS)}, got {name}")
+        if name not in _DISTRIBUTIONS:
+            raise ValueError(f"{where} must be one of scipy's {', '.join(_DISTRIBUTIONS)}, got {name}")
         inside = float(distribution.cdf(self.high)) - float(distribution.cdf(self.low))
         if not inside >= 0.5:  # also true for NaN, from arguments that scipy rejects
             raise ValueError(
-                f"{where} must lie between {self._bounds()}, where {shown(distribution)} has "
+                f"{where} must lie between {self._bounds()}, where {value_text(distribution)} has "
                 f"{inside:.0%} of its probability"
             )
 
@@ -146,6 +155,11 @@ def is_distribution(value: Any) -> bool:
 def is_range(value: Any) -> bool:
     """Return True for a sequence, which as a parameter must be (low, high)."""
     return isinstance(value, (tuple, list, np.ndarray))
+
+
+def is_spread(value: Any) -> bool:
+    """Return True for a range or a distribution."""
+    return is_range(value) or is_distribution(value)
 
 
 def to_plain(value: Any, *, is_parameter: bool) -> Any:
@@ -169,17 +183,19 @@ def from_plain(value: Any) -> Any:
         return value
     given = dict(value)
     name = given.pop("distribution", None)
-    if name not in tuple(DISTRIBUTIONS):
+    if name not in _DISTRIBUTIONS:
         raise ValueError(
             f'must be a number, [low, high] or {{"distribution": NAME, ...}} with one of '
-            f"{', '.join(DISTRIBUTIONS)}, got {short(value)}"
+            f"{', '.join(_DISTRIBUTIONS)}, got {short(value)}"
         )
-    distribution = DISTRIBUTIONS[name]
+    distribution = getattr(stats, name)
     shapes = _shapes(distribution)
     known = (*shapes, "loc", "scale")
     for key, number in given.items():
         if key not in known:
-            raise ValueError(f"unknown key {key!r} of {name} with value {short(number)}: {meant(key, known)}")
+            raise ValueError(
+                f"unknown key {key!r} of {name} with value {short(number)}: {suggest_key(key, known)}"
+            )
         if not is_number(number):
             raise TypeError(f"{key} of {name} must be a number, got {short(number)}")
     if missing := [key for key in shapes if key not in given]:
@@ -187,7 +203,7 @@ def from_plain(value: Any) -> Any:
     return distribution(**given)
 
 
-def shown(value: Any) -> str:
+def value_text(value: Any) -> str:
     """Return the value as code."""
     if not is_distribution(value):
         return repr(value)
@@ -195,7 +211,7 @@ def shown(value: Any) -> str:
     return f"{value.dist.name}({arguments})"
 
 
-def meant(key: str, known: Iterable[str], prefix: str = "") -> str:
+def suggest_key(key: str, known: Iterable[str], prefix: str = "") -> str:
     """Return the nearest known key, or all of them, for an error message."""
     near = difflib.get_close_matches(key, names := list(known), n=1, cutoff=0.5)
     return f"did you mean {prefix + near[0]!r}?" if near else f"known are {', '.join(names)}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import enum
 import functools
 import inspect
 import math
@@ -16,14 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 
-from cyclofeat._base.checks import is_number
-from cyclofeat.simulators.effects._numbers import (
+from cyclofeat._base.checks import one_of
+from cyclofeat.simulators.effects._parameter import (
     EffectParameter,
-    is_distribution,
-    is_range,
+    is_spread,
     settings_to_file,
-    shown,
     to_plain,
+    value_text,
 )
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.motor import Motor
@@ -31,25 +29,24 @@ from cyclofeat.simulators.motor import Motor
 Float = NDArray[np.float64]
 Fluctuation = Callable[[Float], Float]
 
+# Places in the chain from the nominal gearbox to the recorded number, which runs in this order: nominal
+# values; in the gearbox; between gearbox and signal; on the signal of the torque meter; in the converter.
+# The motor is the other end.
+PLACES = (
+    "nominal", "geometry", "contact", "load_and_speed", "joints",
+    "shaft_and_meter", "sensor", "adc_clock", "adc_codes", "motor",
+)  # fmt: skip
 
-class Place(enum.IntEnum):
-    """Place of an effect in the chain from the wheels to the recorded number; the chain runs upwards.
-
-    ``NOMINAL`` changes the nominal gearbox before anything else. ``GEOMETRY`` to ``JOINTS`` act in the
-    gearbox, ``SHAFT_AND_METER`` between gearbox and signal, ``SENSOR`` on the signal of the torque meter,
-    ``ADC_CLOCK`` and ``ADC_CODES`` in the converter. ``MOTOR`` is the other end: motor and current.
-    """
-
-    NOMINAL = 0
-    GEOMETRY = 1
-    CONTACT = 2
-    LOAD_AND_SPEED = 3
-    JOINTS = 4
-    SHAFT_AND_METER = 5
-    SENSOR = 6
-    ADC_CLOCK = 7
-    ADC_CODES = 8
-    MOTOR = 9
+# Hooks with the place of an effect that overrides one of them.
+_PLACE_OF_HOOK = {
+    "change_gearbox": "geometry",
+    "change_simulator": "geometry",
+    "load_fluctuation": "load_and_speed",
+    "speed_fluctuation": "load_and_speed",
+    "change_torque": "sensor",
+    "change_motor": "motor",
+}
+HOOKS = (*_PLACE_OF_HOOK, "resample")
 
 
 @dataclass(frozen=True)
@@ -71,15 +68,16 @@ class TorqueContext:
     from_rest: bool = False
 
 
-# Default place of an effect, by the hook that it overrides.
-_PLACE_OF_HOOK = {
-    "change_gearbox": Place.GEOMETRY,
-    "change_simulator": Place.GEOMETRY,
-    "load_fluctuation": Place.LOAD_AND_SPEED,
-    "speed_fluctuation": Place.LOAD_AND_SPEED,
-    "change_torque": Place.SENSOR,
-    "change_motor": Place.MOTOR,
-}
+class Of:
+    """Attribute of a class of effects that depends on the setting ``of``: one value for each setting."""
+
+    def __init__(self, **values: Any) -> None:
+        self.values = values
+
+    def __get__(self, effect: Any, kind: Any = None) -> Any:
+        if effect is None:
+            return self
+        return self.values[one_of(f"'of' of {type(effect).__name__}", effect.of, self.values)]
 
 
 class Effect(BaseEstimator):
@@ -100,19 +98,32 @@ class Effect(BaseEstimator):
     ----------
     effect_id : str
         Name in files and reports. Default: the class's name in snake case.
-    place : Place
-        Place in the chain. Default: ``GEOMETRY``, ``LOAD_AND_SPEED``, ``SENSOR`` or ``MOTOR`` for an effect
-        that changes the gearbox, the load or speed, the torque, or the motor; an effect that changes several
-        must state it.
+    summary : str
+        The effect in one sentence. Default: the first line of the class's documentation.
+    place : str
+        Place in the chain: ``"nominal"``, ``"geometry"``, ``"contact"``, ``"load_and_speed"``,
+        ``"joints"``, ``"shaft_and_meter"``, ``"sensor"``, ``"adc_clock"``, ``"adc_codes"`` or ``"motor"``.
+        Default: ``"geometry"``, ``"load_and_speed"``, ``"sensor"`` or ``"motor"`` for an effect that changes
+        the gearbox, the load or speed, the torque, or the motor; an effect that changes several must state
+        it.
     parameters : mapping from str to EffectParameter
-        Numeric parameters by name; other arguments of the constructor are settings. A class without a
-        constructor gets one that takes these parameters.
+        Numeric parameters by name; those with a prior are fitted.
+    settings : mapping from str to object
+        Defaults of settings by name. A class without a constructor gets one that takes its parameters and
+        settings.
     separated_by : str
         Measurement that tells the effect from those that look like it.
+    shows_as : str, default ""
+        What records at one speed, load and direction show of the effect, such as ``"mean torque"``. Effects
+        that show as the same look alike; ``""`` for an effect without look-alikes.
+    moves_mean : bool, default False
+        True if the effect also moves the mean torque, which then says little about effects that show as it.
+    proposed : bool, default True
+        False for an effect that a search which adds one effect at a time leaves out.
 
     See Also
     --------
-    register_effect : Make an effect known to files, commands and the gap's library.
+    register_effect : Make an effect known to files, commands and the gap workflow.
 
     Notes
     -----
@@ -136,26 +147,33 @@ class Effect(BaseEstimator):
     """
 
     effect_id: ClassVar[str] = ""
-    place: ClassVar[Place]
+    summary: ClassVar[str] = ""
+    place: ClassVar[str]
     parameters: ClassVar[Mapping[str, EffectParameter]] = {}
+    settings: ClassVar[Mapping[str, Any]] = {}
     separated_by: ClassVar[str] = ""
+    shows_as: ClassVar[str] = ""
+    moves_mean: ClassVar[bool] = False
+    proposed: ClassVar[bool] = True
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         if "effect_id" not in vars(cls):
             cls.effect_id = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", cls.__name__).lower()
+        if "summary" not in vars(cls):
+            cls.summary = (inspect.getdoc(cls) or cls.__name__).partition("\n")[0]
         if not hasattr(cls, "place"):
-            places = {place for hook, place in _PLACE_OF_HOOK.items() if cls.overrides(hook)}
+            places = {place for hook, place in _PLACE_OF_HOOK.items() if _overrides(cls, hook)}
             if len(places) == 1:
                 cls.place = places.pop()
-        if cls.__init__ is object.__init__:
-            cls.__init__ = _constructor(cls.parameters)  # type: ignore[method-assign]
+        if cls.__init__ is object.__init__ or hasattr(cls.__init__, "__signature__"):
+            cls.__init__ = _constructor(cls)  # type: ignore[method-assign]
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
         if cls is Effect:
-            raise TypeError("Effect is abstract: take one of effect_library(), or define a subclass")
-        made: Self = super().__new__(cls)
-        return made
+            raise TypeError("Effect is abstract: take one of known_effects(), or define a subclass")
+        effect: Self = super().__new__(cls)
+        return effect
 
     def change_gearbox(self, gearbox: CycloidalGearbox, random: np.random.Generator) -> CycloidalGearbox:
         """Return the gearbox with the effect on it; by default the same."""
@@ -228,20 +246,13 @@ class Effect(BaseEstimator):
     def check_settings(self) -> None:
         """Raise TypeError or ValueError for wrong settings; by default accept all."""
 
-    @classmethod
-    def summary(cls) -> str:
-        """Return the first line of the effect's documentation."""
-        return (inspect.getdoc(cls) or cls.__name__).partition("\n")[0]
-
-    @classmethod
-    def needs_simulation(cls) -> bool:
+    def needs_simulation(self) -> bool:
         """Return True unless the effect can be applied to a torque simulated before."""
-        return any(cls.overrides(hook) for hook in _PLACE_OF_HOOK if hook != "change_torque")
+        return any(self.overrides(hook) for hook in _PLACE_OF_HOOK if hook != "change_torque")
 
-    @classmethod
-    def overrides(cls, hook: str) -> bool:
-        """Return True if the class overrides a hook."""
-        return getattr(cls, hook) is not getattr(Effect, hook)
+    def overrides(self, hook: str) -> bool:
+        """Return True if the effect overrides a hook."""
+        return _overrides(type(self), hook)
 
     def check(self) -> Self:
         """Return the effect itself; raise TypeError or ValueError for a wrong parameter or setting."""
@@ -253,7 +264,7 @@ class Effect(BaseEstimator):
     @property
     def has_spread(self) -> bool:
         """True if a parameter is a range or a distribution."""
-        return any(_is_spread(getattr(self, name)) for name in self.parameters)
+        return any(is_spread(getattr(self, name)) for name in self.parameters)
 
     def for_assembly(self, random: np.random.Generator) -> Self:
         """Return a copy with a number drawn from each range and distribution.
@@ -264,12 +275,11 @@ class Effect(BaseEstimator):
             Advances by one number per parameter, so that ranges do not change the draws of others.
         """
         self.check()
-        shares = {name: float(random.random()) for name in self.parameters}
-        drawn = {
-            name: parameter.draw(getattr(self, name), shares[name])
-            for name, parameter in self.parameters.items()
-            if _is_spread(getattr(self, name))
-        }
+        drawn = {}
+        for name, parameter in self.parameters.items():
+            value, share = getattr(self, name), float(random.random())
+            if is_spread(value):
+                drawn[name] = parameter.draw(value, share)
         return self.with_parameters(**drawn)
 
     def draw_parameters(self, random: np.random.Generator) -> Self:
@@ -288,8 +298,10 @@ class Effect(BaseEstimator):
         >>> 0.002 <= drawn.inertia <= 0.1
         True
         """
-        fitted = {name: self.parameters[name] for name in self.vector_names()}
-        drawn = {name: one.quantile(one.prior, float(random.random())) for name, one in fitted.items()}
+        drawn = {}
+        for name in self.vector_names():
+            parameter = self.parameters[name]
+            drawn[name] = parameter.quantile(parameter.prior, float(random.random()))
         return self.with_parameters(**drawn)
 
     def with_parameters(self, **values: Any) -> Self:
@@ -304,17 +316,21 @@ class Effect(BaseEstimator):
         values = {name: p.neutral for name, p in self.parameters.items() if p.neutral is not None}
         return self.with_parameters(**values)
 
-    @classmethod
-    def vector_names(cls) -> list[str]:
+    def vector_names(self) -> list[str]:
         """Return the names of the fitted parameters, in the order of :meth:`to_vector`."""
-        return [name for name, parameter in cls.parameters.items() if parameter.fitted]
+        return [name for name, parameter in self.parameters.items() if parameter.fitted]
 
-    @classmethod
-    def vector_bounds(cls) -> tuple[Float, Float]:
+    @property
+    def main_parameter(self) -> str:
+        """Name of the fitted parameter that says how strong the effect is: the first that can be neutral."""
+        names = self.vector_names()
+        return next((name for name in names if self.parameters[name].neutral is not None), names[0])
+
+    def vector_bounds(self) -> tuple[Float, Float]:
         """Return lower and upper bounds of :meth:`to_vector`, each of shape (n_fitted,)."""
-        fitted = [cls.parameters[name] for name in cls.vector_names()]
-        low = [_scaled(parameter, parameter.low) for parameter in fitted]
-        high = [_scaled(parameter, parameter.high) for parameter in fitted]
+        fitted = [self.parameters[name] for name in self.vector_names()]
+        low = [parameter.fit_value(parameter.low) for parameter in fitted]
+        high = [parameter.fit_value(parameter.high) for parameter in fitted]
         return np.array(low), np.array(high)
 
     def to_vector(self) -> Float:
@@ -335,16 +351,16 @@ class Effect(BaseEstimator):
         vector = []
         for name in self.vector_names():
             value, parameter = getattr(self, name), self.parameters[name]
-            if _is_spread(value):
+            if is_spread(value):
                 raise ValueError(
-                    f"{name} of {self.effect_id} must be a number to be fitted, got {shown(value)}"
+                    f"{name} of {self.effect_id} must be a number to be fitted, got {value_text(value)}"
                 )
             if parameter.log and not 0 < value < math.inf:
                 raise ValueError(
                     f"{name} of {self.effect_id} must be above 0 and finite to be fitted in its logarithm, "
                     f"got {value!r}: start elsewhere, for instance at a draw from its prior"
                 )
-            vector.append(_scaled(parameter, value))
+            vector.append(parameter.fit_value(value))
         return np.array(vector)
 
     def from_vector(self, vector: ArrayLike) -> Self:
@@ -387,10 +403,16 @@ class Effect(BaseEstimator):
         >>> TorqueMeterLowPass(cutoff_hz=(200, 400)).to_dict()
         {'effect': 'torque_meter_low_pass', 'cutoff_hz': [200.0, 400.0], 'order': 2}
         """
-        kind: Any = type(self)  # mypy takes the instances' hash for that of the class
-        names = _arguments(kind)
-        values = {name: to_plain(getattr(self, name), is_parameter=name in self.parameters) for name in names}
+        values = {
+            name: to_plain(getattr(self, name), is_parameter=name in self.parameters)
+            for name in self.file_keys()
+        }
         return {"effect": self.effect_id, **settings_to_file(values)}
+
+    def file_keys(self) -> list[str]:
+        """Return the names of the parameters and settings that a file holds: all that no name states."""
+        kind: Any = type(self)  # mypy takes the instances' hash for that of the class
+        return [name for name in _arguments(kind) if name != "of" or not isinstance(kind.effect_id, Of)]
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Effect) and type(self) is type(other) and self.to_dict() == other.to_dict()
@@ -401,9 +423,11 @@ class Effect(BaseEstimator):
     def __repr__(self) -> str:
         kind: Any = type(self)
         arguments = _arguments(kind)
-        values = {name: shown(getattr(self, name)) for name in arguments}
+        values = {name: value_text(getattr(self, name)) for name in arguments}
         given = ", ".join(
-            f"{name}={value}" for name, value in values.items() if value != shown(arguments[name].default)
+            f"{name}={value}"
+            for name, value in values.items()
+            if value != value_text(arguments[name].default)
         )
         return f"{type(self).__name__}({given})"
 
@@ -413,44 +437,22 @@ def _arguments(kind: type[Effect]) -> Mapping[str, inspect.Parameter]:
     return inspect.signature(kind).parameters
 
 
-def check_phase(where: str, value: Any) -> None:
-    """Raise unless ``value`` is None or a finite number of rad."""
-    if value is not None and not (is_number(value) and math.isfinite(value)):
-        raise ValueError(f"{where} must be a number of rad, or None for a random one, got {value!r}")
+def _overrides(kind: type[Effect], hook: str) -> bool:
+    return getattr(kind, hook) is not getattr(Effect, hook)
 
 
-def _scaled(parameter: EffectParameter, value: float) -> float:
-    """Return the value on the scale of the fit."""
-    if not parameter.log:
-        return float(value)
-    return math.log(value) if value > 0 else -math.inf
-
-
-def _is_spread(value: Any) -> bool:
-    return is_range(value) or is_distribution(value)
-
-
-def _constructor(parameters: Mapping[str, EffectParameter]) -> Callable[..., None]:
-    """Return a constructor that takes the parameters in their order."""
+def _constructor(cls: type[Effect]) -> Callable[..., None]:
+    """Return a constructor that takes the parameters and settings of a class in their order."""
     kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
-    signature = inspect.Signature(
-        [
-            inspect.Parameter("self", kind),
-            *(inspect.Parameter(name, kind, default=_default(one)) for name, one in parameters.items()),
-        ]
-    )
+    defaults = {name: one.default_value() for name, one in cls.parameters.items()} | dict(cls.settings)
+    arguments = [inspect.Parameter(name, kind, default=value) for name, value in defaults.items()]
+    signature = inspect.Signature([inspect.Parameter("self", kind), *arguments])
 
     def __init__(self: Any, *args: Any, **kwargs: Any) -> None:
         bound = signature.bind(self, *args, **kwargs)
         bound.apply_defaults()
-        for name in parameters:
+        for name in defaults:
             setattr(self, name, bound.arguments[name])
 
     __init__.__signature__ = signature  # type: ignore[attr-defined]
     return __init__
-
-
-def _default(parameter: EffectParameter) -> float | None:
-    if parameter.default is None and parameter.prior is not None:
-        return float(parameter.prior.median())
-    return parameter.neutral if parameter.default is None else parameter.default
