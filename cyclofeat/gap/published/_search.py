@@ -89,7 +89,7 @@ class Search:
         self.random_state = rigs.random_state
         # Look-alikes have the same influence on these statistics: the search uses the last in the chain.
         self._same_torque = [
-            [name for name in reversed(known_effects()) if name in group] for group in look_alikes()
+            [name for name in reversed(tuple(known_effects())) if name in group] for group in look_alikes()
         ]
         self._scores: dict[tuple[Set, tuple[int, ...]], Float] = {}
         self._fits: dict[Set, DenseRigs] = {}
