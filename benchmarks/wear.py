@@ -23,7 +23,8 @@ from benchmarks._markdown import line, share, table
 from benchmarks._versions import kept_in
 from cyclofeat.counting import LobeCount, LobeModel, lobe_lines_nm, runs_of
 from cyclofeat.datasets import make_rig_recordings, rig_preset
-from cyclofeat.recordings import Recording, at_lowest_rate, shaft_windows
+from cyclofeat.recordings import Recording
+from cyclofeat.recordings.windower import lobe_windower
 from cyclofeat.simulators import Noise, Solver
 
 RANGE_UM = (5.0, 200.0)
@@ -52,7 +53,7 @@ def simulated(
     return make_rig_recordings(
         n, counts, rig=rig_preset(rig).with_effects(Noise(0.0)), wheels=(0, 1), wear_um=wear_um,
         output_turns=1.01 * TURNS, sampling_rate=RATE_HZ, random_state=seed, n_jobs=n_jobs, with_angle=True,
-        kernel="auto", solver=Solver(integrator="adams_bashforth"), keep=lambda one: at_lowest_rate(one, 15),
+        kernel="auto", solver=Solver(integrator="adams_bashforth"), keep=lobe_windower(15).at_lowest_rate,
     )  # fmt: skip
 
 
@@ -106,7 +107,7 @@ class Oracle:
 
 def _lines(recording: Recording) -> NDArray[np.complex128]:
     """Return the lobe lines of a recording in Nm, without those below the brake's drift."""
-    windows = shaft_windows([recording], [recording.input_angle(15)], 15)  # type: ignore[list-item]
+    windows = lobe_windower(15).windows([recording])
     return lobe_lines_nm(runs_of(windows.X, TURNS), 15).lines[:, 2:]
 
 

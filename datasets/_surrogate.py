@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cyclofeat._base import checks
+from cyclofeat._base.quantities import QUANTITIES
 from cyclofeat._base.words import from_1
 from cyclofeat.datasets._conditions import Conditions, Length, Radial
-from cyclofeat.recordings import QUANTITIES, Recording
+from cyclofeat.recordings import Recording
 
 if TYPE_CHECKING:  # the simulator loads numba: only those who simulate wait for it
     from cyclofeat.simulators import (
@@ -116,7 +117,7 @@ def make_rig_recordings(
         Assemblies per defect count to leave out before the first: a set may be made in parts.
     keep : callable, optional
         Called with each recording; what it returns is kept in its place. With one that returns less, such as
-        :func:`cyclofeat.recordings.at_lowest_rate`, no more than some hundred whole recordings are in memory.
+        :meth:`cyclofeat.Windower.at_lowest_rate`, no more than some hundred whole recordings are in memory.
 
     Returns
     -------

@@ -75,7 +75,8 @@ def cross_validated(
         make_lobe_counter,
         passage_of_lobe_zero,
     )
-    from cyclofeat.recordings import Windower, common_n_lobes, common_speed
+    from cyclofeat.recordings import Windower
+    from cyclofeat.recordings.recording import common_n_lobes, common_speed
 
     speed, n_lobes = common_speed(recordings), common_n_lobes(recordings)
     if speed is None:

@@ -37,7 +37,7 @@ _WINDOWS, _WINDOWS_OF_WEAR = 2, 5
 _SLIP = 0.03
 # Share of the simulated worn assemblies that have radial wear, of --mixed-wear; the others have the chord.
 _RADIAL_SHARE = 1 / 3
-# Samples per input turn of windows, cyclofeat.recordings.SAMPLES_PER_TURN, which loads late.
+# Samples per input turn of windows, cyclofeat.recordings.windower.SAMPLES_PER_TURN, which loads late.
 _PER_TURN = 128
 
 
@@ -177,7 +177,7 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     """Return simulated recordings and the name of their rig."""
     from cyclofeat.counting import samples_per_turn_at
     from cyclofeat.datasets import make_rig_recordings
-    from cyclofeat.recordings import at_lowest_rate
+    from cyclofeat.recordings.windower import lobe_windower
     from cyclofeat.simulators import Solver
 
     rig = rig_of(arguments, default="r2")
@@ -217,7 +217,7 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
             solver=Solver(integrator="adams_bashforth"),
             progress=progress,
             # Only what the windows need: whole recordings would fill the memory.
-            keep=lambda one: at_lowest_rate(one, gearbox.n_lobes, arguments.samples_per_turn),
+            keep=lobe_windower(gearbox.n_lobes, arguments.samples_per_turn).at_lowest_rate,
         )
     return recordings, rig.name
 

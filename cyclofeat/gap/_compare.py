@@ -12,7 +12,8 @@ from cyclofeat.gap._settings import GapSettings
 from cyclofeat.gap._where import where_of
 from cyclofeat.gap.where import LocatedGap, locate_all
 from cyclofeat.gap.world import World
-from cyclofeat.recordings import Recording, common_n_lobes
+from cyclofeat.recordings import Recording
+from cyclofeat.recordings.recording import common_n_lobes
 from cyclofeat.simulators import Rig
 
 _FEW_SIMULATED = 40  # below it "disagree" is said too often where nothing differs

@@ -21,7 +21,9 @@ from cyclofeat.gap.comparison import Comparison
 from cyclofeat.gap.simulations import Bank
 from cyclofeat.gap.summaries import Conditions
 from cyclofeat.gap.world import FLOOR, Session, World, turn_samples
-from cyclofeat.recordings import Recording, Windower, common_n_lobes, common_quantity, named
+from cyclofeat.recordings import Recording, Windower
+from cyclofeat.recordings.recording import common_n_lobes, common_quantity
+from cyclofeat.recordings.windower import recording_label
 from cyclofeat.signal.orders import mean_speed
 from cyclofeat.simulators import Rig
 
@@ -335,7 +337,7 @@ class MeasuredRig:
             needed.append(turn_samples(Conditions(self.sampling_rate, at.speed_rpm / 60, self.n_lobes)))
             if one.n_samples < needed[-1]:
                 raise ValueError(
-                    f"{named(i, one)} is too short: an output turn and 3 % "
+                    f"{recording_label(i, one)} is too short: an output turn and 3 % "
                     f"more, {needed[-1] / self.sampling_rate:.4g} s at {at.speed_rpm:.4g} RPM, is needed, "
                     f"got {one.duration:.4g} s"
                 )

@@ -10,7 +10,8 @@ import numpy as np
 from cyclofeat._base.quantities import in_words
 from cyclofeat._base.words import from_1, lobes_text, number
 from cyclofeat.datasets.readers._labels import WORN, samples_name
-from cyclofeat.recordings import SAMPLES_PER_TURN, Recording
+from cyclofeat.recordings import Recording
+from cyclofeat.recordings.windower import SAMPLES_PER_TURN
 from cyclofeat.signal.faults import clipped, dropped
 from cyclofeat.signal.speed import follow_speed, search_speed
 

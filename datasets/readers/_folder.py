@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from cyclofeat._base.checks import one_of
+from cyclofeat._base.quantities import QUANTITIES
 from cyclofeat.datasets.readers._labels import WORN, check_no_bare_lobes
 from cyclofeat.datasets.readers._read import SOURCES, file_path, read_recording
 from cyclofeat.datasets.readers._text import TextLines, cells_of
-from cyclofeat.recordings import QUANTITIES, Recording
+from cyclofeat.recordings import Recording
 
 #: Name of the file that describes the recordings of its folder.
 MANIFEST = "recordings.csv"

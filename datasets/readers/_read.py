@@ -14,6 +14,7 @@ import numpy as np
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.checks import check_type, one_of, whole
 from cyclofeat._base.files import write_whole
+from cyclofeat._base.quantities import QUANTITIES, QUANTITY_UNITS
 from cyclofeat.datasets.readers._columns import (
     ANGLE_NAMES,
     ANGLE_REMEDY,
@@ -37,7 +38,7 @@ from cyclofeat.datasets.readers._tdms import TdmsSource
 from cyclofeat.datasets.readers._times import rate_of
 from cyclofeat.datasets.readers._wav import WavSource
 from cyclofeat.datasets.readers._xlsx import XlsxSource
-from cyclofeat.recordings import QUANTITIES, QUANTITY_UNITS, Recording
+from cyclofeat.recordings import Recording
 from cyclofeat.signal.tachometer import angle_from_pulses, continuous_angle
 
 SOURCES: dict[str, Callable[..., Source]] = {

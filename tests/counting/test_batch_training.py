@@ -16,7 +16,8 @@ from cyclofeat.features import (
     SpectralEntropy,
     TorqueStatistics,
 )
-from cyclofeat.recordings import WindowSet, shaft_windows
+from cyclofeat.recordings import WindowSet
+from cyclofeat.recordings.windower import lobe_windower
 from cyclofeat.simulators import Solver
 
 RATE = 5120.0
@@ -76,9 +77,8 @@ def test_a_motor_that_yields_to_the_load_still_fills_its_windows(monkeypatch):
         "train --quantity motor_current --speeds 100:1500 --loads 3:40 --windows 1 --jobs 1 --out m.skops"
     )
     ((recording,), _) = train._simulated(make_parser().parse_args([*command.split(), "--assemblies", "1"]))
-    angle = recording.input_angle(15)
-    assert len(shaft_windows([recording], [angle], 15)) == 1
+    windower = lobe_windower(15)
+    assert len(windower.windows(recording)) == 1
     as_stated = round(recording.sampling_rate * 15 / recording.input_speed_hz)
-    with pytest.raises(ValueError, match=r"14\.\d* input turns, a window of one output turn needs"):
-        shaft_windows([recording.replace(torque=recording.torque[:as_stated], angle=angle[:as_stated])],
-                      [angle[:as_stated]], 15)  # fmt: skip
+    with pytest.raises(ValueError, match=r"14\.\d* input turns, a window of 0.98 output turns .* needs"):
+        windower.windows(recording.part(0, as_stated / recording.sampling_rate))

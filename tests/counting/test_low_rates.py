@@ -11,7 +11,8 @@ from small_model import RATE, SPEED, labelled, recording, recordings_with_wear, 
 
 from cyclofeat.counting import LobeModel, LobeStream
 from cyclofeat.models import load_model, read_card, save_model
-from cyclofeat.recordings import Recording, shaft_windows
+from cyclofeat.recordings import Recording
+from cyclofeat.recordings.windower import lobe_windower
 from cyclofeat.signal.lobes import lines_held
 from cyclofeat.signal.speed import follow_speed
 
@@ -146,7 +147,7 @@ def test_windows_hold_the_highest_line(per_turn, excess):
     turns = np.arange(round(16 * excess * per_turn)) / (excess * per_turn)
     torque = 22 + np.cos(2 * np.pi * order * turns)
     one = Recording(torque, excess * per_turn * SPEED)
-    (window,) = shaft_windows([one], [2 * np.pi * turns], 15, per_turn).X
+    (window,) = lobe_windower(15, per_turn).windows([one], [2 * np.pi * turns]).X
     at = np.arange(window.size) / per_turn
     found = np.linalg.lstsq(
         np.column_stack([np.cos(2 * np.pi * order * at), np.sin(2 * np.pi * order * at)]), window, rcond=None

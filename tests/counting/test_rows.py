@@ -15,7 +15,7 @@ from cyclofeat.counting.estimators import _row_network
 from cyclofeat.counting.model._training import some_of_each_count
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.models import load_model, save_model
-from cyclofeat.recordings import shaft_windows
+from cyclofeat.recordings.windower import lobe_windower
 from cyclofeat.simulators import Solver
 
 COUNTS = (0, 1, 3, 5)
@@ -29,7 +29,7 @@ def simulated(n: int, seed: int) -> list:
 
 
 def windows_of(recordings):
-    windows = shaft_windows(recordings, [one.input_angle(15) for one in recordings], 15)
+    windows = lobe_windower(15).windows(recordings)
     return windows, windows.worn_table(15), passage_of_lobe_zero(windows.start_angle, 15)
 
 

@@ -69,7 +69,7 @@ def test_a_stream_keeps_a_window_and_begins_anew():
     counts, kept = [], []
     for k in range(0, record.n_samples, 100):
         stream.push(record.torque[k : k + 100], record.angle[k : k + 100])
-        kept.append(sum(torque.size for torque, _ in stream._cutter._pieces))
+        kept.append(sum(torque.size for torque, _ in stream._windows._pieces))
         if k in (12_000, 24_000):
             counts.append(stream.result())
     assert max(kept) <= 240 * 16 + 100  # samples of sixteen input turns and a piece

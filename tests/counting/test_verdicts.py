@@ -10,7 +10,7 @@ from scipy.signal import butter, sosfilt
 
 from cyclofeat import Recording, Windower
 from cyclofeat.counting.model._verdicts import disagreement, most_frequent, outvoted, window_faults
-from cyclofeat.recordings import shaft_windows
+from cyclofeat.recordings.windower import lobe_windower
 from cyclofeat.signal.orders import samples_at
 
 RATE, SPEED, TURN = 25_600.0, 500 / 60, 46_080
@@ -35,7 +35,7 @@ def faults(torque, angle=None, speed_rpm=None):
 
 def faults_over_the_angle(torque, angle, speed_rpm=None):
     recording = Recording(torque, RATE, angle=angle, speed_rpm=speed_rpm)
-    windows = shaft_windows([recording], [angle], 15)
+    windows = lobe_windower(15).windows([recording], [angle])
     ends = windows.start_angle + 2 * np.pi * windows.X.shape[1] / windows.sampling_rate
     return window_faults(recording, windows, samples_at(ends, angle) / RATE, 15)
 

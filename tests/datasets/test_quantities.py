@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cyclofeat._base.quantities import QUANTITIES
 from cyclofeat.cli import main
 from cyclofeat.datasets import describe, read_folder, read_recording, write_recording
 from cyclofeat.datasets.readers import one_line
-from cyclofeat.recordings import QUANTITIES, Recording
+from cyclofeat.recordings import Recording
 
 OUT, IN, CURRENT = QUANTITIES
 GERMAN = "Abtriebsdrehmoment [Nm];Antriebsmoment [Nm];Motorstrom [A]"

@@ -27,7 +27,7 @@ import golden_cases as cases  # noqa: E402
 from cyclofeat.counting import LobeLocator, LobeModel, passage_of_lobe_zero  # noqa: E402
 from cyclofeat.datasets import make_rig_recordings  # noqa: E402
 from cyclofeat.models import save_model  # noqa: E402
-from cyclofeat.recordings import shaft_windows  # noqa: E402
+from cyclofeat.recordings.windower import lobe_windower  # noqa: E402
 
 PER_COUNT = {"R1": 8, "R2": 12}  # training assemblies of each count
 N_TREES, N_LOCATOR_TREES = 40, 24  # few: the file shall be small
@@ -69,7 +69,7 @@ def record_model() -> None:
     model = LobeModel.train(
         made, n_splits=0, n_trees=N_TREES, description=f"{len(made)} simulated assemblies of rigs R1 and R2"
     )
-    windows = shaft_windows(made, [one.angle for one in made], model.n_lobes)
+    windows = lobe_windower(model.n_lobes).windows(made)
     locator = LobeLocator(
         windows.sampling_rate,
         input_speed_hz=1.0,

@@ -28,7 +28,8 @@ from cyclofeat.counting.evaluation.evaluate import (
     score_answers,
 )
 from cyclofeat.counting.model.turning import Turning, angle_by_lines
-from cyclofeat.recordings import SAMPLES_PER_TURN, Recording, WindowSet, shaft_windows
+from cyclofeat.recordings import Recording, WindowSet
+from cyclofeat.recordings.windower import SAMPLES_PER_TURN, lobe_windower
 from cyclofeat.signal.lobes import N_LINES, lines_held
 from cyclofeat.signal.windows import Float
 
@@ -103,7 +104,7 @@ def windows_to_learn(
         if by_lines is not None:
             number.append(k)
             angles.append(by_lines)
-    windows = shaft_windows([recordings[k] for k in number], angles, n_lobes, samples_per_turn)
+    windows = lobe_windower(n_lobes, samples_per_turn).windows([recordings[k] for k in number], angles)
     return replace(windows, recording=np.array(number)[windows.recording])
 
 

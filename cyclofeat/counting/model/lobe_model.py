@@ -42,15 +42,9 @@ from cyclofeat.counting.model.lobe_count import LobeCount
 from cyclofeat.counting.model.radial_wear import RadialWear, stated_depths
 from cyclofeat.counting.model.turning import Turning, turning_of
 from cyclofeat.features import LobeMap
-from cyclofeat.recordings import (
-    SAMPLES_PER_TURN,
-    Recording,
-    Windower,
-    WindowSet,
-    common_n_lobes,
-    common_quantity,
-    shaft_windows,
-)
+from cyclofeat.recordings import Recording, Windower, WindowSet
+from cyclofeat.recordings.recording import common_n_lobes, common_quantity
+from cyclofeat.recordings.windower import SAMPLES_PER_TURN, lobe_windower
 from cyclofeat.signal.lobes import N_LINES, SPEED_TOLERANCE, LobeLines, lobe_frequency
 from cyclofeat.signal.speed import FOLLOWED_TOLERANCE
 from cyclofeat.signal.windows import Float
@@ -470,7 +464,7 @@ class LobeModel(RecordingPredictions):
             windower = Windower(input_speed_hz=self.input_speed_hz, reduction=self.n_lobes)
             return windower.windows([recording]), None
         turning = turning_of(recording, self.n_lobes)
-        windows = shaft_windows([recording], [turning.angle], self.n_lobes, self.samples_per_turn)
+        windows = lobe_windower(self.n_lobes, self.samples_per_turn).windows([recording], [turning.angle])
         return windows, turning
 
     def count(self, recording: Recording) -> LobeCount:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +14,9 @@ from cyclofeat.counting.model._verdicts import window_faults
 from cyclofeat.counting.model._window_answers import AnsweredWindows, PreparedWindows
 from cyclofeat.counting.model.lobe_count import LobeCount, WindowCount
 from cyclofeat.counting.model.lobe_model import LobeModel
-from cyclofeat.recordings import Recording, ShaftCutter, ShaftWindow, window_set
+from cyclofeat.recordings import Recording
+from cyclofeat.recordings.window_stream import StreamWindow, WindowStream
+from cyclofeat.recordings.windower import lobe_windower
 from cyclofeat.signal.windows import Float
 
 
@@ -79,7 +82,12 @@ class LobeStream:
         self.speed_rpm = speed_rpm
         self.angle_is_absolute = checks.flag("angle_is_absolute", angle_is_absolute)
         self.block_turns = None if block_turns is None else checks.whole("block_turns", block_turns, 1)
-        nothing = self._recording(np.zeros(8))
+        self._labels: dict[str, Any] = {
+            "speed_rpm": speed_rpm,
+            "n_lobes": model.n_lobes,
+            "quantity": str(model.card.get("quantity", "output_torque")),
+        }
+        nothing = Recording(np.zeros(8), self.sampling_rate, **self._labels)
         model.check(nothing)  # quantity, rate and stated speed
         if speed_rpm is not None:
             self.model = model.suited_to(nothing)
@@ -100,7 +108,10 @@ class LobeStream:
         self._begin()
 
     def _begin(self) -> None:
-        self._cutter = ShaftCutter(self.sampling_rate, self.model.n_lobes, self.model.samples_per_turn)
+        windower = lobe_windower(self.model.n_lobes, self.model.samples_per_turn)
+        self._windows = WindowStream(
+            windower, self.sampling_rate, angle_is_absolute=self.angle_is_absolute, **self._labels
+        )
         self._pieces: list[Float] = []
         self._n_samples = 0
         self._n_kept = 0  # of a block
@@ -173,7 +184,7 @@ class LobeStream:
             )
         self._angles = (float(angles[0]) if self._angles is None else self._angles[0], float(angles[-1]))
         self._n_samples += torque.size
-        for window in self._cutter.push(torque, angles):
+        for window in self._windows.push(torque, angles):
             self._answer(window)
         return self._returned()
 
@@ -192,7 +203,7 @@ class LobeStream:
         """
         doubt, notes = "", []
         if self.block_turns is None:
-            for window in self._cutter.finish():
+            for window in self._windows.finish():
                 self._answer(window)
         else:  # behind one that raised an error
             self._count_blocks(np.empty(0))
@@ -218,15 +229,15 @@ class LobeStream:
         counted, self._counted = self._counted, []
         return counted
 
-    def _answer(self, window: ShaftWindow) -> None:
+    def _answer(self, window: StreamWindow) -> None:
         """Count one window: alone, so that its answer does not depend on the pieces."""
-        recording = self._recording(window.torque, window.angle)
-        windows = window_set([recording], [window.cut], float(self.model.samples_per_turn))
-        stop = window.cut[2] + 2 * np.pi * windows.X.shape[1] / windows.sampling_rate
-        stop_s = np.interp(stop, window.angle, np.arange(window.angle.size)) / self.sampling_rate
+        windows, recording = window.windows, window.recording
+        stop = windows.start_angle + 2 * np.pi * windows.X.shape[1] / windows.sampling_rate
+        assert recording.angle is not None
+        stop_s = np.interp(stop, recording.angle, np.arange(recording.n_samples)) / self.sampling_rate
         faults = window_faults(recording, windows, stop_s, self.model.n_lobes)
         if not self._answers:
-            self._first_angle = float(window.cut[2][0])
+            self._first_angle = float(windows.start_angle[0])
         prepared = PreparedWindows(windows, stop_s, faults, "", (), self._first_angle)
         (answered,) = self.model._answered([prepared])
         answered = dataclasses.replace(answered, wear=self._wear_answers(windows.X[0], faults[0]))
@@ -256,7 +267,7 @@ class LobeStream:
             while joined.size - begin >= self._block:
                 block = joined[begin : begin + self._block]
                 begin += self._block
-                prepared = self.model._prepared(self._recording(block))
+                prepared = self.model._prepared(Recording(block, self.sampling_rate, **self._labels))
                 (answered,) = self.model._answered([prepared])
                 faults = tuple(fault or prepared.doubt for fault in answered.faults)
                 answered = dataclasses.replace(answered, faults=faults, lobe_proba=None)
@@ -269,10 +280,3 @@ class LobeStream:
         self._answers.append(answered)
         classes: NDArray[np.int64] = self.model.classes_
         self._counted += answered.counts(classes, answered.reasons())
-
-    def _recording(self, torque: Float, angle: Float | None = None) -> Recording:
-        return Recording(
-            torque, self.sampling_rate, angle=angle, speed_rpm=self.speed_rpm, n_lobes=self.model.n_lobes,
-            quantity=str(self.model.card.get("quantity", "output_torque")),
-            angle_is_absolute=self.angle_is_absolute and angle is not None,
-        )  # fmt: skip

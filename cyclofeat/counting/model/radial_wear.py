@@ -20,7 +20,8 @@ from cyclofeat.counting.estimators.row_counter import RowCounter
 from cyclofeat.counting.estimators.trees import CountingTrees
 from cyclofeat.counting.evaluation.assembly_folds import Float
 from cyclofeat.features import LobeMap
-from cyclofeat.recordings import SAMPLES_PER_TURN, Recording, WindowSet
+from cyclofeat.recordings import Recording, WindowSet
+from cyclofeat.recordings.windower import SAMPLES_PER_TURN
 from cyclofeat.signal.lobes import LobeComb, LobeLines, line_contrast, lobe_frequency, lobe_lines
 
 #: Windows of a run at most: more turns lower the noise, but assemblies then differ by more than noise.

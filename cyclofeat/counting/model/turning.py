@@ -9,7 +9,7 @@ import numpy as np
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.quantities import in_words
 from cyclofeat.recordings import Recording
-from cyclofeat.recordings._shaft import WINDOW_TURNS
+from cyclofeat.recordings.windower import WINDOW_TURNS
 from cyclofeat.signal.drive import follow_motor
 from cyclofeat.signal.orders import mean_speed, samples_at
 from cyclofeat.signal.speed import (

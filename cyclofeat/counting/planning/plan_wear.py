@@ -13,7 +13,7 @@ from scipy.stats import chi2, ncx2
 from cyclofeat._base.checks import number, positive, whole
 from cyclofeat._base.frames import frame
 from cyclofeat.counting.model.radial_wear import lobe_lines_nm, runs_of
-from cyclofeat.recordings import shaft_windows
+from cyclofeat.recordings.windower import lobe_windower
 from cyclofeat.signal.windows import Complex, Float
 
 if TYPE_CHECKING:  # the simulator loads numba: only those who simulate wait for it
@@ -241,8 +241,7 @@ class _Twins:
         from cyclofeat.datasets import make_rig_recordings
 
         recordings = make_rig_recordings(self.n, [worn], wear_um=depth_um, **self._options)
-        angles = [recording.input_angle(self.n_lobes) for recording in recordings]
-        windows = shaft_windows(recordings, angles, self.n_lobes)  # type: ignore[arg-type]
+        windows = lobe_windower(self.n_lobes).windows(recordings)
         runs = [runs_of(windows.X[windows.recording == k], self.turns)[:1] for k in range(self.n)]
         lines: Complex = lobe_lines_nm(np.concatenate(runs), self.n_lobes).lines
         return lines[:, _LOWEST_LINE - 1 :]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -13,16 +13,17 @@ import numpy as np
 from cyclofeat._base import plots, svg
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.card import card
+from cyclofeat._base.checks import flag, is_whole, number, one_of, positive, series, whole
 from cyclofeat._base.quantities import CHANNELS, QUANTITIES, QUANTITY_UNITS, in_words
 from cyclofeat._base.words import from_1, lobes_text
-from cyclofeat.recordings import _checks as check
-from cyclofeat.recordings._checks import Label
 from cyclofeat.signal.lobes import SPEED_TOLERANCE
 from cyclofeat.signal.orders import input_angle_from_disc, mean_speed
-from cyclofeat.signal.windows import Float
+from cyclofeat.signal.windows import LARGEST, Float
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+Label = str | int
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,23 +108,23 @@ class Recording:
 
     def __post_init__(self) -> None:
         checked: dict[str, Any] = {
-            "torque": check.samples("torque", self.torque),
-            "sampling_rate": check.positive("sampling_rate", self.sampling_rate, "a number (Hz)"),
-            "quantity": check.one_of("quantity", self.quantity, QUANTITIES),
-            "angle_is_absolute": check.flag("angle_is_absolute", self.angle_is_absolute),
-            "assembly": check.label("assembly", self.assembly),
-            "run": check.label("run", self.run),
-            "n_lobes": check.whole("n_lobes", self.n_lobes, 2),
-            "source": None if self.source is None else check.text("source", self.source),
-            "meta": check.meta(self.meta),
+            "torque": _checked_samples("torque", self.torque),
+            "sampling_rate": positive("sampling_rate", self.sampling_rate, "a number (Hz)"),
+            "quantity": one_of("quantity", self.quantity, QUANTITIES),
+            "angle_is_absolute": flag("angle_is_absolute", self.angle_is_absolute),
+            "assembly": _checked_label("assembly", self.assembly),
+            "run": _checked_label("run", self.run),
+            "n_lobes": whole("n_lobes", self.n_lobes, 2),
+            "source": None if self.source is None else _checked_text("source", self.source),
+            "meta": _checked_meta(self.meta),
         }
         if self.angle_of not in ("input", "disc"):
             raise ValueError(f"angle_of must be 'input' or 'disc', got {self.angle_of!r}")
         if self.speed_rpm is not None:
-            checked["speed_rpm"] = check.positive("speed_rpm", self.speed_rpm, "a number (RPM)")
+            checked["speed_rpm"] = positive("speed_rpm", self.speed_rpm, "a number (RPM)")
         if self.load_nm is not None:
-            checked["load_nm"] = check.number("load_nm", self.load_nm, "a number (Nm)")
-        checked["worn_lobes"], checked["defect_count"] = check.defects(
+            checked["load_nm"] = number("load_nm", self.load_nm, "a number (Nm)")
+        checked["worn_lobes"], checked["defect_count"] = _checked_defects(
             self.worn_lobes, self.defect_count, checked["n_lobes"]
         )
         for name, value in checked.items():
@@ -134,7 +135,7 @@ class Recording:
             raise ArgumentError("{angle_is_absolute:=True} is wrong: the recording has no angle")
 
     def _checked_angle(self) -> Float:
-        angle = check.samples("angle", self.angle)
+        angle = _checked_samples("angle", self.angle)
         if angle.size != self.torque.size:
             raise ValueError(
                 f"angle must have torque's length, got {angle.size} for {self.torque.size} samples"
@@ -219,7 +220,7 @@ class Recording:
         >>> recording.worn_lobes, recording.source, recording.angle_is_absolute
         ((3,), 'simulated', True)
         """
-        attribute = CHANNELS[check.one_of("quantity", quantity, QUANTITIES)]
+        attribute = CHANNELS[one_of("quantity", quantity, QUANTITIES)]
         samples = getattr(run, attribute, None)
         if samples is None:
             raise ArgumentError(
@@ -426,3 +427,71 @@ def common_speed(recordings: Sequence[Recording]) -> float | None:
             "the recordings of one speed at a time"
         )
     return speed
+
+
+def _checked_samples(name: str, values: Any) -> Float:
+    given = np.asarray(values)
+    array = series(name, given, least=2)
+    # What was checked must not change afterwards: a copy, except of what nobody writes to.
+    if array is given and (array.flags.writeable or not array.flags.owndata):
+        array = array.copy()
+    if not max(-array.min(), array.max()) <= LARGEST:
+        where = int(np.argmax(np.abs(array)))
+        raise ValueError(f"{name} must lie within +-{LARGEST:g}, got {array[where]} at sample {where}")
+    array.flags.writeable = False
+    return array
+
+
+def _checked_text(name: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"{name} must be text, got {value!r}")
+    # Line ends would break files and tables, and NumPy drops trailing NULs, so that two names became one.
+    if not value or not value.isprintable():
+        raise ValueError(f"{name} must be a line of printable text, got {value!r}")
+    return str(value)
+
+
+def _checked_label(name: str, value: Any) -> Label | None:
+    if value is None or isinstance(value, str):
+        return None if value is None else _checked_text(name, value)
+    if not is_whole(value):
+        raise TypeError(f"{name} must be text or a whole number, got {value!r}")
+    if not -(2**63) <= value < 2**63:
+        raise ValueError(f"{name} must fit into 64 bits, got {value!r}")
+    return int(value)
+
+
+def _checked_meta(value: Any) -> dict[str, Any]:
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping):
+        raise TypeError(f"meta must be a mapping from text to values, got {value!r}")
+    for key in value:
+        if not isinstance(key, str):
+            raise TypeError(f"meta must have text as keys, got {key!r}")
+    return dict(value)
+
+
+def _checked_defects(
+    worn_lobes: Any, defect_count: Any, n_lobes: int
+) -> tuple[tuple[int, ...] | None, int | None]:
+    count = None if defect_count is None else whole("defect_count", defect_count, 0)
+    if count is not None and count > n_lobes:
+        raise ValueError(f"defect_count must be at most n_lobes = {n_lobes}, got {count}")
+    if worn_lobes is None:
+        return () if count == 0 else None, count
+    if isinstance(worn_lobes, str) or not isinstance(worn_lobes, Iterable):
+        raise TypeError(f"worn_lobes must be a sequence of lobe indices from 0, got {worn_lobes!r}")
+    lobes = tuple(sorted(whole("worn_lobes", lobe, 0) for lobe in worn_lobes))
+    if len(set(lobes)) != len(lobes):
+        raise ValueError(f"worn_lobes must be distinct, got {lobes}")
+    if lobes and lobes[-1] >= n_lobes:
+        raise ValueError(
+            f"worn_lobes must lie between 0 and {n_lobes - 1} (n_lobes = {n_lobes}, counted from 0; "
+            f"files count from 1), got {lobes}"
+        )
+    if count is not None and count != len(lobes):
+        raise ValueError(
+            f"defect_count must be the number of worn_lobes, got {count} and {len(lobes)} lobes {lobes}"
+        )
+    return lobes, len(lobes)

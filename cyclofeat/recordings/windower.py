@@ -1,4 +1,4 @@
-"""Records of torque cut into windows."""
+"""Recordings cut into windows."""
 
 from __future__ import annotations
 
@@ -11,14 +11,21 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.recordings import _checks as check
-from cyclofeat.recordings._recording import Recording, common_n_lobes, common_quantity
-from cyclofeat.signal.orders import resample_by_angle
+from cyclofeat._base.checks import flag, number, positive, whole
+from cyclofeat.recordings._angle_grid import AngleGrid, mean_density
+from cyclofeat.recordings.recording import Recording, common_n_lobes, common_quantity
+from cyclofeat.signal.orders import samples_at
 from cyclofeat.signal.windows import Float
 
 Int = NDArray[np.int64]
 # Windows of a recording, their starts in s and in rad.
 Cut = tuple[Float, Float, Float]
+
+#: Samples per input turn that hold all 44 lobe lines of a count.
+SAMPLES_PER_TURN = 128
+#: Output turns of a lobe counter's window: a recording of whole turns at the nominal speed holds as many
+#: windows although its true speed is a per cent lower.
+WINDOW_TURNS = 0.98
 
 # Assemblies of one nominal speed differ by a per cent or two (motor slip); 400 and 500 RPM by a fifth.
 _SPEED_TOLERANCE = 0.05
@@ -97,13 +104,13 @@ class Windower:
 
     Parameters
     ----------
-    output_turns : int, default 1
+    output_turns : float, default 1
         Length of a window in output turns.
     duration : float, optional
         Length of a window in s instead, e.g. the papers' 0.6 s.
     input_speed_hz : float, optional
-        Nominal input speed in turns per second, from which the window's length follows. Default: the
-        ``speed_rpm`` that the recordings share.
+        Nominal input speed in turns per second, from which the length of windows of native samples follows.
+        Default: the ``speed_rpm`` that the recordings share.
     reduction : int, optional
         Input turns per output turn: the number of lobes. Default: the ``n_lobes`` that the recordings share.
     skip_s : float, default 0.0
@@ -113,11 +120,13 @@ class Windower:
     remainder : {"drop", "error", "shift"}, default "drop"
         What becomes of samples at the end that do not fill a window: dropped; an error; or the last window is
         moved back so that it ends with the record (and overlaps the one before).
-    angle_resample : bool, default False
-        Whether to resample the torque by the recordings' angle, to equal samples per input turn; see Notes.
     samples_per_turn : int, optional
-        Samples per input turn with ``angle_resample``. Default: those of the recordings at nominal speed,
-        rounded down. Fewer than a recording holds are low-pass filtered first.
+        Samples per input turn, on equal steps of the shaft's angle; a recording must hold as many, and more
+        are low-pass filtered first. Default: native samples, which are equal steps of the angle of a shaft
+        that turns steadily at the stated speed.
+    remove_mean : bool, default False
+        Whether to subtract the mean torque of each recording, and to change the sign of the rest where it is
+        negative: conventions differ between rigs.
 
     Raises
     ------
@@ -126,12 +135,14 @@ class Windower:
 
     Notes
     -----
-    With ``angle_resample`` a window holds exactly ``reduction * output_turns`` input turns, whatever the
-    speed does, and recordings of several speeds and rates can be mixed. Where a recording's angle is
-    absolute, every window starts at a whole multiple of ``reduction`` input turns of that angle: all windows
-    then start at the same lobe, and lobe positions in them are absolute. This costs up to one output turn at
-    the beginning of the record, needs hops of whole output turns (``overlap``), and ``remainder="shift"``
-    moves the last window back to the last such start. Other windows start right after ``skip_s``.
+    With ``samples_per_turn`` a window holds exactly ``reduction * output_turns`` input turns, whatever the
+    speed does, and recordings of several speeds and rates can be mixed. Where a recording's angle is absolute
+    and ``output_turns`` a whole number, every window starts at a whole multiple of ``reduction`` input turns
+    of that angle: all windows then start at the same lobe, and lobe positions in them are absolute. This
+    costs up to one output turn at the beginning of the record, needs hops of whole output turns
+    (``overlap``), and ``remainder="shift"`` moves the last window back to the last such start. Other windows
+    start right after ``skip_s``. The filters take a record to go on beyond its ends as its point reflection,
+    which the first and last 45 samples of its windows may show: give a ``skip_s`` where that matters.
 
     Examples
     --------
@@ -143,7 +154,7 @@ class Windower:
     ((2, 46080), [3, 3], ['A1', 'A1'])
     """
 
-    output_turns: int = 1
+    output_turns: float = 1
     _: KW_ONLY
     duration: float | None = None
     input_speed_hz: float | None = None
@@ -151,39 +162,35 @@ class Windower:
     skip_s: float = 0.0
     overlap: float = 0.0
     remainder: Literal["drop", "error", "shift"] = "drop"
-    angle_resample: bool = False
     samples_per_turn: int | None = None
+    remove_mean: bool = False
 
     def __post_init__(self) -> None:
-        check.whole("output_turns", self.output_turns, 1)
+        positive("output_turns", self.output_turns)
         if self.reduction is not None:
-            check.whole("reduction", self.reduction, 2)
+            whole("reduction", self.reduction, 2)
         for name in ("duration", "input_speed_hz"):
             if getattr(self, name) is not None:
-                check.positive(name, getattr(self, name))
-        if check.number("skip_s", self.skip_s) < 0:
+                positive(name, getattr(self, name))
+        if number("skip_s", self.skip_s) < 0:
             raise ValueError(f"skip_s must not be negative (s), got {self.skip_s!r}")
-        if not 0 <= check.number("overlap", self.overlap) < 1:
+        if not 0 <= number("overlap", self.overlap) < 1:
             raise ValueError(f"overlap must lie in [0, 1), got {self.overlap!r}")
         if self.remainder not in ("drop", "error", "shift"):
             raise ValueError(f"remainder must be 'drop', 'error' or 'shift', got {self.remainder!r}")
-        check.flag("angle_resample", self.angle_resample)
-        if self.duration is not None and self.output_turns != 1:
-            raise ValueError(
-                "output_turns and duration exclude each other, "
-                f"got {self.output_turns} output turns and {self.duration} s"
-            )
-        if self.duration is not None and self.angle_resample:
-            raise ValueError(
-                "duration and angle_resample exclude each other: windows resampled by angle hold whole "
-                f"output turns (output_turns), got duration = {self.duration}"
-            )
         if self.samples_per_turn is not None:
-            check.whole("samples_per_turn", self.samples_per_turn, 2)
-            if not self.angle_resample:
+            whole("samples_per_turn", self.samples_per_turn, 2)
+        flag("remove_mean", self.remove_mean)
+        if self.duration is not None:
+            if self.output_turns != 1:
                 raise ValueError(
-                    "samples_per_turn needs angle_resample=True, "
-                    f"got samples_per_turn = {self.samples_per_turn} without it"
+                    "output_turns and duration exclude each other, "
+                    f"got {self.output_turns} output turns and {self.duration} s"
+                )
+            if self.samples_per_turn is not None:
+                raise ValueError(
+                    "samples_per_turn and duration exclude each other: windows over the angle hold output "
+                    f"turns (output_turns), got duration = {self.duration}"
                 )
 
     def transform(self, recordings: Recording | Iterable[Recording]) -> tuple[Float, Int, NDArray[Any]]:
@@ -212,47 +219,73 @@ class Windower:
         for index, recording in enumerate(records):
             if recording.assembly is None:
                 raise ValueError(
-                    f"{named(index, recording)} has no assembly: windows of one assembly resemble each "
-                    "other, so folds that part them score a counter on machines that it has learned. Give "
-                    "assembly=..., the same for all recordings of one assembly (or use .windows(recordings), "
-                    "where nothing is to be evaluated)"
+                    f"{recording_label(index, recording)} has no assembly: windows of one assembly resemble "
+                    "each other, so folds that part them score a counter on machines that it has learned. "
+                    "Give assembly=..., the same for all recordings of one assembly (or use "
+                    ".windows(recordings), where nothing is to be evaluated)"
                 )
             if recording.defect_count is None:
                 raise ValueError(
-                    f"{named(index, recording)} has no defect_count: give defect_count=... or worn_lobes=... "
-                    "(or use .windows(recordings).X, which needs no labels)"
+                    f"{recording_label(index, recording)} has no defect_count: give defect_count=... or "
+                    "worn_lobes=... (or use .windows(recordings).X, which needs no labels)"
                 )
         windows = self.windows(records)
         assert windows.y is not None
         assert windows.groups is not None
         return windows.X, windows.y, windows.groups
 
-    def windows(self, recordings: Recording | Iterable[Recording]) -> WindowSet:
-        """Windows with all that is known about each; recordings need no labels.
+    def windows(
+        self, recordings: Recording | Iterable[Recording], angles: Iterable[Float | None] | None = None
+    ) -> WindowSet:
+        """Cut recordings into windows, with all that is known about each; recordings need no labels.
+
+        Parameters
+        ----------
+        recordings : Recording or iterable of Recording
+        angles : iterable of ndarray, optional
+            Increasing angle of the input shaft in rad at the samples of each recording. Default: the angle
+            of the recording.
+
+        Returns
+        -------
+        WindowSet
 
         Raises
         ------
         TypeError
             If something else than recordings is given, or assemblies are partly text, partly numbers.
         ValueError
-            If there is no recording; one is shorter than a window, constant over a window, or lacks the angle
-            or nominal speed that is needed; discs have different numbers of lobes; recordings are of
-            different quantities; or rates or speeds are mixed and the windows are cut by time.
+            If there is no recording; one is shorter than a window, constant over a window, or lacks the
+            angle, nominal speed or samples per turn that are needed; discs have different numbers of lobes;
+            recordings are of different quantities; or rates or speeds are mixed in windows of native samples.
         """
         records = _as_list(recordings)
         common_quantity(records)
         if self.reduction is None:
-            return dataclasses.replace(self, reduction=common_n_lobes(records)).windows(records)
+            return dataclasses.replace(self, reduction=common_n_lobes(records)).windows(records, angles)
         _groups(records)  # a mixture is an error before any work
-        if self.angle_resample:
-            per_turn = self._common_samples_per_turn(records)
-            rate = float(per_turn)
-            parts = [self._cut_by_angle(named(i, r), r, per_turn) for i, r in enumerate(records)]
-        else:
-            rate = _common_rate(records, "angle_resample=True with samples_per_turn=...")
+        if angles is None:
+            angles = [recording.input_angle(self.reduction) for recording in records]
+        if self.samples_per_turn is None:
+            rate = _common_rate(records)
             length = self._window_length(records, rate)
-            parts = [self._cut_by_time(named(i, r), r, length) for i, r in enumerate(records)]
-        return window_set(records, parts, rate)
+        else:
+            rate = float(self.samples_per_turn)
+            length = self.angle_length()
+        cuts = []
+        for index, (recording, angle) in enumerate(zip(records, angles, strict=True)):
+            try:
+                if self.samples_per_turn is None:
+                    cut = self._cut_samples(recording, angle, length)
+                else:
+                    cut = self._cut_angle(recording, angle, length)
+                reject_constant_windows(recording, cut)
+            except ValueError as error:
+                if len(records) == 1:
+                    raise
+                raise ValueError(f"{recording_label(index, recording)}: {error}") from error
+            cuts.append(cut)
+        return window_set(records, cuts, rate)
 
     def _window_length(self, records: Sequence[Recording], rate: float) -> int:
         """Samples per window."""
@@ -278,7 +311,7 @@ class Windower:
         """Nominal input speed in turns per second: the argument, else what the recordings share."""
         shared, first = None, ""
         for index, recording in enumerate(records):
-            name, speed = named(index, recording), recording.input_speed_hz
+            name, speed = recording_label(index, recording), recording.input_speed_hz
             if shared is None:
                 shared, first = speed, name
             if self.input_speed_hz is not None:
@@ -286,7 +319,7 @@ class Windower:
                     raise ValueError(
                         f"{name} runs at speed_rpm = {speed * 60:g}, the windows are meant for "
                         f"input_speed_hz = {self.input_speed_hz:.4g} ({self.input_speed_hz * 60:g} RPM): use "
-                        "another Windower for it, or angle_resample=True"
+                        "another Windower for it, or samples_per_turn=..."
                     )
             elif speed is None:
                 if required:
@@ -297,106 +330,129 @@ class Windower:
             elif shared is not None and not math.isclose(speed, shared, rel_tol=_SAME):
                 raise ValueError(
                     f"{name} runs at speed_rpm = {speed * 60:g}, {first} at {shared * 60:g}: give the "
-                    "nominal Windower(input_speed_hz=...) where they differ little (up to 5 %), else use "
-                    "angle_resample=True with samples_per_turn=..."
+                    "nominal Windower(input_speed_hz=...) where they differ little (up to 5 %), else "
+                    "samples_per_turn=..."
                 )
         return shared if self.input_speed_hz is None else self.input_speed_hz
 
-    def _cut_by_time(self, name: str, recording: Recording, length: int) -> tuple[Float, Float, Float]:
-        """Windows, their starts in s and in rad."""
+    def _first_sample(self, recording: Recording) -> int:
         # The tolerance keeps a skip of whole samples whole: 0.3 * 25600 = 7680.000000000001.
-        first = math.ceil(self.skip_s * recording.sampling_rate - 1e-6)
+        return math.ceil(self.skip_s * recording.sampling_rate - 1e-6)
+
+    def _cut_samples(self, recording: Recording, angle: Float | None, length: int) -> Cut:
+        """Cut windows of so many native samples."""
+        first, rate = self._first_sample(recording), recording.sampling_rate
         available = recording.n_samples - first
         if available < length:
             raise ValueError(
-                f"{name} is too short: it lasts {recording.duration:.4g} s ({recording.n_samples} samples), "
-                f"{self._described()} needs {(first + length) / recording.sampling_rate:.4g} s "
-                f"({first + length} samples)"
+                f"the recording is too short: it lasts {recording.duration:.4g} s ({recording.n_samples} "
+                f"samples), {self._length_text()} needs {(first + length) / rate:.4g} s ({first + length} "
+                "samples)"
             )
-        starts = first + self._starts(name, available, length, grid=1)
-        for start in starts:
-            _reject_constant(name, recording, start, start + length)
-        angle = recording.input_angle(self._turns)
-        at = np.full(starts.size, np.nan) if angle is None else angle[starts]
+        starts = first + self._starts(available, length, grid=1)
         windows = np.lib.stride_tricks.sliding_window_view(recording.torque, length)[starts]
-        return windows, starts / recording.sampling_rate, at
+        return windows, starts / rate, np.full(starts.size, np.nan) if angle is None else angle[starts]
 
-    def _common_samples_per_turn(self, records: Sequence[Recording]) -> int:
-        if self.samples_per_turn is not None:
-            return self.samples_per_turn
-        remedy = "samples_per_turn=..."
-        rate = _common_rate(records, remedy)
-        speed = self.input_speed_hz
-        if speed is None:
-            try:
-                speed = self._nominal_speed(records, required=True)
-            except ValueError as error:
-                raise ValueError(f"{error}; or give {remedy}") from None
-        assert speed is not None
-        return max(2, math.floor(rate / speed * (1 + _SAME)))
-
-    def _cut_by_angle(self, name: str, recording: Recording, per_turn: int) -> tuple[Float, Float, Float]:
-        """Windows, their starts in s and in rad."""
-        angle = recording.input_angle(self._turns)
+    def _cut_angle(self, recording: Recording, angle: Float | None, length: int) -> Cut:
+        """Cut windows of so many points on equal steps of the angle."""
         if angle is None:
             raise ValueError(
-                f"{name} has no angle, which angle_resample=True needs: give Recording(angle=...) from a "
-                "tachometer, or cut by time with angle_resample=False"
+                "the recording has no angle, which samples_per_turn needs: give Recording(angle=...) from a "
+                "tachometer, or leave samples_per_turn out"
             )
-        skipped = math.ceil(self.skip_s * recording.sampling_rate - 1e-6)
+        skipped, rate = self._first_sample(recording), recording.sampling_rate
         if skipped >= recording.n_samples - 1:
             raise ValueError(
-                f"{name} is too short: it lasts {recording.duration:.4g} s, of which "
+                f"the recording is too short: it lasts {recording.duration:.4g} s, of which "
                 f"skip_s = {self.skip_s:g} s leaves nothing"
             )
-        # One turn more than asked for, so that the anti-alias filter settles in what is skipped anyway.
+        # One turn more than asked for, so that the filters settle in what is skipped anyway.
         begin = int(np.searchsorted(angle, angle[skipped] - 2 * math.pi))
-        try:
-            torque, grid = resample_by_angle(
-                recording.torque[begin:], angle[begin:], per_turn, recording.sampling_rate
-            )
-        except ValueError as error:
-            raise ValueError(f"{name}: {error}") from None
-        # The grid holds whole multiples of the step: count in steps, so that no rounding shifts a window.
-        step = 2 * math.pi / per_turn
-        origin = round(grid[0] / step)
-        first = max(origin, math.ceil(angle[skipped] / step - 1e-6))
-        length = self.output_turns * self._turns * per_turn
-        period = self._turns * per_turn if recording.angle_is_absolute else 1
-        start = math.ceil(first / period) * period
-        available = origin + torque.size - start
+        grid = self.grid_of(recording.torque[skipped:], angle[skipped:], rate)
+        torque, points = grid.resample(recording.torque[begin:], angle[begin:], rate)
+        # Count in steps of the grid, so that no rounding shifts a window.
+        per_turn, origin = grid.samples_per_turn, round(points[0] / grid.step)
+        aligned = recording.angle_is_absolute and float(self.output_turns).is_integer()
+        period = self._turns * per_turn if aligned else 1
+        first = math.ceil(max(origin, grid.first_point(angle[skipped])) / period) * period
+        available = origin + torque.size - first
         if available < length:
-            start_rule, remedy = "", ""
-            if recording.angle_is_absolute:
+            start_rule = remedy = ""
+            if aligned:
                 start_rule = f" from the first multiple of {self._turns} turns of its absolute angle on"
                 remedy = "; record one output turn more, or " + _RELATIVE
             raise ValueError(
-                f"{name} is too short: it lasts {recording.duration:.4g} s and holds "
-                f"{max(available, 0) / per_turn:.4g} input turns{start_rule}, {self._described()} needs "
-                f"{self.output_turns * self._turns}{remedy}"
+                f"the recording is too short: it lasts {recording.duration:.4g} s and holds "
+                f"{max(available, 0) / per_turn:.4g} input turns{start_rule}, {self._length_text()} needs "
+                f"{self.output_turns * self._turns:g}{remedy}"
             )
-        starts = start - origin + self._starts(name, available, length, grid=period)
+        starts = first - origin + self._starts(available, length, grid=period)
         windows = np.lib.stride_tricks.sliding_window_view(torque, length)[starts]
-        bounds = np.interp(grid[np.stack([starts, starts + length - 1])], angle, np.arange(angle.size))
-        for low, high in bounds.T:
-            _reject_constant(name, recording, math.ceil(low), math.floor(high) + 1)
-        return windows, bounds[0] / recording.sampling_rate, grid[starts]
+        return windows, samples_at(points[starts], angle) / rate, points[starts]
 
-    def _starts(self, name: str, available: int, length: int, *, grid: int) -> Int:
-        """First samples of the windows, all on multiples of ``grid``."""
+    def at_lowest_rate(self, recording: Recording) -> Recording:
+        """Return a recording with a tachometer at the lowest sampling rate that its windows need.
+
+        Many recordings then fit into memory. Their windows are those of the whole ones, up to rounding.
+
+        Parameters
+        ----------
+        recording : Recording
+            With an angle. The windower needs ``samples_per_turn``.
+
+        Returns
+        -------
+        Recording
+        """
+        angle = recording.input_angle(self.reduction)
+        if angle is None or recording.angle is None:
+            raise ValueError("recording must have an angle")
+        grid = AngleGrid.of(angle, self._samples_per_turn)
+        if grid.decimation < 2:
+            return recording
+        return recording.replace(
+            torque=grid.decimate(recording.torque, angle),
+            angle=recording.angle[:: grid.decimation],
+            sampling_rate=recording.sampling_rate / grid.decimation,
+        )
+
+    def grid_of(self, torque: Float, angle: Float, sampling_rate: float) -> AngleGrid:
+        """Return the grid of windows over the angle, with the filters that a record needs.
+
+        Raises
+        ------
+        ValueError
+            If the record holds fewer samples per turn.
+        """
+        per_turn, density = self._samples_per_turn, mean_density(angle)
+        if density < per_turn:
+            raise ValueError(
+                f"sampling_rate must be at least {per_turn * sampling_rate / density:.5g} Hz at "
+                f"{60 * sampling_rate / density:.5g} RPM ({per_turn} samples per input turn), got "
+                f"{sampling_rate:g} Hz: take fewer samples_per_turn, or train a model at this rate "
+                f"(cyclofeat train --sampling-rate {sampling_rate:g})"
+            )
+        grid = AngleGrid.of(angle, per_turn)
+        if not self.remove_mean:
+            return grid
+        level = float(torque.mean())
+        return dataclasses.replace(grid, level=level, sign=-1.0 if level < 0 else 1.0)
+
+    def _starts(self, available: int, length: int, *, grid: int) -> Int:
+        """Return the first samples of the windows, all on multiples of ``grid``."""
         hop = max(1, round(length * (1 - self.overlap)))
         if hop % grid:
             raise ValueError(
-                f"overlap = {self.overlap:g} of {self.output_turns} output turns starts windows between "
-                f"whole output turns, but the angle of {name} is absolute: choose an overlap of whole output "
-                f"turns, or {_RELATIVE}"
+                f"overlap = {self.overlap:g} of {self.output_turns:g} output turns starts windows between "
+                "whole output turns, but the recording's angle is absolute: choose an overlap of whole "
+                f"output turns, or {_RELATIVE}"
             )
         starts = np.arange(0, available - length + 1, hop, dtype=np.int64)
         left = available - length - int(starts[-1])
         if left and self.remainder == "error":
             raise ValueError(
-                f"{name} leaves {left} samples at its end that fill no window ({self._described()}): choose "
-                "remainder='drop' or 'shift'"
+                f"the recording leaves {left} samples at its end that fill no window "
+                f"({self._length_text()}): choose remainder='drop' or 'shift'"
             )
         if left >= grid and self.remainder == "shift":
             starts = np.append(starts, (available - length) // grid * grid)
@@ -408,13 +464,27 @@ class Windower:
         assert self.reduction is not None
         return self.reduction
 
-    def _described(self) -> str:
+    @property
+    def _samples_per_turn(self) -> int:
+        assert self.samples_per_turn is not None
+        return self.samples_per_turn
+
+    def angle_length(self) -> int:
+        """Return the number of samples of a window over the angle."""
+        return round(self.output_turns * self._turns * self._samples_per_turn)
+
+    def _length_text(self) -> str:
         if self.duration is not None:
             length = f"{self.duration:g} s"
         else:
-            length = "1 output turn" if self.output_turns == 1 else f"{self.output_turns} output turns"
-            length += f" ({self.output_turns * self._turns} input turns)"
+            length = "1 output turn" if self.output_turns == 1 else f"{self.output_turns:g} output turns"
+            length += f" ({self.output_turns * self._turns:g} input turns)"
         return f"a window of {length}" + (f" after skip_s = {self.skip_s:g} s" if self.skip_s else "")
+
+
+def lobe_windower(n_lobes: int, samples_per_turn: int = SAMPLES_PER_TURN) -> Windower:
+    """Return the windower of lobe counters: windows over the angle of :data:`WINDOW_TURNS` output turns."""
+    return Windower(WINDOW_TURNS, reduction=n_lobes, samples_per_turn=samples_per_turn, remove_mean=True)
 
 
 def window_set(records: Sequence[Recording], parts: Sequence[Cut], sampling_rate: float) -> WindowSet:
@@ -451,21 +521,22 @@ def _as_list(recordings: Recording | Iterable[Recording]) -> list[Recording]:
     return records
 
 
-def named(index: int, recording: Recording) -> str:
-    """Return the name of a recording in messages."""
+def recording_label(index: int, recording: Recording) -> str:
+    """Return how messages name one of several recordings."""
     meta = recording.meta or {}
     known = {"file": meta.get("file"), "run": recording.run, "assembly": recording.assembly}
     stated = ", ".join(f"{key} {value!r}" for key, value in known.items() if value is not None)
     return f"recording {index}" + (f" ({stated})" if stated else "")
 
 
-def _common_rate(records: Sequence[Recording], remedy: str) -> float:
+def _common_rate(records: Sequence[Recording]) -> float:
     rate = records[0].sampling_rate
     for index, recording in enumerate(records):
         if not math.isclose(recording.sampling_rate, rate, rel_tol=_SAME):
+            first, other = recording_label(0, records[0]), recording_label(index, recording)
             raise ValueError(
-                f"recordings must share one sampling_rate, got {rate:g} Hz in {named(0, records[0])} and "
-                f"{recording.sampling_rate:g} Hz in {named(index, recording)}: resample them, or use {remedy}"
+                f"recordings must share one sampling_rate, got {rate:g} Hz in {first} and "
+                f"{recording.sampling_rate:g} Hz in {other}: resample them, or give samples_per_turn=..."
             )
     return rate
 
@@ -482,11 +553,14 @@ def _groups(records: Sequence[Recording]) -> NDArray[Any] | None:
     return np.asarray(assemblies)
 
 
-def _reject_constant(name: str, recording: Recording, start: int, stop: int) -> None:
-    torque = recording.torque[start:stop]
-    if torque.size and torque.min() == torque.max():
+def reject_constant_windows(recording: Recording, cut: Cut, begin_s: float = 0.0) -> None:
+    """Raise ``ValueError`` if a window of a recording, which begins at ``begin_s``, is constant."""
+    windows, start_s, _ = cut
+    constant = np.flatnonzero(np.ptp(windows, axis=1) == 0)
+    if constant.size:
+        start = float(start_s[constant[0]])
+        value = recording.torque[math.ceil(start * recording.sampling_rate - 1e-6)]
         raise ValueError(
-            f"{name} is constant ({torque[0]:g} Nm) over the window that starts at "
-            f"{start / recording.sampling_rate:.4g} s: nothing can be diagnosed from it (sensor dead or not "
-            "connected?)"
+            f"the recording is constant ({value:g} {recording.unit}) over a whole window, from "
+            f"{begin_s + start:.4g} s on: nothing can be diagnosed from it (sensor dead or not connected?)"
         )
