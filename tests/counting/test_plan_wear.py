@@ -8,7 +8,7 @@ import pytest
 from cyclofeat.cli import main
 from cyclofeat.counting import WearPlan, lobe_lines_nm, plan_wear
 from cyclofeat.counting.planning.plan_wear import _NOISE_IN_LINE, _Twins, right_decisions
-from cyclofeat.recordings import SAMPLES_PER_TURN
+from cyclofeat.recordings.windower import SAMPLES_PER_TURN
 
 
 def best_share(healthy, worn):

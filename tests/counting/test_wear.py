@@ -13,7 +13,7 @@ from small_model import recording, recordings_with_wear, wear_model
 from cyclofeat.counting import ConformalRegressor, LobeModel, counts_frame, wear_features
 from cyclofeat.counting.model.radial_wear import _visible_from, runs_of
 from cyclofeat.models import load_model, read_card, save_model
-from cyclofeat.recordings import SAMPLES_PER_TURN
+from cyclofeat.recordings.windower import SAMPLES_PER_TURN
 
 
 @pytest.fixture(scope="module", params=["trees", pytest.param("rows", marks=pytest.mark.slow)])
