@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
@@ -14,27 +14,19 @@ import numpy as np
 from cyclofeat._base import checks
 from cyclofeat._base.quantities import QUANTITIES
 from cyclofeat._base.words import from_1
-from cyclofeat.datasets._conditions import Conditions, Length, Radial
 from cyclofeat.recordings import Recording
 
 if TYPE_CHECKING:  # the simulator loads numba: only those who simulate wait for it
-    from cyclofeat.simulators import (
-        LobeDefects,
-        Machine,
-        MachineRun,
-        PlannedRun,
-        Rig,
-        SimulationFailed,
-        SimulationRun,
-        Solver,
-    )
+    from cyclofeat.simulators import LobeDefects, Rig, Solver
+    from cyclofeat.simulators.machine import Machine
+    from cyclofeat.simulators.sampling import Sample, SampledRun, Wear
 
 _PRESETS = ("R0", "R1", "R2", "published")
-# Machines that are drawn for one recording while none of them can run, and the number of the first child of
-# the recording's seed that draws another: those before are the rig's, the defects' and the conditions'.
-_MOST_DRAWS, _ANEW = 4, 5
-# Recordings that are simulated together where not all of them are kept whole.
-_TOGETHER = 400
+_DEFAULT_S = 1.8  # one output turn at 500 RPM
+# Machines that are drawn for one recording while none of them can run.
+_MOST_DRAWS = 4
+# Recordings that are simulated at once where not all of them are kept whole.
+_AT_ONCE = 400
 
 
 def make_rig_recordings(
@@ -168,30 +160,28 @@ def make_rig_recordings(
     >>> [effect["effect"] for effect in one.meta["effects"][-3:]]
     ['noise', 'hum', 'quantisation']
     """
-    length = Length.checked(duration, output_turns)
-    conditions = Conditions.checked(speed_rpm, load_nm)
-    run = _Run(_rig(rig), length, sampling_rate, random_state, with_angle, solver, conditions, quantity)
+    run = _Run(
+        _rig_of(rig), _recording_length(duration, output_turns), sampling_rate, random_state, with_angle,
+        solver, _positive_range("speed_rpm", speed_rpm, "RPM"), _positive_range("load_nm", load_nm, "Nm"),
+        quantity,
+    )  # fmt: skip
     counts = checks.defect_counts(defect_counts, run.rig.gearbox.n_lobes)
     checks.n_jobs(n_jobs)
-    checks.one_of("lobes", lobes, ("consecutive", "random", "mixed"))
-    worn_wheels = checks.wheels(wheels)
+    wear = _wear_of(lobes, wheels, wear_um, radial_share)
     checks.one_of("kernel", kernel, ("exact", "batch", "auto"))
     total = checks.whole("n_assemblies", n_assemblies, 1) * len(counts)
-    radial = Radial.checked(wear_um, radial_share)
     if keep is not None and not callable(keep):
         raise TypeError(f"keep must be a function of a recording, got {keep!r}")
     first = checks.whole("first_assembly", first_assembly, 0) * len(counts)
     defects = [
-        _drawn_defects(run, index, counts, lobes, worn_wheels, radial)
+        wear.draw(counts[index % len(counts)], run.rig.gearbox.n_lobes, run.seed(index))
         for index in range(first, first + total)
     ]
     recordings: dict[int, Recording] = {}
-    together = total if keep is None else _TOGETHER
-    for start in range(0, total, together):
-        part = defects[start : start + together]
+    at_once = total if keep is None else _AT_ONCE
+    for start in range(0, total, at_once):
+        part = defects[start : start + at_once]
         for place, recording in _recordings(run, part, kernel, n_jobs, first + start):
-            if isinstance(recording, Exception):
-                raise recording
             recordings[start + place] = recording if keep is None else keep(recording)
             if progress is not None:
                 progress(len(recordings), total)
@@ -240,11 +230,11 @@ def make_rig_recording(
 
     defects = LobeDefects.healthy() if defects is None else defects
     checks.check_type("defects", defects, LobeDefects)
-    length = Length.checked(duration, None)
-    run = _Run(_rig(rig), length, sampling_rate, random_state, with_angle, quantity=quantity)
+    run = _Run(
+        _rig_of(rig), _recording_length(duration, None), sampling_rate, random_state, with_angle,
+        quantity=quantity,
+    )  # fmt: skip
     ((_, recording),) = _recordings(run, [defects], "exact", 1)
-    if isinstance(recording, Exception):
-        raise recording
     return recording
 
 
@@ -253,164 +243,169 @@ class _Run:
     """Rig and conditions of all recordings of one call."""
 
     rig: Rig
-    length: Length
+    length: tuple[float, str]  # a number of "s", or of "turns" of the output
     sampling_rate: float
     random_state: int
     with_angle: bool
     solver: Solver | None = None
-    conditions: Conditions = field(default_factory=Conditions)
+    speed_rpm: tuple[float, float] | None = None
+    load_nm: tuple[float, float] | None = None
     quantity: str = "output_torque"
 
     def __post_init__(self) -> None:
         checks.one_of("quantity", self.quantity, QUANTITIES)
         checks.positive("sampling_rate", self.sampling_rate, "a number of Hz")
         checks.whole("random_state", self.random_state, 0)
-        duration = self.length.seconds(self.rig.gearbox)
+        duration = self.duration_at(self.rig)
         if round(duration * self.sampling_rate) < 2:
             raise ValueError(
                 f"duration must hold at least 2 samples at {self.sampling_rate:g} Hz, got {duration!r}"
             )
 
-    def rig_at(self, index: int) -> Rig:
-        """Return the rig at the speed and load of a recording, with a motor where one is needed."""
-        from cyclofeat.simulators import motor_effects
+    def duration_at(self, rig: Rig) -> float:
+        """Return the length in s at the rig's nominal speed."""
+        length, unit = self.length
+        return length if unit == "s" else length * rig.gearbox.n_lobes / rig.gearbox.input_speed_hz
 
-        # The third child of the recording's seed: the defects have the second, the rig the others.
-        rig = self.conditions.drawn(self.rig, self.rig.seed_of(self.random_state, index).spawn(3)[2])
+    def seed(self, index: int) -> np.random.SeedSequence:
+        """Return the seed of a recording."""
+        from cyclofeat.simulators.sampling import recording_seed
+
+        return recording_seed(self.random_state, self.rig.name, index)
+
+    def sample(self, index: int, defects: LobeDefects) -> Sample:
+        """Return a recording to simulate: the rig at its speed and load, with a motor where one is needed."""
+        from cyclofeat.simulators import motor_effects
+        from cyclofeat.simulators.sampling import Sample, draw_conditions
+
+        name = f"{self.rig.name}-{self.random_state}-{index:04d}"
+        try:
+            rig = draw_conditions(self.rig, self.speed_rpm, self.load_nm, self.seed(index))
+        except ValueError as error:
+            raise ValueError(f"assembly {name}: {error}") from None
         if self.quantity == "motor_current" and rig.simulator is None and not rig.has_motor:
             rig = rig.with_added(*motor_effects(rig.gearbox))
-        return rig
+        return Sample(
+            rig=rig, defects=defects, duration=self.duration_at(rig), sampling_rate=self.sampling_rate,
+            seed=self.seed(index), quantity=self.quantity, solver=self.solver, name=name,
+        )  # fmt: skip
 
-    def assembly(self, index: int) -> str:
-        """Return the name of an assembly."""
-        return f"{self.rig.name}-{self.random_state}-{index:04d}"
-
-
-def _drawn_defects(
-    run: _Run,
-    index: int,
-    counts: Sequence[int],
-    lobes: str,
-    wheels: tuple[int, ...] | None,
-    radial: Radial | None,
-) -> LobeDefects:
-    """Draw the worn lobes of a recording, and then their radial wear: the lobes do not depend on it."""
-    from cyclofeat.simulators import LobeDefects
-
-    # The second child of the recording's seed; the others are the rig's.
-    random = np.random.default_rng(run.rig.seed_of(run.random_state, index).spawn(2)[1])
-    consecutive = lobes == "consecutive" or (lobes == "mixed" and bool(random.random() < 0.5))
-    drawn = LobeDefects.drawn(
-        counts[index % len(counts)], run.rig.gearbox.n_lobes, random, consecutive=consecutive, wheels=wheels
-    )
-    return drawn if radial is None else radial.drawn(drawn, random)
+    def recording(self, sample: Sample, drawn: SampledRun) -> Recording:
+        """Return the recording of a machine's run, with why the machines drawn before it could not run."""
+        plan, made, failures = drawn
+        if isinstance(made, Exception):
+            words = _machine_words(sample, plan.machine)
+            made.args = (f"{words}, the last of {_MOST_DRAWS} that were drawn: {made}",)
+            raise made
+        try:
+            record = made.record()
+        except ValueError as error:
+            raise ValueError(f"assembly {sample.name}: {error}") from None
+        gearbox, defects = sample.rig.gearbox, sample.defects
+        output_turn = 2 * np.pi * gearbox.n_lobes  # as an angle of the input
+        meta = {
+            "rig": sample.rig.name,
+            **plan.machine.true_values(),
+            "wheels_from_1": from_1(defects.wheels) if defects.defect_count else [],
+            "start_angle_rad": float(record.input_angle[0] % output_turn),
+            "settling_s": plan.n_settling / self.sampling_rate,
+            "effects": [effect.to_dict() for effect in plan.machine.effects],
+        }
+        if defects.wear_um is not None:
+            meta["wear_um"] = np.asarray(defects.wear_um if defects.worn_lobes else 0.0).tolist()
+        if failures:
+            meta["drawn_anew"] = "; ".join(failures)
+        return Recording.from_run(
+            record,
+            quantity=self.quantity,
+            with_angle=self.with_angle,
+            assembly=sample.name,
+            speed_rpm=round(60 * gearbox.input_speed_hz, 6),
+            load_nm=gearbox.load_torque,
+            source="surrogate",
+            meta=meta,
+        )
 
 
 def _recordings(
     run: _Run, defects: Sequence[LobeDefects], kernel: str, n_jobs: int, first: int = 0
-) -> Iterator[tuple[int, Recording | SimulationFailed]]:
-    """Yield places in ``defects`` and recordings; what is random in one follows from rig, seed and number.
-
-    ``first`` is the number of the first recording.
-    """
-    from cyclofeat.simulators import SimulationFailed
-    from cyclofeat.simulators.many import simulate_each
-
-    def recorded(place: int, simulated: SimulationRun | SimulationFailed) -> Recording | SimulationFailed:
-        index = first + place
-        rig, plan = plans.pop(place)
-        failures = list[str]()
-        while True:
-            try:
-                if isinstance(simulated, SimulationFailed):
-                    raise simulated
-                run_of_machine = plan.finished(simulated)
-            except (SimulationFailed, ValueError) as failure:  # a ValueError where the motor stalls
-                failures.append(str(failure))
-                if len(failures) < _MOST_DRAWS:
-                    rig, plan = _plan(run, index, defects[place], draw=len(failures))
-                    ((_, simulated),) = simulate_each([plan.arguments], "exact")
-                    continue
-                words = _words(run.assembly(index), plan.machine, defects[place])
-                failure.args = (f"{words}, the last of {_MOST_DRAWS} that were drawn: {failure}",)
-                if isinstance(failure, SimulationFailed):
-                    return failure
-                raise
-            return _recording(run, defects[place], rig, plan, run_of_machine, index, failures)
+) -> Iterator[tuple[int, Recording]]:
+    """Yield places in ``defects`` and recordings; ``first`` is the number of the first recording."""
+    from cyclofeat.simulators.sampling import sample_each
 
     try:
-        plans = {place: _plan(run, first + place, worn) for place, worn in enumerate(defects)}
-        each = simulate_each([plan.arguments for _, plan in plans.values()], kernel, n_jobs, recorded)
-        for place, made in each:
-            if isinstance(made, Recording) and made.meta and "drawn_anew" in made.meta:
+        samples = [run.sample(index, worn) for index, worn in enumerate(defects, first)]
+        for place, recording in sample_each(
+            samples, lambda place, drawn: run.recording(samples[place], drawn),
+            kernel=kernel, n_jobs=n_jobs, most_draws=_MOST_DRAWS,
+        ):  # fmt: skip
+            if recording.meta and "drawn_anew" in recording.meta:
                 warnings.warn(
-                    f"assembly {made.assembly}: another machine is drawn, since {made.meta['drawn_anew']}",
+                    f"assembly {recording.assembly}: another machine is drawn, since "
+                    f"{recording.meta['drawn_anew']}",
                     RuntimeWarning,
                     stacklevel=3,
                 )
-            yield place, made
+            yield place, recording
     except ValueError as error:
         raise ValueError(f"rig {run.rig.name}: {error}") from None
 
 
-def _plan(run: _Run, index: int, defects: LobeDefects, draw: int = 0) -> tuple[Rig, PlannedRun]:
-    """Draw the rig of a recording at its conditions, and the machine; anew for each ``draw``."""
-    seed = run.rig.seed_of(run.random_state, index)
-    if draw:
-        seed = seed.spawn(_ANEW + draw)[-1]
-    try:
-        rig = run.rig_at(index)
-        return rig, rig.plan_run(
-            defects, duration=run.length.seconds(rig.gearbox), sampling_rate=run.sampling_rate,
-            random_state=seed, quantity=run.quantity, solver=run.solver, torque_in=False, motion=False,
-        )  # fmt: skip
-    except ValueError as error:
-        raise ValueError(f"assembly {run.assembly(index)}: {error}") from None
-
-
-def _recording(
-    run: _Run, defects: LobeDefects, rig: Rig, plan: PlannedRun, made: MachineRun, index: int,
-    failures: Sequence[str],
-) -> Recording:  # fmt: skip
-    """Return the recording of a machine's run, and why the machines drawn before it could not run."""
-    assembly = run.assembly(index)
-    try:
-        record = made.record()
-    except ValueError as error:
-        raise ValueError(f"assembly {assembly}: {error}") from None
-    output_turn = 2 * np.pi * rig.gearbox.n_lobes  # as an angle of the input
-    meta = {
-        "rig": rig.name,
-        **plan.machine.true_values(),
-        "wheels_from_1": from_1(defects.wheels) if defects.defect_count else [],
-        "start_angle_rad": float(record.input_angle[0] % output_turn),
-        "settling_s": plan.n_settling / run.sampling_rate,
-        "effects": [effect.to_dict() for effect in plan.machine.effects],
-    }
-    if defects.wear_um is not None:
-        meta["wear_um"] = np.asarray(defects.wear_um if defects.worn_lobes else 0.0).tolist()
-    if failures:
-        meta["drawn_anew"] = "; ".join(failures)
-    return Recording.from_run(
-        record,
-        quantity=run.quantity,
-        with_angle=run.with_angle,
-        assembly=assembly,
-        speed_rpm=round(60 * rig.gearbox.input_speed_hz, 6),
-        load_nm=rig.gearbox.load_torque,
-        source="surrogate",
-        meta=meta,
-    )
-
-
-def _words(assembly: str, machine: Machine, defects: LobeDefects) -> str:
+def _machine_words(sample: Sample, machine: Machine) -> str:
     """Describe an assembly for an error."""
+    defects = sample.defects
     removed = f", removed {from_1(defects.removed_lobes)}" if defects.removed_lobes else ""
     values = ", ".join(f"{name} {value:.5g}" for name, value in machine.true_values().items())
     return (
-        f"assembly {assembly} (worn lobes {from_1(defects.worn_lobes)}{removed} on wheels "
+        f"assembly {sample.name} (worn lobes {from_1(defects.worn_lobes)}{removed} on wheels "
         f"{from_1(defects.wheels)}, counted from 1; {values})"
     )
+
+
+def _recording_length(duration: float | None, output_turns: float | None) -> tuple[float, str]:
+    """Return the checked length of recordings and its unit."""
+    if output_turns is None:
+        given = _DEFAULT_S if duration is None else duration
+        return checks.positive("duration", given, "a number of s"), "s"
+    if duration is not None:
+        raise ValueError(
+            f"duration and output_turns exclude each other, got {duration!r} s and {output_turns!r} turns"
+        )
+    return checks.positive("output_turns", output_turns, "a number of turns of the output"), "turns"
+
+
+def _wear_of(lobes: str, wheels: str | Sequence[int], wear_um: Any, radial_share: Any) -> Wear:
+    """Return the checked wear of assemblies."""
+    from cyclofeat.simulators.defects import MOST_WEAR_UM
+    from cyclofeat.simulators.sampling import Wear
+
+    checks.one_of("lobes", lobes, ("consecutive", "random", "mixed"))
+    worn_wheels = checks.wheels(wheels)
+    if not 0 < checks.number("radial_share", radial_share, "a share") <= 1:
+        raise ValueError(f"radial_share must be above 0 and at most 1, got {radial_share!r}")
+    if wear_um is None:
+        if radial_share != 1:
+            raise ValueError(
+                f"radial_share needs wear_um, the depth of the wear, got {radial_share!r} without"
+            )
+        return Wear(lobes=lobes, wheels=worn_wheels)
+    low, high = checks.ends("wear_um", wear_um, "a number of um")
+    if not 0 <= low <= high <= MOST_WEAR_UM:
+        raise ValueError(
+            f"wear_um must be a number of um or a range (low, high) within 0 to {MOST_WEAR_UM:g}, "
+            f"got {wear_um!r}"
+        )
+    return Wear(lobes=lobes, wheels=worn_wheels, wear_um=(low, high), radial_share=radial_share)
+
+
+def _positive_range(name: str, given: Any, unit: str) -> tuple[float, float] | None:
+    if given is None:
+        return None
+    low, high = checks.ends(name, given, f"a number of {unit}")
+    checks.positive(name, low)
+    if low > high:
+        raise ValueError(f"{name} must be a range (low, high) with low <= high, got {given!r}")
+    return low, high
 
 
 def rig_preset(name: str) -> Rig:
@@ -444,7 +439,7 @@ def rig_preset(name: str) -> Rig:
     return {"R0": Rig.r0, "R1": Rig.r1, "R2": Rig.r2}[name.upper()]()
 
 
-def _rig(rig: Any) -> Rig:
+def _rig_of(rig: Any) -> Rig:
     from cyclofeat.simulators import Rig
 
     if isinstance(rig, Rig):

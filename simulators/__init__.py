@@ -15,6 +15,7 @@ module           responsibility
 ``tables``       parameters as the compiled kernel takes them
 ``held_output``  torque against deflection with the output held
 ``many``         many runs at once, on several cores
+``sampling``     draws assemblies and recordings of rigs from seeds, for all who simulate them
 ``batch``        many gearboxes at once, one in each lane of the processor's vectors
 ``campaign``     thousands of runs from a declared design to files: resumable, on joblib or Dask
 ``_chatter``     warning for friction too steep for the time step
@@ -22,7 +23,7 @@ module           responsibility
 ``_held``        the held output's kernel
 ``_jit``         numba, or plain Python where it is switched off
 ``_lines``       straight lines between points, compiled
-``_machine``     one machine of a rig, its run, and records of the run
+``machine``      one machine of a rig, its run, and records of the run
 ``_rig_file``    rigs as JSON
 ``_settling``    time until a run counts as steady
 ``_simulator``   base of users' simulators
@@ -33,17 +34,16 @@ module           responsibility
 """
 
 from cyclofeat.simulators import effects
-from cyclofeat.simulators._machine import Machine, MachineRun, PlannedRun
 from cyclofeat.simulators._settling import settling_time
 from cyclofeat.simulators._simulator import Simulator
-from cyclofeat.simulators.campaign import Campaign, CampaignData, WorkerLost, load_campaign, run_campaign
+from cyclofeat.simulators.campaign import Campaign, CampaignData, load_campaign, run_campaign
 from cyclofeat.simulators.courses import Courses
 from cyclofeat.simulators.defects import LobeDefects
 from cyclofeat.simulators.effects import *  # noqa: F403
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.geometry import CycloidalProfile
 from cyclofeat.simulators.held_output import TorqueDeflection, torque_deflection
-from cyclofeat.simulators.many import run_planned, simulate_many
+from cyclofeat.simulators.many import simulate_many
 from cyclofeat.simulators.motor import Motor
 from cyclofeat.simulators.rig import Rig
 from cyclofeat.simulators.simulation import (
@@ -63,10 +63,7 @@ __all__ = [
     "CycloidalProfile",
     "GearboxLocked",
     "LobeDefects",
-    "Machine",
-    "MachineRun",
     "Motor",
-    "PlannedRun",
     "Rig",
     "SimulationDiverged",
     "SimulationFailed",
@@ -74,10 +71,8 @@ __all__ = [
     "Simulator",
     "Solver",
     "TorqueDeflection",
-    "WorkerLost",
     "load_campaign",
     "run_campaign",
-    "run_planned",
     "settling_time",
     "simulate",
     "simulate_many",

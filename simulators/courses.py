@@ -13,8 +13,6 @@ from cyclofeat._base.checks import short
 from cyclofeat.simulators._lines import on_lines
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
-__all__ = ["Courses", "drive_and_load"]
-
 Float = NDArray[np.float64]
 TimeCourse = float | ArrayLike | Callable[[Float], ArrayLike]
 

@@ -13,15 +13,12 @@ import joblib
 from cyclofeat._base.checks import members, number, one_of, short
 from cyclofeat._base.checks import n_jobs as check_n_jobs
 from cyclofeat._base.parallel import stopped_quietly
-from cyclofeat.simulators._machine import MachineRun, PlannedRun
 from cyclofeat.simulators.defects import LobeDefects
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.simulation import SimulationFailed, SimulationRun, simulate
 
 if TYPE_CHECKING:  # compiled only where it is asked for
     from cyclofeat.simulators.batch.runs import Request
-
-__all__ = ["run_planned", "simulate_many"]
 
 _Gearboxes = CycloidalGearbox | Iterable[CycloidalGearbox] | None
 _Defects = LobeDefects | Iterable[LobeDefects] | None
@@ -132,57 +129,6 @@ def simulate_each(
     with stopped_quietly(made):
         for indices, results in zip(numbers, made, strict=True):
             yield from zip(indices, results, strict=True)
-
-
-def run_planned(plans: Sequence[PlannedRun], *, kernel: str = "auto") -> list[MachineRun | SimulationFailed]:
-    """Simulate the planned runs of machines of rigs.
-
-    Parameters
-    ----------
-    plans : sequence of PlannedRun
-        Made by :meth:`Rig.plan_run`.
-    kernel : {"exact", "batch", "auto"}, default "auto"
-        As in :func:`simulate_many`.
-
-    Returns
-    -------
-    list of MachineRun or SimulationFailed
-        In the order of the plans, each depending on its own plan and the kernel only.
-
-    Raises
-    ------
-    TypeError, ValueError, RuntimeError
-        As :func:`simulate_many`.
-
-    Examples
-    --------
-    >>> from cyclofeat.simulators import Rig
-    >>> plans = [Rig.r1().plan_run(LobeDefects.worn(n), duration=0.1, random_state=n) for n in range(2)]
-    >>> [run.record().torque_out.shape for run in run_planned(plans)]
-    [(2560,), (2560,)]
-    """
-    one_of("kernel", kernel, ("exact", "batch", "auto"))
-    runs = dict(simulate_each([plan.arguments for plan in plans], kernel))
-    return [
-        run if isinstance(run := runs[index], SimulationFailed) else plan.finished(run)
-        for index, plan in enumerate(plans)
-    ]
-
-
-def attempt_planned(
-    plans: Sequence[PlannedRun | ValueError], kernel: str
-) -> list[MachineRun | SimulationFailed | ValueError]:
-    """Simulate as :func:`run_planned`, but return the ValueError of a run that cannot be planned or begun."""
-    possible = [plan for plan in plans if isinstance(plan, PlannedRun)]
-    made: list[Any]
-    try:
-        made = run_planned(possible, kernel=kernel)
-    except ValueError as error:  # of one of them
-        made = [error]
-        if len(possible) > 1:
-            made = [result for plan in possible for result in attempt_planned([plan], kernel)]
-    left = iter(made)
-    return [next(left) if isinstance(plan, PlannedRun) else plan for plan in plans]
 
 
 @dataclass(frozen=True)

@@ -20,12 +20,6 @@ from cyclofeat._base.checks import check_type, is_number, one_of, positive, shor
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import QUANTITIES
 from cyclofeat.simulators import _rig_file
-from cyclofeat.simulators._machine import (
-    Machine,
-    PlannedRun,
-    RandomState,
-    seed_sequence,
-)
 from cyclofeat.simulators._settling import settling_samples
 from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.defects import LobeDefects
@@ -44,10 +38,14 @@ from cyclofeat.simulators.effects import (
 from cyclofeat.simulators.effects._gearbox import GEARBOX_NUMBERS
 from cyclofeat.simulators.effects._parameter import is_distribution, suggest_key, value_text
 from cyclofeat.simulators.gearbox import CycloidalGearbox
+from cyclofeat.simulators.machine import (
+    Machine,
+    PlannedRun,
+    RandomState,
+    seed_sequence,
+)
 from cyclofeat.simulators.motor import Motor
 from cyclofeat.simulators.simulation import SimulationRun
-
-__all__ = ["DEFECTS", "Rig"]
 
 # Children of a run's seed. Those of an effect begin with the bytes of its name, which are larger numbers.
 DEFECTS, _START, _VARIANT = 1, 2, 3
@@ -333,17 +331,21 @@ class Rig:
             effects=[one.with_parameters(**changed[label]) for label, one in self.labelled_effects().items()],
         )
 
-    def seed_of(self, random_state: int, index: int) -> np.random.SeedSequence:
-        """Return the seed of one of many recordings; it depends on the rig's name.
+    def at(self, speed_rpm: float | None = None, load_nm: float | None = None) -> Rig:
+        """Return a copy at another nominal speed and load.
 
         Parameters
         ----------
-        random_state : int
-            Seed of all recordings.
-        index : int
-            Number of the recording.
+        speed_rpm, load_nm : float, optional
+            Input speed in RPM and load torque in Nm. Default: those of the gearbox.
+
+        Returns
+        -------
+        Rig
         """
-        return np.random.SeedSequence([random_state, *self.name.encode()], spawn_key=(index,))
+        changes = {} if speed_rpm is None else {"input_speed": speed_rpm * np.pi / 30}
+        changes |= {} if load_nm is None else {"load_torque": load_nm}
+        return self.replace(gearbox=self.gearbox.replace(**changes))
 
     def draw(self, random_state: RandomState) -> Machine:
         """Draw one machine: its variant, the errors of its gearbox, a number from each distribution.
@@ -454,7 +456,7 @@ class Rig:
         Returns
         -------
         PlannedRun
-            Its ``simulate`` makes it; :func:`run_planned` makes many at once.
+            Its ``simulate`` makes it; :func:`cyclofeat.simulators.sampling.sample_runs` makes many at once.
 
         Raises
         ------

@@ -17,7 +17,7 @@ from cyclofeat.counting import make_lobe_counter
 from cyclofeat.counting.calibration.pooling import combine_proba
 from cyclofeat.datasets import rig_preset
 from cyclofeat.simulators import LobeDefects
-from cyclofeat.simulators.many import run_planned
+from cyclofeat.simulators.sampling import recording_seed, sample_runs
 
 Float = NDArray[np.float64]
 
@@ -69,10 +69,10 @@ def _torque(depth: float, n_per_count: int) -> NDArray[np.float32]:
             index % N_COUNTS, N_LOBES, np.random.default_rng([_SEED, index]), depth=depth
         )
         plans.append(rig.plan_run(
-            worn, duration=max(TURNS) * _TURN_S, sampling_rate=_RATE, random_state=rig.seed_of(_SEED, index),
-            solver=SOLVER, torque_in=False, motion=False,
+            worn, duration=max(TURNS) * _TURN_S, sampling_rate=_RATE,
+            random_state=recording_seed(_SEED, rig.name, index), solver=SOLVER, torque_in=False, motion=False,
         ))  # fmt: skip
-    torque = [run.record().torque_out.astype(np.float32) for run in run_planned(plans)]
+    torque = [run.record().torque_out.astype(np.float32) for run in sample_runs(plans)]
     return np.stack(torque).reshape(len(plans), max(TURNS), -1)
 
 

@@ -26,8 +26,9 @@ from benchmarks.hidden_effects._sets import FIT, HERE, Definition, Planned, defi
 from cyclofeat.gap.simulations import KERNEL, MAY_DIFFER, NO_SUCH_RIG, SPARE, Population, with_may_differ
 from cyclofeat.gap.summaries import Conditions
 from cyclofeat.gap.world import FLOOR, recording_cells
-from cyclofeat.simulators import Effect, MachineRun, Rig, known_effects
-from cyclofeat.simulators.many import attempt_planned
+from cyclofeat.simulators import Effect, Rig, known_effects
+from cyclofeat.simulators.machine import MachineRun
+from cyclofeat.simulators.sampling import sample_runs
 
 Float = NDArray[np.float64]
 
@@ -54,14 +55,14 @@ def simulated_cells(
     variants = {name: [one for one in effects if one.effect_id != name] for name in ("", *without)}
     in_machine = {name: [one for one in kept if one.needs_simulation()] for name, kept in variants.items()}
     different = [name for name, kept in in_machine.items() if not name or len(kept) < len(in_machine[""])]
-    plans = [
-        _population(in_machine[name], planned).plan_run(
+    samples = [
+        _population(in_machine[name], planned).sample(
             planned.count, np.random.SeedSequence([seed, i]), spare=SPARE
         )
         for name in different
         for i, planned in enumerate(recordings)
     ]
-    runs = attempt_planned(plans, KERNEL)
+    runs = sample_runs(samples, kernel=KERNEL)
     found = {}
     for name, kept in variants.items():
         first = len(recordings) * (different.index(name) if name in different else 0)
@@ -76,8 +77,7 @@ def simulated_cells(
 
 def _population(effects: Sequence[Effect], planned: Planned) -> Population:
     rig, at = with_may_differ(Rig(), (*MAY_DIFFER, *FLOOR)).with_added(*effects), planned.condition
-    gearbox = rig.gearbox.replace(input_speed=at.speed_rpm * math.pi / 30, load_torque=at.load_nm)
-    return Population(rig.replace(gearbox=gearbox), n_samples(at.speed_rpm), SAMPLING_RATE, _WHEELS)
+    return Population(rig.at(at.speed_rpm, at.load_nm), n_samples(at.speed_rpm), SAMPLING_RATE, _WHEELS)
 
 
 def _torque(run: object, chain: Sequence[Effect], planned: Planned) -> NDArray[np.float32] | None:

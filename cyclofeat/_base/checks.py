@@ -80,6 +80,13 @@ def whole(name: str, value: Any, least: int | None = None, most: int | None = No
     return int(value)
 
 
+def seed(random_state: Any) -> int:
+    """Return a seed, a whole number of at least 0; draw one for None."""
+    if random_state is None:
+        return int(np.random.SeedSequence().generate_state(1)[0])
+    return whole("random_state", random_state, 0)
+
+
 def n_jobs(value: Any) -> int:
     """Return a number of workers as joblib takes it: any whole number except 0."""
     if not is_whole(value) or value == 0:

@@ -35,6 +35,7 @@ def run(arguments: argparse.Namespace) -> SimulationRun:
     """Simulate the assembly that ``simulate`` makes of the same options, and write the page."""
     from cyclofeat.report import write_animation
     from cyclofeat.simulators import Rig
+    from cyclofeat.simulators.sampling import recording_seed
 
     rig = rig_of_machine(arguments)
     machine = Rig(gearbox_of(arguments)) if rig is None else rig
@@ -48,7 +49,7 @@ def run(arguments: argparse.Namespace) -> SimulationRun:
             defects_of(arguments),
             duration=duration,
             sampling_rate=_SAMPLING_RATE,
-            random_state=0 if rig is None else rig.seed_of(arguments.seed, 0),
+            random_state=0 if rig is None else recording_seed(arguments.seed, rig.name, 0),
             start_angle=0.0 if rig is None else None,
             forces=True,
             points=True,

@@ -15,8 +15,6 @@ from cyclofeat.cli._targets import add_target
 if TYPE_CHECKING:
     from cyclofeat.simulators import Campaign, CampaignData
 
-__all__ = ["add_arguments", "example", "printed", "run"]
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("design", nargs="?", metavar="DESIGN", help="design of the campaign, JSON")

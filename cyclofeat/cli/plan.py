@@ -12,11 +12,10 @@ from cyclofeat.cli._rigs import add_rig, rig_of
 from cyclofeat.cli._table import Printed
 
 if TYPE_CHECKING:
-    from cyclofeat.counting import RecordingPlan, WearPlan
-
-__all__ = ["add_arguments", "printed", "run"]
+    from cyclofeat.counting import MeasurementPlan
 
 _TABULATED_RPM = 500.0
+_DEPTHS_UM = (5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,51 +41,49 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_idle(parser, "--load", "--turns", "--rig", "--simulator", without=["--wear"])
 
 
-def run(arguments: argparse.Namespace) -> RecordingPlan | WearPlan:
-    from cyclofeat.counting import plan_recording, plan_wear
+def run(arguments: argparse.Namespace) -> MeasurementPlan:
+    from cyclofeat.counting import plan_measurement
 
     if not (math.isfinite(arguments.speed) and arguments.speed > 0):
         raise ValueError(f"--speed must be positive (RPM of the input shaft), got {arguments.speed:g}")
+    by_simulation = {}
     if arguments.wear:
-        return plan_wear(
-            arguments.worn_count,
-            noise_nm=arguments.noise,
-            confidence=arguments.confidence,
-            rig=rig_of(arguments, default="r1"),
-            speed_rpm=arguments.speed,
-            load_nm=arguments.load,
-            output_turns=arguments.turns,
-            n_jobs=-1,
-        )
-    return plan_recording(
+        by_simulation = {
+            "depths_um": _DEPTHS_UM,
+            "rig": rig_of(arguments, default="r1"),
+            "load_nm": arguments.load,
+            "output_turns": arguments.turns,
+            "random_state": 0,
+            "n_jobs": -1,
+        }
+    return plan_measurement(
         arguments.worn_count,
         noise_nm=arguments.noise,
         confidence=arguments.confidence,
         depth=arguments.depth,
-        input_speed_hz=arguments.speed / 60,
+        speed_rpm=arguments.speed,
+        **by_simulation,
     )
 
 
-def printed(arguments: argparse.Namespace, plan: RecordingPlan | WearPlan) -> Printed:
-    from cyclofeat.counting import WearPlan
-
-    lines = _of_wear(plan) if isinstance(plan, WearPlan) else _of_recording(plan)
-    if not isinstance(plan, WearPlan) and arguments.speed != _TABULATED_RPM:
+def printed(arguments: argparse.Namespace, plan: MeasurementPlan) -> Printed:
+    lines = _table_lines(plan) if plan.depths_um is None else _simulation_lines(plan, plan.depths_um)
+    if plan.depths_um is None and arguments.speed != _TABULATED_RPM:
         lines.append(
             f"  note: the table is of {_TABULATED_RPM:g} RPM; another speed is taken to need as many turns"
         )
     return Printed("\n".join(lines), plan.to_dict())
 
 
-def _of_wear(plan: WearPlan) -> list[str]:
-    found = f"no depth up to {plan.depths_um[-1]:g} um shows"
+def _simulation_lines(plan: MeasurementPlan, depths_um: tuple[float, ...]) -> list[str]:
+    shows = f"no depth up to {depths_um[-1]:g} um shows"
     if plan.least_um is not None:
-        up_to = "or less " if plan.least_um == plan.depths_um[0] else ""
-        found = f"radial wear shows from {plan.least_um:.3g} um {up_to}on"
-    shares = ", ".join(f"{d:g} um: {p:.2f}" for d, p in zip(plan.depths_um, plan.probability, strict=True))
+        up_to = "or less " if plan.least_um == depths_um[0] else ""
+        shows = f"radial wear shows from {plan.least_um:.3g} um {up_to}on"
+    shares = ", ".join(f"{d:g} um: {p:.2f}" for d, p in zip(depths_um, plan.probability, strict=True))
     at = f"{plan.noise_nm:g} Nm noise, {plan.speed_rpm:g} RPM, {plan.load_nm:g} Nm"
     return [
-        f"{found} with {plan.confidence:g}, {number(plan.worn, 'worn lobe')} or none: {at}, "
+        f"{shows} with {plan.confidence:g}, {number(plan.worn, 'worn lobe')} or none: {at}, "
         f"{_length(plan.turns, plan.seconds)}",
         f"  probability of telling worn from healthy: {shares}",
         f"  by the lobe lines of {plan.assemblies} simulated assemblies of rig {plan.rig}, healthy and worn",
@@ -94,9 +91,9 @@ def _of_wear(plan: WearPlan) -> list[str]:
     ]
 
 
-def _of_recording(plan: RecordingPlan) -> list[str]:
+def _table_lines(plan: MeasurementPlan) -> list[str]:
     pair = f"{plan.worn} from {plan.worn + 1} worn lobes at {plan.noise_nm:g} Nm noise, depth {plan.depth:g}"
-    if plan.turns is not None and plan.seconds is not None:
+    if plan.turns is not None:
         lines = [f"to tell {pair}: record {_length(plan.turns, plan.seconds)}"]
     elif plan.confidence > plan.reachable:
         lines = [

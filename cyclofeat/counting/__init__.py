@@ -22,8 +22,7 @@ name                         job
 ``REFUSED``                  what ``predict`` returns for a refused recording: -1
 ``RadialWear``               count and depth of radial wear from several windows in a row
 ``counts_frame``             answers for many recordings as a data frame
-``plan_recording``           length of a recording that tells n worn lobes from n + 1
-``plan_wear``                least depth of radial wear that shows
+``plan_measurement``         length of a recording that tells n worn lobes from n + 1; least wear that shows
 ``Protocol``                 choice of what is held out, and of how intervals are computed
 ``train_and_test``           evaluation on other windows than those of training
 ===========================  ====================================================================
@@ -57,10 +56,7 @@ from cyclofeat.counting.model.radial_wear import lobe_lines_nm as lobe_lines_nm
 from cyclofeat.counting.model.radial_wear import runs_of as runs_of
 from cyclofeat.counting.model.radial_wear import wear_features as wear_features
 from cyclofeat.counting.model.recording_counter import RecordingCounter
-from cyclofeat.counting.planning.plan_recording import RecordingPlan, plan_recording
-from cyclofeat.counting.planning.plan_recording import Trial as Trial
-from cyclofeat.counting.planning.plan_recording import detection_table as detection_table
-from cyclofeat.counting.planning.plan_wear import WearPlan, plan_wear
+from cyclofeat.counting.planning import MeasurementPlan, plan_measurement
 
 __all__ = [
     "REFUSED",
@@ -74,21 +70,19 @@ __all__ = [
     "LobeLocator",
     "LobeModel",
     "LobeStream",
+    "MeasurementPlan",
     "Protocol",
     "RadialWear",
     "RecordingCounter",
-    "RecordingPlan",
     "RowCounter",
     "TrainingDomain",
     "WearDepth",
-    "WearPlan",
     "WindowCount",
     "counts_frame",
     "evaluate",
     "make_entropy_counter",
     "make_lobe_counter",
     "passage_of_lobe_zero",
-    "plan_recording",
-    "plan_wear",
+    "plan_measurement",
     "score_text",
 ]

@@ -8,7 +8,7 @@ import json
 import math
 import os
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,10 +19,12 @@ from numpy.typing import NDArray
 
 from cyclofeat._base import checks
 from cyclofeat._base.files import write_whole
+from cyclofeat._base.shards import json_bytes
 from cyclofeat.simulators._rig_file import read_json, reject_unknown
-from cyclofeat.simulators.defects import MOST_WEAR_UM
+from cyclofeat.simulators.defects import MOST_WEAR_UM, LobeDefects
 from cyclofeat.simulators.effects._parameter import settings_of_file, settings_to_file
 from cyclofeat.simulators.rig import Rig
+from cyclofeat.simulators.sampling import Sample, Wear, recording_seed
 from cyclofeat.simulators.simulation import Solver
 
 Float = NDArray[np.float64]
@@ -233,13 +235,33 @@ class Campaign:
             pairs = zip(quantiles.items(), shares[count][index // n_classes - repeat].tolist(), strict=True)
             yield RunPlan(index, count, {name: float(quantile(share)) for (name, quantile), share in pairs})
 
-    def seed_of(self, index: int) -> np.random.SeedSequence:
-        """Return the seed of one run, from which the rig draws what the design does not set."""
-        return np.random.SeedSequence([self.random_state, *self.name.encode()], spawn_key=(index,))
-
     def assembly_of(self, index: int) -> str:
         """Return the name of the assembly of one run."""
         return f"{self.name}-{self.random_state}-{index:07d}"
+
+    def rig_at(self, values: Mapping[str, float]) -> Rig:
+        """Return the rig with its explored parameters set to those among the values."""
+        return self.the_rig.with_parameters({name: v for name, v in values.items() if name not in OF_DEFECTS})
+
+    def defects_of(self, plan: RunPlan) -> LobeDefects:
+        """Draw the worn lobes of a run."""
+        depth, wear_um = (plan.values.get(name, getattr(self, name)) for name in OF_DEFECTS)
+        wear = Wear(
+            lobes=self.lobes, wheels=None if isinstance(self.wheels, str) else self.wheels, depth=depth,
+            wear_um=None if wear_um is None else (wear_um, wear_um),
+        )  # fmt: skip
+        return wear.draw(plan.defect_count, self.the_rig.gearbox.n_lobes, self._seed_of(plan.run))
+
+    def sample(self, plan: RunPlan) -> Sample:
+        """Return a run to simulate; raise ValueError if its values contradict each other."""
+        return Sample(
+            rig=self.rig_at(plan.values), defects=self.defects_of(plan),
+            duration=self.n_samples / self.sampling_rate, sampling_rate=self.sampling_rate,
+            seed=self._seed_of(plan.run), solver=Solver(integrator=self.integrator),
+        )  # fmt: skip
+
+    def _seed_of(self, run: int) -> np.random.SeedSequence:
+        return recording_seed(self.random_state, self.name, run)
 
     def _shares(self, count: int, first: int, n: int) -> Float:
         """Return the probability below each explored value, shape (n, n_explored).
@@ -344,11 +366,6 @@ class Campaign:
             except (TypeError, ValueError) as error:
                 raise type(error)(f"rig: {error}") from None
         return cls(**given)
-
-
-def json_bytes(content: Any) -> bytes:
-    """Return JSON in UTF-8, to read and to edit."""
-    return (json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
 def _rig(rig: Any) -> Rig:

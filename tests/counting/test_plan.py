@@ -1,13 +1,23 @@
-"""``cyclofeat plan``: the table that ships, and what is read from it."""
+"""``cyclofeat plan``: the answers of the table that ships, and which depth of wear shows."""
 
 import json
 from itertools import pairwise
 
+import numpy as np
 import pytest
 from scipy.stats import betabinom
 
 from cyclofeat.cli import main
-from cyclofeat.counting import Trial, detection_table, plan_recording
+from cyclofeat.counting import MeasurementPlan, lobe_lines_nm, plan_measurement
+from cyclofeat.counting.planning import (
+    _NOISE_IN_LINE,
+    SimulatedTwins,
+    Trial,
+    detection_table,
+    plan_turns,
+    right_decisions,
+)
+from cyclofeat.recordings.windower import SAMPLES_PER_TURN
 
 
 @pytest.fixture
@@ -34,16 +44,16 @@ def made_up():
     ],
 )
 def test_answers_are_those_of_the_table_by_hand(made_up, question, turns):
-    plan = plan_recording(1, **({"confidence": 0.95} | question), input_speed_hz=10.0, trials=made_up)
+    plan = plan_turns(made_up, 1, **({"confidence": 0.95, "depth": 1.0} | question), speed_rpm=600.0)
     assert plan.turns == turns
     assert plan.seconds == (None if turns is None else pytest.approx(1.5 * turns))
     assert (plan.probability >= plan.confidence) == (turns is not None)
 
 
 def test_what_helps_where_no_recording_is_long_enough(made_up):
-    plan = plan_recording(0, noise_nm=2.0, depth=0.3, confidence=0.8, trials=made_up)
+    plan = plan_turns(made_up, 0, 2.0, 0.8, 0.3, 500.0)
     assert (plan.turns, plan.largest_noise_nm) == (None, 0.5)  # 19/22 there
-    plan = plan_recording(0, noise_nm=2.0, depth=0.3, confidence=0.9, trials=made_up)
+    plan = plan_turns(made_up, 0, 2.0, 0.9, 0.3, 500.0)
     assert plan.largest_noise_nm is None
 
 
@@ -52,7 +62,7 @@ def test_the_longest_recording_is_named_by_its_length(capsys):
     assert main([*question, "--speed", "250"]) == 0
     first, second, *_ = capsys.readouterr().out.splitlines()
     assert first.endswith("the table's longest recording, 4 output turns (14.4 s), is not enough for 0.9")
-    most = plan_recording(4, noise_nm=8.0, depth=0.1, confidence=0.9).largest_noise_nm
+    most = plan_measurement(4, noise_nm=8.0, depth=0.1, confidence=0.9).largest_noise_nm
     assert second == f"  it is enough at {most:g} Nm noise or less"
     assert main([*question, "--json"]) == 0
     plan = json.loads(capsys.readouterr().out)
@@ -106,7 +116,7 @@ def test_command_says_how_long(capsys):
     )
     assert "simulated" in text
     assert main(["plan", "--worn-count", "3", "--noise", "0.2", "--confidence", "0.9", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == plan_recording(3, noise_nm=0.2, confidence=0.9).to_dict()
+    assert json.loads(capsys.readouterr().out) == plan_measurement(3, noise_nm=0.2, confidence=0.9).to_dict()
 
 
 @pytest.mark.parametrize(
@@ -136,6 +146,126 @@ def test_bad_questions_get_one_line(capsys, arguments, message):
 
 def test_what_is_no_number_is_named():
     with pytest.raises(TypeError, match="worn must be a whole number, got 2.5"):
-        plan_recording(2.5, noise_nm=1.0)
+        plan_measurement(2.5, noise_nm=1.0)
     with pytest.raises(TypeError, match="noise_nm must be a number, got '1'"):
-        plan_recording(2, noise_nm="1")
+        plan_measurement(2, noise_nm="1")
+
+
+# Which wear shows.
+
+DEPTHS, SEED = (12, 25), 3
+
+
+def best_share(healthy, worn):
+    """Share of right decisions at the best threshold between two samples of numbers."""
+    thresholds = np.quantile(np.r_[healthy, worn], np.linspace(0, 1, 201))
+    return max((np.mean(healthy <= t) + np.mean(worn > t)) / 2 for t in thresholds)
+
+
+@pytest.mark.parametrize("noncentral", [0.0, 10.0, 60.0])
+def test_right_decisions_are_those_of_drawn_numbers(noncentral):
+    random = np.random.default_rng(0)
+    healthy = random.chisquare(100, 20_000)
+    worn = (
+        random.noncentral_chisquare(100, noncentral, 20_000) if noncentral else random.chisquare(100, 20_000)
+    )
+    assert right_decisions(np.array([noncentral]), 100)[0] == pytest.approx(
+        best_share(healthy, worn), abs=0.01
+    )
+
+
+def test_noise_in_a_line_has_the_power_of_the_formula():
+    n = 15 * SAMPLES_PER_TURN
+    noise = np.random.default_rng(1).normal(0, 0.3, (60, n))
+    power = (np.abs(lobe_lines_nm(noise, 15).lines[:, 2:]) ** 2).mean()
+    assert power == pytest.approx(_NOISE_IN_LINE * 0.3**2 / n, rel=0.1)
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return plan_measurement(
+        2, noise_nm=0.2, confidence=0.75, output_turns=1, depths_um=DEPTHS, n_assemblies=6, random_state=SEED
+    )
+
+
+@pytest.fixture(scope="module")
+def lines():
+    """Lines of the plan's healthy assemblies, and of others: healthy, and with either wear."""
+    known, others = (SimulatedTwins("R1", None, None, 1, 6, seed, 1) for seed in (SEED, SEED + 1))
+    return known.lobe_lines(0, 1), others.lobe_lines(0, 1), *(others.lobe_lines(2, depth) for depth in DEPTHS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("point", [0, 1])
+def test_the_formula_agrees_with_decisions_about_other_assemblies(plan, lines, point):
+    """Simulated assemblies of another seed, with noise, told by the power in their lobe lines."""
+    known, healthy, *worn = lines
+    noise_power = _NOISE_IN_LINE * 0.2**2 / (1.8 * 25_600)
+    power = (np.abs(known) ** 2).mean(axis=0) + noise_power
+    random = np.random.default_rng(point)
+
+    def detected(lines):
+        lines = np.repeat(lines, 200, axis=0)
+        noise = random.normal(size=(2, *lines.shape)) * np.sqrt(noise_power / 2)
+        return (np.abs(lines + noise[0] + 1j * noise[1]) ** 2 / power).sum(axis=1)
+
+    share = best_share(detected(healthy), detected(worn[point]))
+    assert plan.probability[point] == pytest.approx(share, abs=0.12)
+
+
+def test_deeper_wear_and_the_least_depth(plan):
+    assert 0.5 < plan.probability[0] < plan.probability[1] <= 1
+    assert plan.least_um is None or plan.depths_um[0] <= plan.least_um <= plan.depths_um[1]
+    assert (plan.seconds, plan.speed_rpm, plan.load_nm) == (1.8, 500.0, 22.0)
+    assert json.loads(json.dumps(plan.to_dict()))["depths_um"] == list(DEPTHS)
+    assert plan.to_frame().to_dict("list") == {
+        "depth_um": list(plan.depths_um), "probability": list(plan.probability),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"worn": 0}, "worn must be at least 1"),
+        ({"noise_nm": -1.0}, "noise_nm must be positive"),
+        ({"confidence": 0.5}, "confidence must lie above 0.5"),
+        ({"output_turns": 0}, "output_turns must be at least 1"),
+        ({"n_assemblies": 1}, "n_assemblies must be at least 2"),
+        ({"depths_um": (50, 20)}, "depths_um must be at least two increasing depths"),
+        ({"speed_rpm": 0}, "speed_rpm must be positive"),
+        ({"rig": "R9"}, "must be one of"),
+    ],
+)
+def test_bad_simulations_are_refused_before_they_begin(changes, message):
+    with pytest.raises(ValueError, match=message):
+        plan_measurement(**{"worn": 2, "noise_nm": 0.2, "depths_um": DEPTHS} | changes)
+
+
+def test_the_command_says_which_depth_shows(capsys, monkeypatch):
+    asked = {}
+
+    def answer(worn, **options):
+        asked.update(options, worn=worn)
+        return MeasurementPlan(
+            worn=worn, confidence=0.95, noise_nm=0.2, rig="R2", speed_rpm=600.0, load_nm=10.0, turns=3,
+            seconds=4.5, depths_um=(20.0, 50.0), probability=(0.7, 0.97), least_um=asked["least"],
+            assemblies=8,
+        )  # fmt: skip
+
+    monkeypatch.setattr("cyclofeat.counting.plan_measurement", answer)
+    question = ["plan", "--wear", "--worn-count", "2", "--noise", "0.2", "--speed", "600", "--load", "10"]
+    asked["least"] = 45.2
+    assert main([*question, "--turns", "3", "--rig", "r2"]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith(
+        "radial wear shows from 45.2 um on with 0.95, 2 worn lobes or none: 0.2 Nm noise, 600 RPM, 10 Nm, "
+        "3 output turns (4.5 s)\n"
+    )
+    assert "20 um: 0.70, 50 um: 0.97" in text
+    assert asked["rig"].name == "R2"
+    assert (asked["speed_rpm"], asked["load_nm"], asked["output_turns"]) == (600.0, 10.0, 3)
+    asked["least"] = None
+    assert main([*question, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["least_um"] is None
+    assert main(question) == 0
+    assert capsys.readouterr().out.startswith("no depth up to 50 um shows with 0.95")

@@ -24,7 +24,6 @@ PACKAGES = (
     "cyclofeat.gap.posterior",
     "cyclofeat.gap.proof",
     "cyclofeat.gap.published",
-    "cyclofeat.gap.simulations",
     "cyclofeat.gap.summaries",
     "cyclofeat.gap.where",
     "cyclofeat.gap.world",
@@ -54,11 +53,7 @@ PACKAGES = (
     "cyclofeat.signal.welch",
     "cyclofeat.signal.windows",
     "cyclofeat.simulators",
-    "cyclofeat.simulators.campaign",
-    "cyclofeat.simulators.courses",
     "cyclofeat.simulators.effects",
-    "cyclofeat.simulators.many",
-    "cyclofeat.simulators.rig",
 )
 
 

@@ -23,7 +23,6 @@ from cyclofeat.simulators import (
     Solver,
     many,
     motor_effects,
-    run_planned,
     simulate,
     simulate_many,
     simulation,
@@ -31,6 +30,7 @@ from cyclofeat.simulators import (
 from cyclofeat.simulators.batch import runs as batch
 from cyclofeat.simulators.courses import drive_and_load
 from cyclofeat.simulators.many import simulate_each
+from cyclofeat.simulators.sampling import sample_runs
 from cyclofeat.simulators.simulation import Integration
 from cyclofeat.simulators.tables import kernel_input, rest_state
 
@@ -377,7 +377,7 @@ def test_a_motor_turns_machines_of_batches_too() -> None:
         )
         for n in (0, 2)
     ]
-    each = zip(run_planned(plans, kernel="batch"), run_planned(plans, kernel="exact"), strict=True)
+    each = zip(sample_runs(plans, kernel="batch"), sample_runs(plans, kernel="exact"), strict=True)
     for batched, exact in ((one.record(), other.record()) for one, other in each):
         assert (batched.kernel, exact.kernel) == ("batch", "exact")
         np.testing.assert_allclose(batched.motor_current, exact.motor_current, rtol=1e-3)

@@ -25,6 +25,7 @@ import pyarrow.parquet as parquet
 import pytest
 from scipy.stats import loguniform, uniform
 
+from cyclofeat._base import shards
 from cyclofeat.simulators import (
     BrakeRotor,
     Campaign,
@@ -37,12 +38,12 @@ from cyclofeat.simulators import (
     PinErrors,
     Quantisation,
     Rig,
-    WorkerLost,
     load_campaign,
     run_campaign,
 )
 from cyclofeat.simulators.batch import runs as batch
-from cyclofeat.simulators.campaign import Shards, _run, _store, _workers
+from cyclofeat.simulators.campaign import WorkerLost, _folder, _run
+from cyclofeat.simulators.campaign._folder import Shards
 
 # Starts fast, hence settles fast: a run takes a hundredth of a second.
 QUICK = Rig.r0().replace(name="quick", gearbox=CycloidalGearbox.steel(ramp_time=0.02))
@@ -130,10 +131,11 @@ def test_a_random_design_is_uniform_and_classes_are_independent() -> None:
 
 
 def test_name_and_seed_make_other_assemblies() -> None:
-    first = [plan.values for plan in SMALL.plans()]
+    first, plan = [plan.values for plan in SMALL.plans()], next(SMALL.plans(3))
+    state = SMALL.sample(plan).seed.generate_state(2).tolist()
     for other in (SMALL.replace(random_state=1), SMALL.replace(name="other")):
         assert [plan.values for plan in other.plans()] != first
-        assert other.seed_of(3).generate_state(2).tolist() != SMALL.seed_of(3).generate_state(2).tolist()
+        assert other.sample(plan).seed.generate_state(2).tolist() != state
 
 
 def test_a_run_is_what_the_simulator_gives_for_its_values() -> None:
@@ -209,7 +211,7 @@ def test_shards_follow_from_the_number_of_runs_unless_they_are_stated(tmp_path: 
 def test_patterns_of_wear() -> None:
     def worn(**changes: object) -> list[tuple[list[int], list[int]]]:
         campaign = SMALL.replace(defect_counts=(3,), repeats=150, depth=1.0, **changes)
-        found = (_run._defects(campaign, plan) for plan in campaign.plans())
+        found = (campaign.defects_of(plan) for plan in campaign.plans())
         return [(list(defects.worn_lobes), list(defects.wheels)) for defects in found]
 
     neighbours = {tuple(sorted((first + k) % 15 for k in range(3))) for first in range(15)}
@@ -287,7 +289,7 @@ def test_wheels_count_from_1_in_files() -> None:
 
 
 @pytest.mark.parametrize("backend", ["loky", "threading"])
-def test_the_same_bytes_for_any_workers(whole: Path, tmp_path: Path, backend: str) -> None:
+def test_the_same_bytes_for_any_run(whole: Path, tmp_path: Path, backend: str) -> None:
     calls: list[tuple[int, int]] = []
     with joblib.parallel_config(backend=backend):
         run_campaign(
@@ -583,9 +585,9 @@ class Crash(BaseException):
 def test_a_crash_at_any_write_loses_at_most_one_shard(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _store.complete(SMALL, tmp_path / "whole", quick_results)
+    _folder.complete_campaign(SMALL, tmp_path / "whole", quick_results)
     expected = contents(tmp_path / "whole")
-    write_whole = _store.write_whole
+    write_whole = shards.write_whole
     n_writes = 1 + 3 * SMALL.n_shards + 2  # design, shards with their rows, table, manifest
     # Before the file is written, with half of it written beside, and with its name already given.
     # Before a later write is after the one in front of it.
@@ -602,10 +604,10 @@ def test_a_crash_at_any_write_loses_at_most_one_shard(
                 write_whole(path, write, durable=durable)
             raise Crash
 
-        monkeypatch.setattr(_store, "write_whole", dying)
+        monkeypatch.setattr(shards, "write_whole", dying)
         with pytest.raises(Crash):
-            _store.complete(SMALL, folder, quick_results)
-        monkeypatch.setattr(_store, "write_whole", write_whole)
+            _folder.complete_campaign(SMALL, folder, quick_results)
+        monkeypatch.setattr(shards, "write_whole", write_whole)
         made: list[int] = []
 
         def counted(plans, made=made):  # type: ignore[no-untyped-def]
@@ -616,7 +618,7 @@ def test_a_crash_at_any_write_loses_at_most_one_shard(
         if (folder / "campaign.json").exists() and not (folder / "manifest.json").exists():
             with pytest.raises(ValueError, match=r"not finished, \d of 4 shards are there"):
                 load_campaign(folder)
-        _store.complete(SMALL, folder, counted)
+        _folder.complete_campaign(SMALL, folder, counted)
         assert contents(folder) == expected, (crash_at, moment)
         finished = (crash_at - 1 + (moment == "after")) // 3 if crash_at else 0
         assert made == list(range(4 * min(finished, 4), 15)), (crash_at, moment)
@@ -757,9 +759,9 @@ def test_a_full_disk_keeps_what_is_finished(
     def fill_at(done: int, _: int) -> None:
         if done == 11:
             if call == "write":
-                monkeypatch.setattr(_store.np.lib.format, "write_array_header_1_0", full)
+                monkeypatch.setattr(_folder.np.lib.format, "write_array_header_1_0", full)
             else:
-                monkeypatch.setattr(_store.os, "fsync", full)
+                monkeypatch.setattr(os, "fsync", full)
 
     with pytest.raises(OSError, match=r"the disk is full; 2 of 4 shards are finished and kept") as error:
         run_campaign(SMALL, folder, progress=fill_at)
@@ -775,7 +777,7 @@ def test_a_full_disk_keeps_what_is_finished(
 
 def test_a_disk_too_small_is_found_out_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     usage = shutil.disk_usage(tmp_path)._replace(free=15 * 512 * 4 - 1)
-    monkeypatch.setattr(_store.shutil, "disk_usage", lambda _: usage)
+    monkeypatch.setattr(_folder.shutil, "disk_usage", lambda _: usage)
     with pytest.raises(OSError, match=r"4 shards to be made take 30.7 kB, the disk has 30.7 kB left"):
         run_campaign(SMALL, tmp_path / "out")
 
@@ -816,9 +818,9 @@ def test_a_killed_worker_process_is_an_error_and_nothing_finished_is_lost(
 
 
 def test_a_worker_of_another_version_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    other = {**_run.made_with(), "numpy": "1.0"}
-    monkeypatch.setattr(_workers, "made_with", lambda: other)
-    with pytest.raises(ValueError, match="a worker has numpy .*, the campaign 1.0: install the same"):
+    here, numbers = _run.made_with(), itertools.count()
+    monkeypatch.setattr(_run, "made_with", lambda: {**here, "numpy": f"{next(numbers)}.0"})
+    with pytest.raises(ValueError, match=r"a worker has numpy 1.0, the campaign 0.0: install the same"):
         run_campaign(SMALL, tmp_path / "out")
 
 
@@ -832,14 +834,14 @@ def test_wrong_numbers_of_jobs(tmp_path: Path, n_jobs: object) -> None:
 
 
 @contextlib.contextmanager
-def cluster(n_workers: int = 2):  # type: ignore[no-untyped-def]
+def cluster(n_run: int = 2):  # type: ignore[no-untyped-def]
     import dask
     from distributed import LocalCluster
 
     with (
         dask.config.set({"distributed.worker.multiprocessing-method": "spawn"}),
         LocalCluster(
-            n_workers=n_workers,
+            n_run=n_run,
             threads_per_worker=1,
             processes=True,
             dashboard_address=":0",
@@ -850,11 +852,11 @@ def cluster(n_workers: int = 2):  # type: ignore[no-untyped-def]
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-def test_no_scheduler_no_workers_no_dask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_scheduler_no_run_no_dask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from distributed import LocalCluster
 
-    monkeypatch.setattr(_workers, "CONNECT_S", 0.5)
-    monkeypatch.setattr(_workers, "NO_WORKER_S", 0.5)
+    monkeypatch.setattr(_run, "CONNECT_S", 0.5)
+    monkeypatch.setattr(_run, "NO_WORKER_S", 0.5)
     with pytest.raises(
         WorkerLost, match=r"no Dask scheduler answers at 'tcp://127.0.0.1:9' .* like tcp://host:8786"
     ):
@@ -865,7 +867,7 @@ def test_no_scheduler_no_workers_no_dask(tmp_path: Path, monkeypatch: pytest.Mon
         run_campaign(SMALL, tmp_path / "out", scheduler=8786)
     with (
         LocalCluster(
-            n_workers=0, processes=False, dashboard_address=":0", protocol="tcp", host="127.0.0.1"
+            n_run=0, processes=False, dashboard_address=":0", protocol="tcp", host="127.0.0.1"
         ) as made,
         pytest.raises(WorkerLost, match="has had no worker for 0.5 s; all finished shards are kept"),
     ):
@@ -895,11 +897,11 @@ def test_a_cluster_makes_the_same_bytes_although_one_worker_is_killed(tmp_path: 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-def test_a_cluster_without_workers_is_an_error_and_the_campaign_goes_on_elsewhere(
+def test_a_cluster_without_run_is_an_error_and_the_campaign_goes_on_elsewhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_workers, "NO_WORKER_S", 2.0)
-    monkeypatch.setattr(_workers, "LOOK_S", 0.5)
+    monkeypatch.setattr(_run, "NO_WORKER_S", 2.0)
+    monkeypatch.setattr(_run, "LOOK_S", 0.5)
     campaign = SMALL.replace(repeats=40)
     run_campaign(campaign, tmp_path / "alone")
     folder = tmp_path / "cluster"

@@ -32,10 +32,10 @@ from cyclofeat.simulators import (
     Simulator,
     load_effects,
     register_effect,
-    run_planned,
     simulate_many,
     unregister_effect,
 )
+from cyclofeat.simulators.sampling import sample_runs
 
 RATE = 2000.0
 SHORT: dict[str, Any] = {"duration": 0.5, "sampling_rate": RATE}
@@ -117,7 +117,7 @@ def test_runs_of_many_machines_keep_their_order(kernel: str) -> None:
     gearbox = Rig()
     rigs = [OWN, gearbox, OWN.replace(simulator=Cardan(fails_above=10.0)), OWN.with_added(Offset(1.0))]
     plans = [rig.plan_run(duration=0.02, sampling_rate=RATE, random_state=k) for k, rig in enumerate(rigs)]
-    first, of_gearbox, failed, last = run_planned(plans, kernel=kernel)
+    first, of_gearbox, failed, last = sample_runs(plans, kernel=kernel)
     assert isinstance(failed, SimulationFailed)
     assert [run.run.kernel == "Cardan" for run in (first, of_gearbox, last)] == [True, False, True]
     for plan, run in ((plans[0], first), (plans[3], last)):

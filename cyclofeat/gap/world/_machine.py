@@ -13,8 +13,9 @@ from cyclofeat.gap.simulations import KERNEL, NO_SUCH_RIG, SOLVER, SPARE, Popula
 from cyclofeat.gap.summaries import Conditions
 from cyclofeat.gap.world._cells import recording_cells, turn_samples
 from cyclofeat.gap.world._prior import DrawnSession, draw_session, with_floor
-from cyclofeat.simulators import Effect, MachineRun, PlannedRun, SimulationFailed
-from cyclofeat.simulators.many import attempt_planned
+from cyclofeat.simulators import Effect, SimulationFailed
+from cyclofeat.simulators.machine import MachineRun
+from cyclofeat.simulators.sampling import Sample, sample_runs
 
 if TYPE_CHECKING:
     from cyclofeat.gap.world._world import World
@@ -56,70 +57,66 @@ def simulate_machines(world: World, numbers: Sequence[int]) -> list[dict[str, ND
     Returns the columns of the rigs of each machine (:class:`cyclofeat.gap.world.Rigs`), the number of the rig
     first.
     """
-    machines = [_draw(world, number) for number in numbers]
-    made = simulate_drawn(world, machines)
+    columns = simulate_drawn(world, [_draw_machine(world, number) for number in numbers])
     return [
-        {"numbers": _rigs_of(world, number)} | _padded(columns, world.n_recordings)
-        for number, columns in zip(numbers, made, strict=True)
+        {"numbers": _rig_numbers(world, number)} | _pad_columns(of_machine, world.n_recordings)
+        for number, of_machine in zip(numbers, columns, strict=True)
     ]
 
 
 def simulate_drawn(world: World, machines: Sequence[DrawnMachine]) -> list[dict[str, NDArray[Any]]]:
     """Simulate drawn machines, and return the columns of the rigs of each, without their numbers."""
-    plans = [plan for machine in machines for plan in _plans(world, machine)]
-    made = iter(attempt_planned(plans, KERNEL))
-    return [_summarised(world, machine, [next(made) for _ in machine.seeds]) for machine in machines]
+    samples = [sample for machine in machines for sample in _samples(world, machine)]
+    runs = iter(sample_runs(samples, kernel=KERNEL))
+    return [_rig_columns(world, machine, [next(runs) for _ in machine.seeds]) for machine in machines]
 
 
-def _seed(world: World, *key: int) -> np.random.SeedSequence:
+def _world_seed(world: World, *key: int) -> np.random.SeedSequence:
     return np.random.SeedSequence(world.random_state, spawn_key=key)
 
 
-def _rigs_of(world: World, number: int) -> NDArray[np.int64]:
-    """Numbers of the rigs of a machine."""
+def _rig_numbers(world: World, number: int) -> NDArray[np.int64]:
+    """Return the numbers of the rigs of a machine."""
     return number * world.n_rigs_per_machine + np.arange(world.n_rigs_per_machine)
 
 
-def _draw(world: World, number: int) -> DrawnMachine:
-    random = np.random.default_rng(_seed(world, _MACHINE, number))
+def _draw_machine(world: World, number: int) -> DrawnMachine:
+    random = np.random.default_rng(_world_seed(world, _MACHINE, number))
     # Few recordings more often than many: other machines teach more than further recordings of one.
     fewest = min(FEWEST_RECORDINGS, world.n_recordings)
     n = fewest + int((world.n_recordings - fewest + 1) * random.random() ** 2)
     session = draw_session(world.speeds_rpm, world.loads_nm, world.defect_counts, n, random)
     effects = world.prior.in_machine(random)
-    rigs = _rigs_of(world, number).tolist()
+    rigs = _rig_numbers(world, number).tolist()
     return DrawnMachine(
         effects=effects,
         chains=[
-            world.prior.on_torque(len(effects), np.random.default_rng(_seed(world, _RIG, rig)))
+            world.prior.on_torque(len(effects), np.random.default_rng(_world_seed(world, _RIG, rig)))
             for rig in rigs
         ],
         session=session,
-        seeds=[_seed(world, _RECORDING, number, i) for i in range(n)],
+        seeds=[_world_seed(world, _RECORDING, number, i) for i in range(n)],
     )
 
 
-def _plans(world: World, machine: DrawnMachine) -> list[PlannedRun | ValueError]:
-    """Plan the recordings of a machine, without simulating them."""
+def _samples(world: World, machine: DrawnMachine) -> list[Sample]:
+    """Return the recordings of a machine to simulate."""
     session = machine.session
     rig = with_floor(world.rig, world.may_differ, session.tolerance).with_added(*machine.effects)
     first_of = {number: machine.seeds[i] for i, number in reversed([*enumerate(session.assemblies.tolist())])}
-    plans: list[PlannedRun | ValueError] = []
+    samples = []
     for i, seed in enumerate(machine.seeds):
-        speed, load = float(session.speeds_rpm[i]), float(session.loads_nm[i])
-        at = rig.replace(gearbox=rig.gearbox.replace(input_speed=speed * np.pi / 30, load_torque=load))
+        speed, assembly = float(session.speeds_rpm[i]), first_of[int(session.assemblies[i])]
         n_samples = turn_samples(Conditions(world.sampling_rate, speed / 60, world.n_lobes))
-        population = Population(at, n_samples, world.sampling_rate, world.wheels, quantity=world.quantity)
-        try:
-            assembly = first_of[int(session.assemblies[i])]
-            count = int(session.counts[i])
-            plans.append(population.plan_run(count, seed, assembly, spare=SPARE, solver=_SOLVER))
-        except ValueError as error:
-            plans.append(error)
-    return plans
+        population = Population(
+            rig.at(speed, float(session.loads_nm[i])), n_samples, world.sampling_rate, world.wheels,
+            quantity=world.quantity,
+        )  # fmt: skip
+        samples.append(population.sample(int(session.counts[i]), seed, assembly, spare=SPARE, solver=_SOLVER))
+    return samples
 
 
-def _summarised(
+def _rig_columns(
     world: World, machine: DrawnMachine, runs: list[MachineRun | SimulationFailed | ValueError]
 ) -> dict[str, NDArray[Any]]:
     """Return the columns of the rigs of a machine; NaN for recordings that could not be made."""
@@ -132,7 +129,7 @@ def _summarised(
         places, torques = [], []
         for i in np.flatnonzero(session.speeds_rpm == speed):
             for j, chain in enumerate(chains):
-                torque, turned = _recorded(runs[i], chain, int(session.directions[i]))
+                torque, turned = _record_chain(runs[i], chain, int(session.directions[i]))
                 if torque is not None and torque.size == turn_samples(conditions):
                     places.append((j, i))
                     torques.append(torque)
@@ -151,7 +148,7 @@ def _summarised(
     }
 
 
-def _padded(columns: dict[str, NDArray[Any]], n_recordings: int) -> dict[str, NDArray[Any]]:
+def _pad_columns(columns: dict[str, NDArray[Any]], n_recordings: int) -> dict[str, NDArray[Any]]:
     """Repeat the first recording's conditions up to a number of recordings; the others are NaN, and 0."""
     missing = n_recordings - columns["counts"].shape[1]
     ends = {"values": np.nan, "speeds": np.nan, "counts": 0}
@@ -165,7 +162,7 @@ def _padded(columns: dict[str, NDArray[Any]], n_recordings: int) -> dict[str, ND
     return columns | padded | {"conditions": np.concatenate([columns["conditions"], first], axis=1)}
 
 
-def _recorded(
+def _record_chain(
     run: MachineRun | SimulationFailed | ValueError, chain: tuple[Effect, ...], direction: int
 ) -> tuple[NDArray[np.float32] | None, float]:
     """Return torque and the input's speed in Hz as recorded; None and NaN where nothing can be recorded."""

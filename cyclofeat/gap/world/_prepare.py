@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import joblib
@@ -13,15 +12,14 @@ import numpy as np
 
 from cyclofeat._base.checks import n_jobs as checked_jobs
 from cyclofeat._base.checks import whole
-from cyclofeat._base.files import write_whole
 from cyclofeat._base.parallel import stopped_quietly
+from cyclofeat._base.shards import ShardStore
 from cyclofeat.gap.simulations import versions
 from cyclofeat.gap.world._machine import FEWEST_RECORDINGS, simulate_machines
 from cyclofeat.gap.world._rigs import Rigs
 from cyclofeat.gap.world._world import World
 
 _MACHINES_PER_SHARD = 8  # their runs fill the lanes of some batches
-_SETTINGS = "world.json"
 _FORMAT = "cyclofeat world 1"
 _SIMULATED_BY = ("signal", "gap/summaries", "gap/simulations", "gap/world")
 
@@ -63,68 +61,58 @@ def prepare_world(
     """
     n_shards = -(-whole("n_machines", n_machines, 1) // _MACHINES_PER_SHARD)
     checked_jobs(n_jobs)
-    place = Path(folder)
-    place.mkdir(parents=True, exist_ok=True)
-    _state(world, place)
-    for part in place.glob(".*.part"):
-        part.unlink()
-    missing = [shard for shard in range(n_shards) if not _shard(place, shard).exists()]
-    calls = (joblib.delayed(_simulate_shard)(world, place, shard) for shard in missing)
-    made = joblib.Parallel(n_jobs=n_jobs, return_as="generator_unordered")(calls)
-    with stopped_quietly(made):
-        for done, _ in enumerate(made, start=n_shards - len(missing) + 1):
-            if progress is not None:
-                progress(done, n_shards)
-    return _read(place, [_shard(place, shard) for shard in range(n_shards)])
-
-
-def _shard(folder: Path, shard: int) -> Path:
-    return folder / f"shard-{shard:05d}.npz"
-
-
-def _state(world: World, folder: Path) -> None:
-    """Write the settings of a world, or check that the folder has the same."""
+    store = ShardStore(folder, "world.json")
     content = {
         "format": _FORMAT, "made_with": versions(*_SIMULATED_BY), "world": world.to_dict(),
         "names": world.names, "size_names": world.size_names, "logarithmic": world.logarithmic,
         "cells": world.cells,
     }  # fmt: skip
-    text = json.dumps(content, indent=1)
-    file = folder / _SETTINGS
-    if not file.exists():
-        write_whole(file, lambda stream: stream.write(text.encode()), durable=True)
+    store.begin(content)
+    _check_world(store, json.loads(json.dumps(content)))
+    shards = [f"shard-{shard:05d}.npz" for shard in range(n_shards)]
+    missing = store.missing(shards)
+    calls = (joblib.delayed(_simulate_shard)(world, store, shards.index(name), name) for name in missing)
+    results = joblib.Parallel(n_jobs=n_jobs, return_as="generator_unordered")(calls)
+    with stopped_quietly(results):
+        for done, _ in enumerate(results, start=n_shards - len(missing) + 1):
+            if progress is not None:
+                progress(done, n_shards)
+    return _read_rigs(store, shards)
+
+
+def _check_world(store: ShardStore, wanted: dict[str, Any]) -> None:
+    """Raise ValueError unless the folder holds this world, simulated by the same code."""
+    stated = store.read_description()
+    if stated == wanted:
         return
-    before, now = json.loads(file.read_text(encoding="utf-8")), json.loads(text)
-    if before == now:
-        return
-    if before.get("made_with") != now["made_with"]:
+    if stated is None or stated.get("made_with") != wanted["made_with"]:
         different = ["versions of code and libraries"]
     else:
-        old, new = before.get("world", {}), now["world"]
+        old, new = stated.get("world", {}), wanted["world"]
         different = [name for name in new if old.get(name) != new[name]] or ["summaries"]
     raise ValueError(
-        f"folder must be empty or hold the same world, got {folder}, which was made with other "
+        f"folder must be empty or hold the same world, got {store.folder}, which was made with other "
         f"{', '.join(different)}: name another folder, or remove this one"
     )
 
 
-def _simulate_shard(world: World, folder: Path, shard: int) -> None:
+def _simulate_shard(world: World, store: ShardStore, shard: int, name: str) -> None:
     first = shard * _MACHINES_PER_SHARD
     machines = simulate_machines(world, range(first, first + _MACHINES_PER_SHARD))
     columns: dict[str, Any] = {
         name: np.concatenate([machine[name] for machine in machines]) for name in machines[0]
     }
-    write_whole(_shard(folder, shard), lambda stream: np.savez(stream, **columns), durable=True)
+    store.write(name, lambda stream: np.savez(stream, **columns))
 
 
-def _read(folder: Path, files: list[Path]) -> Rigs:
-    stated = json.loads((folder / _SETTINGS).read_text(encoding="utf-8"))
+def _read_rigs(store: ShardStore, shards: list[str]) -> Rigs:
+    stated = store.read_json(store.description)
     parts = []
-    for file in files:
-        with np.load(file) as shard:
-            parts.append(dict(shard))
+    for shard in shards:
+        with np.load(store.path(shard)) as columns_of_shard:
+            parts.append(dict(columns_of_shard))
     columns: dict[str, Any] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    made = np.isfinite(columns["values"][:, :, 0])
+    simulated = np.isfinite(columns["values"][:, :, 0])
     rigs = Rigs(
         names=tuple(stated["names"]),
         size_names=tuple(stated["size_names"]),
@@ -134,4 +122,4 @@ def _read(folder: Path, files: list[Path]) -> Rigs:
         machines=columns["numbers"] // stated["world"]["n_rigs_per_machine"],
         **columns,
     )
-    return rigs.of(made.sum(axis=1) >= min(FEWEST_RECORDINGS, made.shape[1]))
+    return rigs.of(simulated.sum(axis=1) >= min(FEWEST_RECORDINGS, simulated.shape[1]))

@@ -1,32 +1,41 @@
-"""Recordings that a rig would give, and banks of simulated ones."""
+"""Simulated recordings of the model.
+
+A :class:`Population` describes recordings of a rig and how they may differ. :func:`simulate_bank` simulates
+them, and :class:`Memory` stores them.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
 import json
-from collections.abc import Iterable, Sequence
+import os
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from pathlib import Path
+from typing import Any, TypeVar
 
 import joblib
 import numpy as np
+import sklearn
 from numpy.typing import NDArray
 
 from cyclofeat._base.quantities import CHANNELS, factor_to_output
+from cyclofeat._base.shards import ShardStore
+from cyclofeat._base.versions import code_sha256
 from cyclofeat.simulators import (
     CycloidalGearbox,
     Effect,
     LobeDefects,
-    MachineRun,
     PinErrors,
-    PlannedRun,
     Rig,
     Scale,
     SimulationFailed,
     Solver,
-    run_planned,
 )
+from cyclofeat.simulators.campaign import made_with
+from cyclofeat.simulators.machine import MachineRun
+from cyclofeat.simulators.sampling import Sample, child_seed, sample_runs
 
 T = TypeVar("T")
 Float = NDArray[np.float64]
@@ -126,7 +135,7 @@ class Population:
         others = {name: value for name, value in vars(self).items() if name != "rig"}
         return json.dumps([self.rig.to_text(), others])
 
-    def plan_run(
+    def sample(
         self,
         count: int,
         random_state: Seed,
@@ -134,40 +143,35 @@ class Population:
         *,
         spare: float = 0.0,
         solver: Solver = SOLVER,
-    ) -> PlannedRun:
-        """Draw one run of the machine, without simulating it.
+    ) -> Sample:
+        """Draw the worn lobes of one recording.
 
-        ``count`` consecutive lobes are worn, the first and the wheels at random. Runs with equal ``assembly``
-        seeds are of one assembly. The run is longer by the share ``spare``, for a slow converter. Raises
-        ValueError if the rig cannot be built.
+        ``count`` consecutive lobes are worn, the first and the wheels at random. Recordings with equal
+        ``assembly`` seeds are of one assembly. The run is longer by the share ``spare``, for a slow
+        converter.
         """
-        # Not spawn(): it counts its calls, and equal seeds must give equal recordings.
-        for_defects, for_run = (
-            Seed(random_state.entropy, spawn_key=(*random_state.spawn_key, k)) for k in range(2)
-        )
-        random, n_lobes = np.random.default_rng(for_defects), self.rig.gearbox.n_lobes
+        random, n_lobes = np.random.default_rng(child_seed(random_state, 0)), self.rig.gearbox.n_lobes
         first = int(random.integers(n_lobes))
         wheels = self.wheels[int(random.integers(len(self.wheels)))]
         duration = self.n_samples / self.sampling_rate
-        return self.rig.plan_run(
-            LobeDefects.worn([(first + k) % n_lobes for k in range(count)], wheels=wheels),
+        return Sample(
+            rig=self.rig,
+            defects=LobeDefects.worn([(first + k) % n_lobes for k in range(count)], wheels=wheels),
             duration=duration,
             sampling_rate=self.sampling_rate,
-            random_state=for_run,
+            seed=child_seed(random_state, 1),
             assembly=assembly,
             quantity=self.quantity,
-            torque_in=False,  # plan_run sets True where it is measured
-            motion=False,
             solver=solver,
             spare_s=spare * duration,
         )
 
     def record(self, count: int, random_state: Seed, assembly: Seed | None = None) -> Record:
-        """Simulate one recording; arguments as :meth:`plan_run`.
+        """Simulate one recording; arguments as :meth:`sample`.
 
         Raises SimulationFailed or ValueError if the rig cannot be simulated or built.
         """
-        return record(self.plan_run(count, random_state, assembly).simulate(), (), self.direction)
+        return record(self.sample(count, random_state, assembly).plan().simulate(), (), self.direction)
 
 
 def record(run: MachineRun, effects: Sequence[Effect] = (), direction: int = 1) -> Record:
@@ -189,13 +193,6 @@ def record(run: MachineRun, effects: Sequence[Effect] = (), direction: int = 1) 
     return Record(torque, turned / (angle.size - 1) * made.sampling_rate)
 
 
-def _in_batches(items: Sequence[T]) -> list[Sequence[T]]:
-    """Parts of a list of runs, each as many as are simulated at once."""
-    from cyclofeat.simulators.batch.runs import n_lanes
-
-    return [items[first : first + n_lanes()] for first in range(0, len(items), n_lanes())]
-
-
 def simulate_bank(
     population: Population,
     counts: Sequence[int],
@@ -210,33 +207,80 @@ def simulate_bank(
     Recordings i and i + ``n_assemblies`` are of the same assembly; by default each has its own. Recording i
     depends on ``random_state`` and i alone. Raises SimulationFailed if at least half of the simulations fail.
     """
+    from cyclofeat.simulators.batch.runs import n_lanes
+
     repeat, assemblies = np.divmod(np.arange(n), n if n_assemblies is None else n_assemblies)
     # Recordings of one assembly differ in their counts.
     wanted = np.array(counts)[(assemblies + repeat) % len(counts)]
 
-    def some(numbers: Sequence[int]) -> list[Record | str]:
-        shared = {
-            i: None if n_assemblies is None else Seed([random_state, int(assemblies[i])]) for i in numbers
-        }
-        plans = [
-            population.plan_run(int(wanted[i]), Seed(random_state, spawn_key=(i,)), shared[i])
+    def records(numbers: Sequence[int]) -> list[Record | str]:
+        samples = [
+            population.sample(
+                int(wanted[i]),
+                Seed(random_state, spawn_key=(i,)),
+                None if n_assemblies is None else Seed([random_state, int(assemblies[i])]),
+            )
             for i in numbers
         ]
-        runs = run_planned(plans, kernel=KERNEL)
-        return [
-            str(run) if isinstance(run, SimulationFailed) else record(run, (), population.direction)
-            for run in runs
-        ]
+        results: list[Record | str] = []
+        for run in sample_runs(samples, kernel=KERNEL):
+            if isinstance(run, ValueError):
+                raise run
+            results.append(
+                str(run) if isinstance(run, SimulationFailed) else record(run, (), population.direction)
+            )
+        return results
 
-    parts = joblib.Parallel(n_jobs=n_jobs)(joblib.delayed(some)(part) for part in _in_batches(range(n)))
-    made = list(itertools.chain.from_iterable(parts))
-    done = [i for i, one in enumerate(made) if isinstance(one, Record)]
+    batches = [range(n)[first : first + n_lanes()] for first in range(0, n, n_lanes())]
+    parts = joblib.Parallel(n_jobs=n_jobs)(joblib.delayed(records)(batch) for batch in batches)
+    results = list(itertools.chain.from_iterable(parts))
+    done = {i: result for i, result in enumerate(results) if isinstance(result, Record)}
     if len(done) <= n // 2:
-        first = next(one for one in made if isinstance(one, str))
+        first = next(result for result in results if isinstance(result, str))
         raise SimulationFailed(f"{n - len(done)} of {n} simulations failed, the first with: {first}")
     return Bank(
-        X=np.array([made[i].torque for i in done]),
-        counts=wanted[done],
-        speeds=np.array([made[i].speed for i in done]),
-        assemblies=assemblies[done],
+        X=np.array([result.torque for result in done.values()]),
+        counts=wanted[list(done)],
+        speeds=np.array([result.speed for result in done.values()]),
+        assemblies=assemblies[list(done)],
     )
+
+
+class Memory:
+    """Cache of results, by the content of their arguments and the version of the code.
+
+    Results are stored in this process and, with a ``folder``, on disk, so that an interrupted run can
+    continue. A file that cannot be read is replaced.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str] | None = None) -> None:
+        self._folder, self._results = folder, dict[str, Any]()
+
+    def __call__(self, call: Callable[[], T], kind: str, *key: Any, code: tuple[str, ...]) -> T:
+        """Return the result of ``call``, computed once for equal ``kind``, ``key`` and code.
+
+        ``kind`` is the name of the subfolder. ``code`` names folders and modules of the package whose code
+        affects the result; the simulators always do.
+        """
+        name = str(joblib.hash((kind, key, versions(*code))))
+        if name not in self._results:
+            store = None if self._folder is None else ShardStore(Path(self._folder) / kind)
+            self._results[name] = call() if store is None else store.remember(f"{name}.joblib", call)
+        result: T = self._results[name]
+        return result
+
+
+def versions(*rooms: str) -> dict[str, str]:
+    """Return the versions of the simulators and of the code in some folders and modules of the package."""
+    package = Path(__file__).parents[1]
+    files = [
+        path
+        for room in rooms
+        for path in (
+            (package / room).rglob("*.py") if (package / room).is_dir() else [package / f"{room}.py"]
+        )
+    ]
+    return made_with() | {
+        "code_sha256": code_sha256(package, sorted(files)),
+        "scikit-learn": sklearn.__version__,
+    }

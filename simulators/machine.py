@@ -202,7 +202,7 @@ class PlannedRun(_RunOfMachine):
 class MachineRun(_RunOfMachine):
     """A run before measurement, for one or several chains of measurement.
 
-    Made by :meth:`PlannedRun.simulate` or :func:`cyclofeat.simulators.run_planned`.
+    Made by :meth:`PlannedRun.simulate` or :func:`cyclofeat.simulators.sampling.sample_runs`.
     """
 
     #: Channels from the start on, settling included.

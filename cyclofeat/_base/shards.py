@@ -1,0 +1,121 @@
+"""Folders of finished work that an interrupted run continues."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import IO, Any, TypeVar
+
+import joblib
+
+from cyclofeat._base.files import write_whole
+
+T = TypeVar("T")
+
+
+class ShardStore:
+    """Folder of shards: files that appear whole or not at all, beside a description of what they are.
+
+    Work that was interrupted goes on with the shards that are missing.
+
+    Parameters
+    ----------
+    folder : path
+    description : str
+        Name of the JSON file that describes the work.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str], description: str = "") -> None:
+        self.folder, self.description = Path(folder), description
+
+    def path(self, name: str) -> Path:
+        """Return the path of a file."""
+        return self.folder / name
+
+    def begin(self, content: Mapping[str, Any]) -> None:
+        """Make the folder, remove unfinished files, and write the description unless there is one."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        for part in self.folder.glob(".*.part"):
+            part.unlink()
+        if self.read_description() is None:
+            self.write_json(self.description, content)
+
+    def read_description(self) -> dict[str, Any] | None:
+        """Return the description; None if there is none."""
+        return self.read_json(self.description) if self.path(self.description).exists() else None
+
+    def read_json(self, name: str) -> dict[str, Any]:
+        """Return the content of a JSON file; raise ValueError if it is none."""
+        path = self.path(name)
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+        except (json.JSONDecodeError, UnicodeDecodeError) as error:
+            raise ValueError(f"{path}: is not valid JSON ({error}): the file was changed") from None
+        if not isinstance(content, dict):
+            raise ValueError(f"{path}: must hold a JSON object: the file was changed")
+        return content
+
+    def write_json(self, name: str, content: Any) -> None:
+        """Write a JSON file, to read and to edit."""
+        self.write(name, lambda file: file.write(json_bytes(content)))
+
+    def write(self, name: str, write: Callable[[IO[bytes]], object]) -> Path:
+        """Write a file through to the disk, and return its path; ``write`` is given the open binary file."""
+        return write_whole(self.path(name), write, durable=True)
+
+    def missing(self, names: Iterable[str]) -> list[str]:
+        """Return the names of the files that are not finished."""
+        return [name for name in names if not self.path(name).exists()]
+
+    def remember(self, name: str, call: Callable[[], T]) -> T:
+        """Return the result of ``call`` from a file; compute and write it if no such file can be read."""
+        result: T
+        if self.path(name).exists():
+            with contextlib.suppress(Exception):  # whatever a damaged pickle raises
+                result = joblib.load(self.path(name))
+                return result
+        result = call()
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.write(name, lambda file: joblib.dump(result, file))
+        return result
+
+    @contextlib.contextmanager
+    def locked(self, work: str) -> Iterator[None]:
+        """Lock the folder, until the end of this process at most; errors name the ``work``."""
+        try:
+            held = self._lock()
+        except (BlockingIOError, FileExistsError):
+            raise BlockingIOError(
+                errno.EWOULDBLOCK,
+                f"{self.folder}: another process is at work on this {work}: wait for its end",
+            ) from None
+        try:
+            yield
+        finally:
+            os.close(held)
+
+    def _lock(self) -> int:
+        """Return a descriptor that locks the folder until it is closed."""
+        if sys.platform == "win32":  # folders cannot be opened; the system removes the file with its process
+            return os.open(self.path(".lock"), os.O_CREAT | os.O_EXCL | os.O_TEMPORARY)
+        import fcntl
+
+        held = os.open(self.folder, os.O_RDONLY)
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(held)
+            raise
+        except OSError:
+            pass  # a file system without locks
+        return held
+
+
+def json_bytes(content: Any) -> bytes:
+    """Return JSON in UTF-8, to read and to edit."""
+    return (json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()

@@ -1,1 +1,0 @@
-"""Planning of measurements: how long to record, how much wear shows."""

@@ -1,0 +1,588 @@
+"""Folder of a campaign: shards of runs, their table, and the manifest."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import hashlib
+import itertools
+import os
+import shutil
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from cyclofeat._base.checks import n_jobs as check_n_jobs
+from cyclofeat._base.checks import short
+from cyclofeat._base.frames import frame
+from cyclofeat._base.shards import ShardStore
+from cyclofeat.simulators.campaign._design import FORMAT, Campaign, RunPlan
+from cyclofeat.simulators.campaign._run import (
+    INTEGER,
+    INTEGERS,
+    NUMBER,
+    OK,
+    TEXT,
+    RunResult,
+    check_middle,
+    columns,
+    made_with,
+    simulate_anywhere,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+DESIGN, MANIFEST, PARAMETERS = "campaign.json", "manifest.json", "parameters.parquet"
+MANIFEST_FORMAT = "cyclofeat campaign manifest 1"
+_KINDS = ("npy", "parquet", "sha256")  # files of a shard, in the order of writing
+# Number of shards whose rows are in memory at once when the table is written, or that are planned at once.
+_SHARDS_PER_GROUP = 64
+
+
+def run_campaign(
+    campaign: Campaign,
+    out: str | os.PathLike[str],
+    *,
+    n_jobs: int = 1,
+    scheduler: Any = None,
+    progress: Callable[[int, int], object] | None = None,
+) -> CampaignData:
+    """Simulate the runs that are missing in a folder, until the campaign is whole.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        The design.
+    out : path
+        Folder, created if necessary. A part of this campaign in it is completed.
+    n_jobs : int, default 1
+        Number of processes; -1 for all processors. ``joblib.parallel_config`` sets another backend.
+    scheduler : str or distributed.Client, optional
+        Dask scheduler or its address (``"tcp://host:8786"``) instead of ``n_jobs``. Only this process writes
+        to ``out``.
+    progress : callable, optional
+        Called for each run that is made, in their order, with the number of finished runs and their total.
+
+    Returns
+    -------
+    CampaignData
+        As :func:`load_campaign` returns it. The same bytes on disk for any number and kind of workers,
+        interrupted or not, with the same versions of all packages on processors of one kind.
+
+    Raises
+    ------
+    ValueError
+        If the folder holds another design, a campaign of other versions or other files, or if the medians of
+        the design cannot be simulated.
+    OSError
+        If the folder cannot be written or the disk is too small. Finished shards are kept.
+    WorkerLost
+        If workers or the scheduler are lost. Finished shards are kept.
+    RuntimeError
+        If the design's kernel is "batch" or "auto" and batches cannot be compiled here.
+    ImportError
+        If pyarrow, or for a scheduler dask.distributed, is not installed.
+
+    Notes
+    -----
+    A run that diverges, locks or whose parameters contradict each other is a row of NaN torque with
+    ``status`` and ``reason``.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> campaign = Campaign(rig="R0", defect_counts=(0, 2), repeats=1, duration=0.1)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     data = run_campaign(campaign, folder)
+    ...     print(data.X.shape, data.X.dtype, data.y, data.ok)
+    (2, 2560) float32 [0 2] [ True  True]
+    """
+    check_n_jobs(n_jobs)
+    # In the folder every value is explicit: its files must not follow from the version that reads it.
+    campaign = campaign.replace(runs_per_shard=campaign.shard_length)
+    complete_campaign(
+        campaign, Path(out), lambda plans: simulate_anywhere(campaign, plans, n_jobs, scheduler), progress
+    )
+    return load_campaign(out)
+
+
+class Shards:
+    """Rows of several ``.npy`` files of float32 as one two-dimensional array, read on demand.
+
+    A single row is memory-mapped; other selections and ``numpy.asarray`` copy.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        Files, each of shape (n, n_samples).
+    sizes : sequence of int
+        Number of rows in each.
+    n_samples : int
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     paths = [pathlib.Path(folder) / name for name in ("a.npy", "b.npy")]
+    ...     np.save(paths[0], np.array([[1, 2], [3, 4]], dtype=np.float32))
+    ...     np.save(paths[1], np.array([[5, 6]], dtype=np.float32))
+    ...     X = Shards(paths, [2, 1], 2)
+    ...     X.shape, X[[2, 0]].tolist(), X[1:, 1].tolist()
+    ((3, 2), [[5.0, 6.0], [1.0, 2.0]], [4.0, 6.0])
+    """
+
+    dtype = np.dtype(np.float32)
+    ndim = 2
+
+    def __init__(self, paths: Sequence[str | os.PathLike[str]], sizes: Sequence[int], n_samples: int) -> None:
+        self.paths = tuple(Path(path) for path in paths)
+        self._ends = np.cumsum(sizes)
+        self.shape = (int(self._ends[-1]), int(n_samples))
+
+    def __repr__(self) -> str:
+        return f"<Shards of shape {self.shape}, {self.dtype}, in {len(self.paths)} files>"
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __iter__(self) -> Iterator[NDArray[np.float32]]:
+        for shard in range(len(self.paths)):
+            yield from self._shard(shard)
+
+    def __getitem__(self, key: Any) -> Any:
+        rows, rest = (key[0], key[1:]) if isinstance(key, tuple) else (key, ())
+        if len(rest) > 1 or rows is None or rows is Ellipsis:
+            raise IndexError(f"Shards take rows, or rows and samples, got {key!r}")
+        samples = rest[0] if rest else slice(None)
+        if isinstance(rows, (int, np.integer)) and not isinstance(rows, bool):
+            row = self._row(int(rows))
+            return row[samples] if rest else row
+        taken = np.arange(len(self))[rows]  # numpy's rules for slices, masks and lists
+        if taken.ndim != 1:
+            raise IndexError(f"Shards take one or a list of rows, got shape {taken.shape}")
+        if isinstance(samples, (slice, int, np.integer)):
+            return self._rows(taken, samples)
+        return self._rows(taken, slice(None))[:, samples]
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
+        if copy is False:
+            raise ValueError("Shards lie in several files: an array of them is always a copy")
+        return np.asarray(self[:], dtype=dtype)
+
+    def _shard(self, shard: int) -> Any:
+        return np.load(self.paths[shard], mmap_mode="r", allow_pickle=False)
+
+    def _row(self, index: int) -> Any:
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"row {index} is out of bounds for {len(self)} rows")
+        index %= len(self)
+        shard = int(np.searchsorted(self._ends, index, side="right"))
+        return self._shard(shard)[index - self._begin(shard)]
+
+    def _rows(self, taken: NDArray[np.intp], samples: Any) -> NDArray[np.float32]:
+        width = np.empty((0, self.shape[1]), dtype=self.dtype)[:, samples].shape[1:]
+        copy = np.empty((len(taken), *width), dtype=self.dtype)
+        shards = np.searchsorted(self._ends, taken, side="right")
+        for shard in np.unique(shards).tolist():
+            inside = shards == shard
+            copy[inside] = self._shard(shard)[:, samples][taken[inside] - self._begin(shard)]
+        return copy
+
+    def _begin(self, shard: int) -> int:
+        return int(self._ends[shard - 1]) if shard else 0
+
+
+@dataclass(frozen=True)
+class CampaignData:
+    """A finished campaign; its torque is a surrogate for measured torque.
+
+    Attributes
+    ----------
+    X : memmap or Shards, shape (n_runs, n_samples)
+        Output torque in Nm, float32; NaN in the rows of failed runs.
+    y : ndarray of int, shape (n_runs,)
+        Number of worn lobes.
+    groups : ndarray of str, shape (n_runs,)
+        Assembly of each run.
+    ok : ndarray of bool, shape (n_runs,)
+        Runs that reached their end: ``X[ok], y[ok], groups[ok]`` hold no NaN.
+    parameters : dict from str to ndarray, shape (n_runs,)
+        One value per run: labels (``worn_lobes_from_1``, ``wheels_from_1``, ``depth``), ``status``,
+        ``reason``, true values of the assembly (``true_speed_rpm``, ...) and the parameters of the rig's
+        effects (``effects.<effect>.<parameter>``).
+    sampling_rate : float
+        In Hz.
+    campaign : Campaign
+        The design.
+    manifest : dict
+        What ``manifest.json`` holds.
+    """
+
+    X: Any = field(repr=False)
+    y: NDArray[np.int64] = field(repr=False)
+    groups: NDArray[np.str_] = field(repr=False)
+    ok: NDArray[np.bool_] = field(repr=False)
+    parameters: dict[str, NDArray[Any]] = field(repr=False)
+    sampling_rate: float
+    campaign: Campaign
+    manifest: dict[str, Any] = field(repr=False)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return ``parameters`` as a data frame, one row per run.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
+        return frame(self.parameters)
+
+
+def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> CampaignData:
+    """Open a finished campaign; torque stays on disk until it is used.
+
+    Parameters
+    ----------
+    path : path
+        Folder of the campaign.
+    verify : bool
+        Compare every file with its SHA-256 in the manifest, not only its size.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no campaign, or a file of it is missing; the message names it.
+    ValueError
+        If the campaign is not finished, or a file was changed; the message names it.
+    ImportError
+        If pyarrow is not installed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from cyclofeat.simulators import Campaign, run_campaign
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = run_campaign(Campaign(rig="R0", defect_counts=(0, 2), repeats=1, duration=0.1), folder)
+    ...     data = load_campaign(folder, verify=True)
+    ...     data.y.tolist(), data.groups.tolist()
+    ([0, 2], ['campaign-0-0000000', 'campaign-0-0000001'])
+    """
+    folder = Path(path)
+    if not (folder / DESIGN).is_file():
+        raise FileNotFoundError(f"{folder}: holds no campaign (no {DESIGN})")
+    _, tables = parquet()
+    campaign, _ = _read_design(folder)
+    if not (folder / MANIFEST).is_file():
+        names = [shard_file(shard, "sha256") for shard in range(campaign.n_shards)]
+        finished = sum((folder / name).is_file() for name in names)
+        raise ValueError(
+            f"{folder}: the campaign is not finished, {finished} of {campaign.n_shards} shards are there: "
+            "run it again to go on"
+        )
+    manifest = _read_manifest(folder)
+    _check_files(folder, manifest, verify)
+    table = tables.read_table(folder / PARAMETERS)
+    columns = {name: table.column(name).to_numpy() for name in ("defect_count", "assembly", "status")}
+    paths = [folder / shard_file(shard, "npy") for shard in range(campaign.n_shards)]
+    sizes = [campaign.shard_size(shard) for shard in range(campaign.n_shards)]
+    shards = Shards(paths, sizes, campaign.n_samples)
+    return CampaignData(
+        X=shards if len(paths) > 1 else np.load(paths[0], mmap_mode="r", allow_pickle=False),
+        y=columns["defect_count"].astype(np.int64),
+        groups=columns["assembly"].astype(np.str_),
+        ok=columns["status"] == OK,
+        parameters={name: table.column(name).to_numpy() for name in table.column_names},
+        sampling_rate=campaign.sampling_rate,
+        campaign=campaign,
+        manifest=manifest,
+    )
+
+
+def _check_files(folder: Path, manifest: dict[str, Any], verify: bool) -> None:
+    """Raise an error unless all files have the sizes (with ``verify``, the digests) of the manifest."""
+    wrong = []
+    for name, stated in manifest["files"].items():
+        file = folder / name
+        if not file.is_file():
+            wrong.append(f"{name} is missing")
+        elif file.stat().st_size != stated["bytes"]:
+            wrong.append(f"{name} was changed: {file.stat().st_size} bytes instead of {stated['bytes']}")
+        elif verify and digest(file) != stated["sha256"]:
+            wrong.append(f"{name} was changed: its SHA-256 is not the manifest's")
+    if wrong:
+        more = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
+        kind = FileNotFoundError if all(text.endswith("is missing") for text in wrong) else ValueError
+        raise kind(f"{folder}: {wrong[0]}{more}; run the campaign again to mend it")
+
+
+def shard_file(shard: int, kind: str) -> str:
+    """Return the name of a file of a shard.
+
+    ``"npy"`` holds the torque, ``"parquet"`` the rows, and ``"sha256"`` the digests of both, for sha256sum;
+    the last one finishes the shard.
+    """
+    return f"shard-{shard:05d}.{kind}"
+
+
+def parquet() -> tuple[Any, Any]:
+    """Import ``pyarrow`` and ``pyarrow.parquet``."""
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise ImportError("campaigns need pyarrow for their tables: pip install pyarrow") from None
+    return pyarrow, pyarrow.parquet
+
+
+def complete_campaign(
+    campaign: Campaign,
+    folder: Path,
+    results: Callable[[Iterable[RunPlan]], Generator[RunResult, None, None]],
+    progress: Callable[[int, int], object] | None = None,
+) -> None:
+    """Simulate and write the missing runs of a campaign in a folder.
+
+    ``results`` takes plans and yields their results in the same order. Raises as :func:`run_campaign`.
+    """
+    store = ShardStore(folder, DESIGN)
+    versions = made_with() | {"pyarrow": parquet()[0].__version__}
+    if folder.exists() and not folder.is_dir():
+        raise NotADirectoryError(f"{folder}: is not a folder; a campaign needs one of its own")
+    _check_folder(campaign, folder, versions)
+    check_middle(campaign)
+    folder.mkdir(parents=True, exist_ok=True)
+    with store.locked("campaign"):
+        store.begin({"format": FORMAT, "made_with": versions, **campaign.to_dict()})
+        digests = {shard: _digests_if_whole(folder, shard) for shard in range(campaign.n_shards)}
+        missing = [shard for shard, names in digests.items() if not names]
+        done = campaign.n_runs - sum(map(campaign.shard_size, missing))
+        if progress is not None and done:
+            progress(done, campaign.n_runs)
+        if not missing and _is_finished(folder):
+            return
+        _check_space(campaign, folder, missing)
+        plans = itertools.chain.from_iterable(
+            campaign.plans(*runs) for runs in _runs_to_plan(campaign, missing)
+        )
+        with contextlib.closing(results(plans)) as made:
+            counted = _count_runs(made, done, campaign.n_runs, progress)
+            for shard in missing:
+                with _explain_full_disk(folder, digests):
+                    digests[shard] = _write_shard(campaign, store, shard, counted)
+        with _explain_full_disk(folder, digests):
+            _write_manifest(campaign, store, digests, versions)
+
+
+def _runs_to_plan(campaign: Campaign, shards: list[int]) -> Iterator[tuple[int, int]]:
+    """Yield first run and number of runs of neighbouring shards: to plan many at once costs little more."""
+    numbered = enumerate(shards)
+    for _, group in itertools.groupby(numbered, lambda one: (one[1] - one[0], one[0] // _SHARDS_PER_GROUP)):
+        together = [shard for _, shard in group]
+        yield together[0] * campaign.shard_length, sum(map(campaign.shard_size, together))
+
+
+def _differences(stored: Any, given: Any, key: str = "") -> Iterator[str]:
+    """Yield the keys at which two designs differ, with both values."""
+    if isinstance(stored, dict) and isinstance(given, dict):
+        for name in stored | given:
+            path = f"{key}.{name}" if key else name
+            yield from _differences(stored.get(name), given.get(name), path)
+    elif stored != given:
+        yield f"{key} is {short(stored)} there and {short(given)} here"
+
+
+def digest(path: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _read_design(folder: Path) -> tuple[Campaign, dict[str, str]]:
+    """Read ``campaign.json`` of a folder: the design, and the versions that it was begun with."""
+    content = ShardStore(folder).read_json(DESIGN)
+    try:
+        return Campaign.from_dict(content), content.get("made_with", {})
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{folder / DESIGN}: {error}") from None
+
+
+def _read_manifest(folder: Path) -> dict[str, Any]:
+    """Read ``manifest.json`` of a folder."""
+    content = ShardStore(folder).read_json(MANIFEST)
+    if content.get("format") != MANIFEST_FORMAT or not isinstance(content.get("files"), dict):
+        raise ValueError(f"{folder / MANIFEST}: is not a campaign's manifest of format {MANIFEST_FORMAT!r}")
+    return content
+
+
+def _check_folder(campaign: Campaign, folder: Path, here: dict[str, str]) -> None:
+    """Raise ValueError unless the folder is empty or holds a part of this campaign."""
+    if not folder.exists():
+        return
+    if not (folder / DESIGN).exists():
+        others = sorted(p.name for p in folder.iterdir() if not p.match(f".{DESIGN}.*.part"))
+        if others:
+            raise ValueError(
+                f"{folder}: must be empty or hold a campaign, got {others[0]!r} and no {DESIGN}: take "
+                "another folder"
+            )
+        return
+    stored, versions = _read_design(folder)
+    for difference in _differences(stored.to_dict(), campaign.to_dict()):
+        raise ValueError(
+            f"{folder}: holds a campaign of another design: {difference}; take another folder, or the design "
+            f"in {DESIGN}"
+        )
+    for difference in _differences(versions, here):
+        raise ValueError(
+            f"{folder}: was begun with other versions: {difference}; finish it with those, or take another "
+            "folder"
+        )
+
+
+def _check_space(campaign: Campaign, folder: Path, missing: list[int]) -> None:
+    needed = sum(map(campaign.shard_size, missing)) * campaign.n_samples * 4
+    free = shutil.disk_usage(folder).free
+    if needed > free:
+        raise OSError(
+            errno.ENOSPC,
+            f"{folder}: the {len(missing)} shards to be made take {_format_bytes(needed)}, the disk has "
+            f"{_format_bytes(free)} left: make room, or take a folder elsewhere",
+        )
+
+
+@contextlib.contextmanager
+def _explain_full_disk(folder: Path, digests: Mapping[int, Mapping[str, str]]) -> Iterator[None]:
+    """Add to the error of a full disk how much is finished."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        finished = sum(map(bool, digests.values()))
+        raise OSError(
+            error.errno,
+            f"{folder}: the disk is full; {finished} of {len(digests)} shards are finished and kept: make "
+            "room and run the same campaign again to go on",
+        ) from error
+
+
+def _count_runs(
+    results: Iterator[RunResult], done: int, total: int, progress: Callable[[int, int], object] | None
+) -> Iterator[RunResult]:
+    for number, result in enumerate(results, done + 1):
+        if progress is not None:
+            progress(number, total)
+        yield result
+
+
+def _write_shard(
+    campaign: Campaign, store: ShardStore, shard: int, results: Iterator[RunResult]
+) -> dict[str, str]:
+    """Write torque, rows, and last their digests, which finish the shard."""
+    size = campaign.shard_size(shard)
+    block = np.full((size, campaign.n_samples), np.nan, dtype=np.float32)
+    rows = []
+    for position in range(size):
+        torque, row = next(results)
+        if torque is not None:
+            block[position] = torque
+        rows.append(row)
+    pyarrow, tables = parquet()
+    table = pyarrow.Table.from_pylist(rows, schema=_schema(campaign))
+
+    def write_torque(file: IO[bytes]) -> None:
+        # Not write_array: for a full disk it raises an error without a number.
+        np.lib.format.write_array_header_1_0(file, np.lib.format.header_data_from_array_1_0(block))
+        file.write(block.data)
+
+    names = [shard_file(shard, kind) for kind in _KINDS]
+    store.write(names[0], write_torque)
+    store.write(names[1], lambda file: tables.write_table(table, file))
+    digests = {name: digest(store.path(name)) for name in names[:2]}
+    store.write(names[2], lambda file: file.write(_digest_lines(digests)))
+    return digests | {names[2]: digest(store.path(names[2]))}
+
+
+def _digest_lines(digests: Mapping[str, str]) -> bytes:
+    """Return digests by name as ``sha256sum`` writes them."""
+    return "".join(f"{sha256}  {name}\n" for name, sha256 in digests.items()).encode()
+
+
+def _schema(campaign: Campaign) -> Any:
+    pyarrow, _ = parquet()
+    kinds = {
+        INTEGER: pyarrow.int64(),
+        NUMBER: pyarrow.float64(),
+        TEXT: pyarrow.string(),
+        INTEGERS: pyarrow.list_(pyarrow.int64()),
+    }
+    return pyarrow.schema([(name, kinds[kind]) for name, kind in columns(campaign).items()])
+
+
+def _is_finished(folder: Path) -> bool:
+    """Return True if the manifest exists and agrees with the design and the table."""
+    try:
+        stated = _read_manifest(folder)["files"]
+        return all(stated[name]["sha256"] == digest(folder / name) for name in (DESIGN, PARAMETERS))
+    except (FileNotFoundError, KeyError, TypeError, ValueError):
+        return False
+
+
+def _digests_if_whole(folder: Path, shard: int) -> dict[str, str]:
+    """Return the digests of a shard's files if all exist and are unchanged; else nothing."""
+    names = [shard_file(shard, kind) for kind in _KINDS]
+    if not all((folder / name).is_file() for name in names):
+        return {}
+    digests = {name: digest(folder / name) for name in names}
+    of_both = {name: digests[name] for name in names[:2]}
+    return digests if (folder / names[2]).read_bytes() == _digest_lines(of_both) else {}
+
+
+def _write_manifest(
+    campaign: Campaign, store: ShardStore, digests: Mapping[int, Mapping[str, str]], versions: dict[str, str]
+) -> None:
+    """Write the table of all rows, then the manifest, which finishes the campaign."""
+    pyarrow, tables = parquet()
+    folder = store.folder
+
+    def write(file: IO[bytes]) -> None:
+        with tables.ParquetWriter(file, _schema(campaign)) as writer:
+            for first in range(0, campaign.n_shards, _SHARDS_PER_GROUP):
+                group = range(first, min(first + _SHARDS_PER_GROUP, campaign.n_shards))
+                parts = [tables.read_table(folder / shard_file(shard, "parquet")) for shard in group]
+                writer.write_table(pyarrow.concat_tables(parts).combine_chunks())
+
+    store.write(PARAMETERS, write)
+    status = tables.read_table(folder / PARAMETERS, columns=["status"]).column("status")
+    counts = {item["values"]: item["counts"] for item in status.value_counts().to_pylist()}
+    files = {name: digest(folder / name) for name in (DESIGN, PARAMETERS)}
+    for shard in range(campaign.n_shards):
+        files |= digests[shard]
+    manifest = {
+        "format": MANIFEST_FORMAT,
+        "made_with": versions,
+        "source": "surrogate",
+        "n_runs": campaign.n_runs,
+        "n_samples": campaign.n_samples,
+        "sampling_rate": campaign.sampling_rate,
+        "status": dict(sorted(counts.items())),
+        "design": campaign.to_dict(),
+        "files": {
+            name: {"sha256": sha256, "bytes": (folder / name).stat().st_size}
+            for name, sha256 in files.items()
+        },
+    }
+    store.write_json(MANIFEST, manifest)
+
+
+def _format_bytes(number: float) -> str:
+    for unit in ("bytes", "kB", "MB", "GB"):
+        if number < 1000:
+            return f"{number:.3g} {unit}"
+        number /= 1000
+    return f"{number:.4g} TB"

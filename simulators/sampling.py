@@ -1,0 +1,277 @@
+"""Draw assemblies and recordings of rigs: conditions, worn lobes and machines, from seeds to runs.
+
+Equal seeds give equal recordings, to the last bit, alone or in a batch. Common random numbers: recordings
+with equal ``assembly`` seeds are of one machine, and recordings with equal ``seed`` share start angle, drift
+and noise, whatever their worn lobes, loads and other effects are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from cyclofeat._base import checks
+from cyclofeat.simulators.defects import LobeDefects
+from cyclofeat.simulators.machine import MachineRun, PlannedRun
+from cyclofeat.simulators.many import simulate_each
+from cyclofeat.simulators.rig import DEFECTS, Rig
+from cyclofeat.simulators.simulation import SimulationFailed, SimulationRun, Solver
+
+T = TypeVar("T")
+Seed = np.random.SeedSequence
+
+# Children of a recording's seed. The second is the stream of the start angle too; those before the fifth are
+# the rig's.
+_CONDITIONS, _REDRAWN = 2, 5
+
+
+def recording_seed(random_state: int, name: str, index: int) -> Seed:
+    """Return the seed of one of many recordings of a rig or campaign of this name."""
+    return Seed([random_state, *name.encode()], spawn_key=(index,))
+
+
+def child_seed(seed: Seed, *key: int) -> Seed:
+    """Return a child of a seed; unlike ``spawn``, which counts its calls, leave the seed as it is."""
+    return Seed(seed.entropy, spawn_key=(*seed.spawn_key, *key), pool_size=seed.pool_size)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sample:
+    """One recording to simulate.
+
+    Parameters
+    ----------
+    rig : Rig
+        At the speed and load of the recording.
+    defects : LobeDefects
+        Worn or removed lobes.
+    duration, sampling_rate : float
+        Length in s, rate in Hz.
+    seed : numpy.random.SeedSequence
+        Seed of the run: start angle, drift and noise.
+    assembly : numpy.random.SeedSequence, optional
+        Seed of the machine. Default: ``seed``.
+    quantity : {"output_torque", "input_torque", "motor_current"}
+        What is measured.
+    solver : Solver, optional
+        Time step and integrator.
+    spare_s : float
+        Additional time in s, for converters that run slow.
+    name : str, optional
+        Name of the assembly, for errors.
+    """
+
+    rig: Rig
+    defects: LobeDefects
+    duration: float
+    sampling_rate: float
+    seed: Seed
+    assembly: Seed | None = None
+    quantity: str = "output_torque"
+    solver: Solver | None = None
+    spare_s: float = 0.0
+    name: str = ""
+
+    def plan(self, n_failed: int = 0) -> PlannedRun:
+        """Draw the machine and state its run; another machine after each of ``n_failed`` that could not run.
+
+        Raises ValueError if the rig cannot be built.
+        """
+        seed = child_seed(self.seed, _REDRAWN + n_failed - 1) if n_failed else self.seed
+        try:
+            return self.rig.plan_run(
+                self.defects, duration=self.duration, sampling_rate=self.sampling_rate, random_state=seed,
+                assembly=self.assembly, quantity=self.quantity, spare_s=self.spare_s, solver=self.solver,
+                torque_in=False, motion=False,  # plan_run sets torque_in where it is measured
+            )  # fmt: skip
+        except ValueError as error:
+            if not self.name:
+                raise
+            raise ValueError(f"assembly {self.name}: {error}") from None
+
+
+class SampledRun(NamedTuple):
+    """Run of a sample, or the error of the last machine that was drawn for it."""
+
+    plan: PlannedRun  #: machine and arguments of the run
+    run: MachineRun | SimulationFailed | ValueError  #: ValueError: a motor that does not hold its speed
+    failures: list[str]  #: errors of the machines that could not run
+
+
+def sample_each(
+    samples: Sequence[Sample],
+    then: Callable[[int, SampledRun], T],
+    *,
+    kernel: str = "auto",
+    n_jobs: int = 1,
+    most_draws: int = 1,
+) -> Generator[tuple[int, T], None, None]:
+    """Yield the place of each sample, and what ``then`` makes of place and run in the thread that made it.
+
+    Parameters
+    ----------
+    samples : sequence of Sample
+    then : callable
+        Called with the place of a sample and its :class:`SampledRun`.
+    kernel, n_jobs
+        As in :func:`cyclofeat.simulators.simulate_many`.
+    most_draws : int
+        Machines that are drawn for a sample until one can run.
+    """
+    plans = dict(enumerate(sample.plan() for sample in samples))
+
+    def finish(place: int, simulated: SimulationRun | SimulationFailed) -> T:
+        plan, failures = plans.pop(place), list[str]()
+        while True:
+            run = _finished(plan, simulated)
+            if not isinstance(run, Exception):
+                return then(place, SampledRun(plan, run, failures))
+            failures.append(str(run))
+            if len(failures) == most_draws:
+                return then(place, SampledRun(plan, run, failures))
+            plan = samples[place].plan(len(failures))
+            ((_, simulated),) = simulate_each([plan.arguments], "exact")
+
+    yield from simulate_each([plan.arguments for plan in plans.values()], kernel, n_jobs, finish)
+
+
+def sample_runs(
+    samples: Sequence[Sample | PlannedRun | ValueError], *, kernel: str = "auto"
+) -> list[MachineRun | SimulationFailed | ValueError]:
+    """Simulate recordings of rigs, in batches where possible; a failure is a result.
+
+    Parameters
+    ----------
+    samples : sequence of Sample, PlannedRun or ValueError
+        Recordings, drawn (:meth:`cyclofeat.simulators.Rig.plan_run`) or not. An error stands for itself.
+    kernel : {"exact", "batch", "auto"}
+        As in :func:`cyclofeat.simulators.simulate_many`.
+
+    Returns
+    -------
+    list of MachineRun, SimulationFailed or ValueError
+        In the order of the samples, each depending on its own sample and the kernel only. ValueError: the
+        machine cannot be built or run.
+
+    Examples
+    --------
+    >>> plans = [Rig.r1().plan_run(LobeDefects.worn(n), duration=0.1, random_state=n) for n in range(2)]
+    >>> [run.record().torque_out.shape for run in sample_runs(plans)]
+    [(2560,), (2560,)]
+    """
+    checks.one_of("kernel", kernel, ("exact", "batch", "auto"))
+    plans = [_planned(sample) for sample in samples]
+    possible = [plan for plan in plans if isinstance(plan, PlannedRun)]
+    runs: list[Any]
+    try:
+        simulated = dict(simulate_each([plan.arguments for plan in possible], kernel))
+        runs = [_finished(plan, simulated[place]) for place, plan in enumerate(possible)]
+    except ValueError as error:  # of one of them
+        runs = [error]
+        if len(possible) > 1:
+            runs = [run for plan in possible for run in sample_runs([plan], kernel=kernel)]
+    queue = iter(runs)
+    return [next(queue) if isinstance(plan, PlannedRun) else plan for plan in plans]
+
+
+def _planned(sample: Sample | PlannedRun | ValueError) -> PlannedRun | ValueError:
+    try:
+        return sample.plan() if isinstance(sample, Sample) else sample
+    except ValueError as error:
+        return error
+
+
+def _finished(
+    plan: PlannedRun, simulated: SimulationRun | SimulationFailed
+) -> MachineRun | SimulationFailed | ValueError:
+    """Return the machine's run; the ValueError of a motor that does not hold its speed."""
+    if isinstance(simulated, SimulationFailed):
+        return simulated
+    try:
+        return plan.finished(simulated)
+    except ValueError as error:
+        return error
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wear:
+    """What the worn lobes of assemblies have in common; the rest is drawn.
+
+    Parameters
+    ----------
+    lobes : {"consecutive", "random", "mixed"}
+        Neighbours from a random first lobe; any lobes; or one or the other with equal chances.
+    wheels : tuple of int, optional
+        Wheels with the wear. Default: wheel 0 alone or both, with equal chances.
+    depth : float
+        Severity of the chord.
+    wear_um : (float, float), optional
+        Range of radial wear in um in place of the chord; log-uniform unless it begins at 0.
+    radial_share : float
+        Probability of radial wear; the other assemblies have the chord.
+    """
+
+    lobes: str = "consecutive"
+    wheels: tuple[int, ...] | None = None
+    depth: float = 1.0
+    wear_um: tuple[float, float] | None = None
+    radial_share: float = 1.0
+
+    def draw(self, count: int, n_lobes: int, seed: Seed) -> LobeDefects:
+        """Draw ``count`` worn lobes of a recording, and then their wear: the lobes do not depend on it."""
+        random = np.random.default_rng(child_seed(seed, DEFECTS))
+        consecutive = self.lobes == "consecutive" or (self.lobes == "mixed" and bool(random.random() < 0.5))
+        defects = LobeDefects.drawn(
+            count, n_lobes, random, consecutive=consecutive, wheels=self.wheels, depth=self.depth
+        )
+        if self.wear_um is None:
+            return defects
+        share = random.random()
+        wear_um = self.wear_um[1] * share if self.wear_um[0] == 0 else _log_uniform(self.wear_um, share)
+        radial = random.random() < self.radial_share
+        return replace(defects, depth=0.0, wear_um=wear_um) if radial else defects
+
+
+def draw_conditions(
+    rig: Rig, speed_rpm: tuple[float, float] | None, load_nm: tuple[float, float] | None, seed: Seed
+) -> Rig:
+    """Return the rig at a speed (RPM) and a load (Nm) drawn log-uniformly from ranges; None keeps its own.
+
+    Below the gearbox's load, the load drift shrinks in proportion to the load.
+    """
+    shares = np.random.default_rng(child_seed(seed, _CONDITIONS)).random(2)
+    if speed_rpm is None and load_nm is None:
+        return rig
+    speed = None if speed_rpm is None else _log_uniform(speed_rpm, shares[0])
+    load = rig.gearbox.load_torque if load_nm is None else _log_uniform(load_nm, shares[1])
+    # A brake drifts with its load, but the rig states no more than this drift.
+    factor = min(1.0, load / rig.gearbox.load_torque)
+    effects = [
+        effect.with_parameters(rms_nm=_scaled(effect.rms_nm, factor))
+        if effect.effect_id == "load_drift"
+        else effect
+        for effect in rig.effects
+    ]
+    return rig.replace(effects=effects).at(speed, load)
+
+
+def _scaled(value: Any, factor: float) -> Any:
+    """Return a parameter's number or range times a factor."""
+    if factor == 1:
+        return value
+    ends = checks.members(value)
+    if ends is not None:
+        return tuple(factor * end for end in ends)
+    if not checks.is_number(value):
+        raise ValueError(
+            f"load_nm scales the load drift, whose rms_nm must then be a number or a range, got {value!r}"
+        )
+    return factor * value
+
+
+def _log_uniform(ends: tuple[float, float], share: float) -> float:
+    low, high = ends
+    return float(min(low * (high / low) ** share, high))  # rounding must not leave the range
