@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> MeasurementPlan:
 
 
 def printed(arguments: argparse.Namespace, plan: MeasurementPlan) -> Printed:
-    lines = _table_lines(plan) if plan.depths_um is None else _simulation_lines(plan, plan.depths_um)
+    lines = _table_lines(plan) if plan.depths_um is None else _simulation_lines(plan)
     if plan.depths_um is None and arguments.speed != _TABULATED_RPM:
         lines.append(
             f"  note: the table is of {_TABULATED_RPM:g} RPM; another speed is taken to need as many turns"
@@ -75,12 +75,14 @@ def printed(arguments: argparse.Namespace, plan: MeasurementPlan) -> Printed:
     return Printed("\n".join(lines), plan.to_dict())
 
 
-def _simulation_lines(plan: MeasurementPlan, depths_um: tuple[float, ...]) -> list[str]:
-    shows = f"no depth up to {depths_um[-1]:g} um shows"
+def _simulation_lines(plan: MeasurementPlan) -> list[str]:
+    assert plan.depths_um is not None
+    assert isinstance(plan.probability, tuple)
+    shows = f"no depth up to {plan.depths_um[-1]:g} um shows"
     if plan.least_um is not None:
-        up_to = "or less " if plan.least_um == depths_um[0] else ""
+        up_to = "or less " if plan.least_um == plan.depths_um[0] else ""
         shows = f"radial wear shows from {plan.least_um:.3g} um {up_to}on"
-    shares = ", ".join(f"{d:g} um: {p:.2f}" for d, p in zip(depths_um, plan.probability, strict=True))
+    shares = ", ".join(f"{d:g} um: {p:.2f}" for d, p in zip(plan.depths_um, plan.probability, strict=True))
     at = f"{plan.noise_nm:g} Nm noise, {plan.speed_rpm:g} RPM, {plan.load_nm:g} Nm"
     return [
         f"{shows} with {plan.confidence:g}, {number(plan.worn, 'worn lobe')} or none: {at}, "
@@ -115,5 +117,7 @@ def _table_lines(plan: MeasurementPlan) -> list[str]:
     return lines
 
 
-def _length(turns: int, seconds: float) -> str:
+def _length(turns: int | None, seconds: float | None) -> str:
+    assert turns is not None
+    assert seconds is not None
     return f"{number(turns, 'output turn')} ({seconds:.3g} s)"

@@ -101,8 +101,9 @@ class MeasurementPlan:
         Requested depth of the chord, and the entry of the table that answers: the next worse one.
     largest_noise_nm : float or None
         Largest noise of the table at which the longest recording is enough at this depth; None if at none.
-    reachable : float or None
-        Largest confidence that as many assemblies could show, all identified correctly.
+    reachable : float
+        Largest confidence that as many assemblies could show, all identified correctly; 1 with
+        ``depths_um``.
     longest_turns, longest_seconds : int, float or None
         The table's longest recording in output turns, and in s.
     """
@@ -123,7 +124,7 @@ class MeasurementPlan:
     tabulated_noise_nm: float | None = None
     tabulated_depth: float | None = None
     largest_noise_nm: float | None = None
-    reachable: float | None = None
+    reachable: float = 1.0
     longest_turns: int | None = None
     longest_seconds: float | None = None
 
