@@ -57,12 +57,6 @@ class MadeOnce:
         return joblib.load(file)
 
 
-@pytest.fixture(autouse=True, scope="session")
-def _no_cache_at_home(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Keep the tests and the processes that they start out of the user's cache folder."""
-    os.environ["XDG_CACHE_HOME"] = str(tmp_path_factory.getbasetemp() / "cache")
-
-
 @pytest.fixture(scope="session")
 def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
     """Results of functions without arguments, by name."""

@@ -53,14 +53,15 @@ def add_model_file(parser: argparse.ArgumentParser) -> None:
 def read_model(arguments: argparse.Namespace) -> LobeModel:
     """Return the model that the options name, or the packaged one, which is then stated."""
     _import_scikit_learn()
-    from cyclofeat.models import as_lobe_model, load_default_model, load_model, read_card, user_cache
+    from cyclofeat.models import load_default_model, load_model
+    from cyclofeat.models.card import read_card
+    from cyclofeat.models.persistence import as_lobe_model
 
-    cache = user_cache() / "models"
     if arguments.model is None:
-        model = load_default_model(arguments.quantity or QUANTITIES[0], cache=cache)
+        model = load_default_model(arguments.quantity or QUANTITIES[0])
         note(f"model: {model_name(arguments)}, trained on {model.card['description']}")
         return model
-    loaded = load_model(arguments.model, trusted=arguments.trust, allow=arguments.allow, cache=cache)
+    loaded = load_model(arguments.model, trusted=arguments.trust, allow=arguments.allow)
     return as_lobe_model(loaded, read_card(arguments.model))
 
 

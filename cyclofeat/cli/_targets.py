@@ -59,7 +59,8 @@ def check_targets(arguments: argparse.Namespace) -> None:
 
             check_page_path(path)
         elif kind == "model":
-            from cyclofeat.models import card_path, check_model_path
+            from cyclofeat.models.card import card_path
+            from cyclofeat.models.persistence import check_model_path
 
             written.append(card_path(check_model_path(path)))
         for one in written:

@@ -54,7 +54,8 @@ def demonstrate(
     """
     from cyclofeat.counting import LobeModel, Protocol
     from cyclofeat.datasets import read_recording, write_recording
-    from cyclofeat.models import check_model_path, load_model, save_model
+    from cyclofeat.models import load_model, save_model
+    from cyclofeat.models.persistence import check_model_path
     from cyclofeat.report import CountedRecording, check_page_path, write_count_report
 
     began = time.monotonic()

@@ -134,7 +134,7 @@ class TrainingDisplay(Display):
             If the model has no domain, or the recording does not suit it.
         """
         from cyclofeat.counting.calibration.training_domain import features_seen
-        from cyclofeat.models import feature_definitions
+        from cyclofeat.models.card import feature_definitions
 
         model = model.suited_to(recording)
         domain = model.domain
@@ -256,7 +256,7 @@ class TrainingDisplay(Display):
 def _slot_lobes(model: LobeModel, windows: WindowSet) -> NDArray[np.int64] | None:
     """Return the lobe, from 0, that passes nearest to each slot of the first window."""
     from cyclofeat.counting import passage_of_lobe_zero
-    from cyclofeat.models import estimators_in
+    from cyclofeat.models.card import estimators_in
 
     lobe_map = next((part for part in estimators_in(model.counter) if isinstance(part, LobeMap)), None)
     if lobe_map is None:

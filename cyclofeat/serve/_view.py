@@ -11,7 +11,8 @@ from typing import Any
 from cyclofeat import __version__
 from cyclofeat._base.words import number
 from cyclofeat.counting import score_text
-from cyclofeat.models import ModelFileError, read_card
+from cyclofeat.models import ModelFileError
+from cyclofeat.models.card import read_card
 from cyclofeat.plotting.gap_words import VERDICTS, effect_name
 from cyclofeat.report import template_environment
 from cyclofeat.serve._jobs import Job

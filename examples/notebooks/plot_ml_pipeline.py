@@ -10,6 +10,7 @@ You need ``pip install -e ".[export,plot]"``. The torque is **surrogate**: simul
 rig R1.
 """
 
+import json
 import tempfile
 from pathlib import Path
 
@@ -23,7 +24,7 @@ from cyclofeat import Windower
 from cyclofeat.counting import GroupCalibratedCounter, Protocol, evaluate
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.features import LobeMap, SpectralEntropy, TorqueStatistics, WelchPSD
-from cyclofeat.models import load_model, read_card, save_model
+from cyclofeat.models import load_model, save_model
 from cyclofeat.simulators import Noise, Rig
 
 # %%
@@ -118,7 +119,7 @@ plt.show()
 calibrated.fit(X, y, groups=groups)
 with tempfile.TemporaryDirectory() as folder:
     path = save_model(Path(folder, "counter.skops"), calibrated, assemblies=set(groups), scores=after)
-    loaded, card = load_model(path), read_card(path)
+    loaded, card = load_model(path), json.loads(path.with_name("counter.skops.card.json").read_text())
 print(f"counts {card['classes']} at {card['sampling_rate']:g} Hz, windows of {card['window_s']:g} s")
 print(f"features: {card['features']['definitions']}, accuracy {card['scores']['accuracy']:.2f}")
 print("same answers:", np.array_equal(loaded.predict(X), calibrated.predict(X)))

@@ -10,7 +10,8 @@ from scipy.signal import resample_poly
 from small_model import RATE, SPEED, labelled, recording, recordings_with_wear, shaft_model
 
 from cyclofeat.counting import LobeModel, LobeStream
-from cyclofeat.models import load_model, read_card, save_model
+from cyclofeat.models import load_model, save_model
+from cyclofeat.models.card import read_card
 from cyclofeat.recordings import Recording
 from cyclofeat.recordings.windower import lobe_windower
 from cyclofeat.signal.lobes import lines_held

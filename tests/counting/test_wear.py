@@ -12,7 +12,8 @@ from small_model import recording, recordings_with_wear, wear_model
 
 from cyclofeat.counting import ConformalRegressor, LobeModel, counts_frame, wear_features
 from cyclofeat.counting.model.radial_wear import _visible_from, runs_of
-from cyclofeat.models import load_model, read_card, save_model
+from cyclofeat.models import load_model, save_model
+from cyclofeat.models.card import read_card
 from cyclofeat.recordings.windower import SAMPLES_PER_TURN
 
 

@@ -11,15 +11,10 @@ from cyclofeat import __version__
 from cyclofeat._base.quantities import QUANTITIES
 from cyclofeat.cli import main
 from cyclofeat.datasets import make_rig_recordings, write_recording
-from cyclofeat.models import (
-    card_path,
-    default_model_path,
-    feature_definitions,
-    load_default_model,
-    read_card,
-)
+from cyclofeat.models import load_default_model
+from cyclofeat.models.card import card_path, feature_definitions, read_card
+from cyclofeat.models.persistence import default_model_path
 
-pytest.importorskip("skops")
 COUNTS = (0, 2, 4, 6)
 
 

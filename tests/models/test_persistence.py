@@ -1,11 +1,13 @@
 """Models as files: every kind of counter, in other processes, and what must not be loaded."""
 
+import copy
 import hashlib
 import json
 import os
 import subprocess
 import sys
 import zipfile
+from pathlib import Path
 
 import joblib
 import numpy as np
@@ -14,22 +16,15 @@ import skops.io
 from numpy.testing import assert_array_equal
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.naive_bayes import GaussianNB
-from sklearn.neighbors import KNeighborsClassifier
-from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import FunctionTransformer
+from sklearn.neighbors import KDTree, KNeighborsClassifier
 
 from cyclofeat.counting import GroupCalibratedCounter, LobeModel, make_lobe_counter
 from cyclofeat.counting.estimators.pipelines import KINDS
+from cyclofeat.counting.estimators.trees import CountingTrees
 from cyclofeat.features.registry import REGISTRY
-from cyclofeat.models import (
-    TRUSTED_TYPES,
-    ModelFileError,
-    as_lobe_model,
-    card_path,
-    load_model,
-    read_card,
-    save_model,
-)
+from cyclofeat.models import ModelFileError, load_default_model, load_model, save_model
+from cyclofeat.models.card import card_path, read_card
+from cyclofeat.models.persistence import as_lobe_model
 from cyclofeat.recordings import Recording
 
 pytest.importorskip("skops")
@@ -97,6 +92,18 @@ def change_card(file, **changes):
     card_path(file).write_text(json.dumps(card | changes), encoding="utf-8")
 
 
+def change_schema(file, change):
+    """Change the schema of a ``.skops`` file, its card in order."""
+    with zipfile.ZipFile(file) as archive:
+        content = {name: archive.read(name) for name in archive.namelist()}
+    schema = json.loads(content["schema.json"])
+    change(schema)
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, data in content.items():
+            archive.writestr(name, json.dumps(schema) if name == "schema.json" else data)
+    restate(file)
+
+
 def restate(file):
     """Make the card agree with the file: who can write the one can write the other."""
     change_card(file, sha256=hashlib.sha256(file.read_bytes()).hexdigest())
@@ -133,22 +140,45 @@ def test_every_kind_is_the_same_in_another_process(counters, model, data, tmp_pa
     assert json.loads(done.stdout) == expected
 
 
-def test_the_list_of_trusted_types_is_what_counters_need(counters, model):
-    """This package's own types, that of trees and what a network leaves; no function, no module."""
-    import skops.io
+def test_the_reader_builds_what_skops_builds(counters, model, data, tmp_path):
+    recording = Recording(data[0][0], RATE, speed_rpm=500)
+    for kind, saved in {**counters, "model": model}.items():
+        file = save_model(tmp_path / f"{kind}.skops", saved)
+        content = file.read_bytes()
+        expected = skops.io.loads(content, trusted=skops.io.get_untrusted_types(data=content))
+        loaded = load_model(file)
+        if kind == "model":
+            assert loaded.count(recording) == expected.count(recording)
+        else:
+            assert_array_equal(loaded.predict_proba(data[0][:3]), expected.predict_proba(data[0][:3]))
 
-    own = {name for name in TRUSTED_TYPES if name.startswith("cyclofeat.")}
-    assert set(TRUSTED_TYPES) - own == {
-        "sklearn.tree._tree.Tree",
-        "sklearn.neural_network._stochastic_optimizers.AdamOptimizer",
-    }
-    for name in own:
-        module, _, kind = name.rpartition(".")
-        assert isinstance(getattr(sys.modules[module], kind), type)
-    needed = set()
-    for item in (*counters.values(), model):
-        needed |= set(skops.io.get_untrusted_types(data=skops.io.dumps(item)))
-    assert needed <= set(TRUSTED_TYPES)
+
+def python_calls(function):
+    """Return how many Python functions a call enters; unlike its time, that is always the same."""
+    entered = []
+    sys.setprofile(lambda frame, event, argument: event == "call" and entered.append(event))
+    try:
+        function()
+    finally:
+        sys.setprofile(None)
+    return len(entered)
+
+
+def test_a_model_is_loaded_quickly_without_a_second_file(data, tmp_path):
+    """A packaged model and one of 300 trees: some 8,000 calls, 0.1 s; one by one the trees need 100,000."""
+    trees = make_lobe_counter(RATE).fit(data[0], data[1])
+    file = save_model(tmp_path / "trees.skops", trees)
+    for load in (load_default_model, lambda: load_model(file)):
+        load()  # imports
+        assert python_calls(load) < 12_000
+    home = tmp_path / "home"
+    home.mkdir()
+    code = "import sys; from cyclofeat.models import *; load_model(sys.argv[1]); load_default_model()"
+    code += "; assert 'skops' not in sys.modules"
+    homes = dict.fromkeys(("HOME", "USERPROFILE", "XDG_CACHE_HOME", "TMPDIR"), str(home))
+    subprocess.run([sys.executable, "-B", "-c", code, str(file)], env=os.environ | homes, check=True)
+    assert not list(home.rglob("*"))
+    assert sorted(tmp_path.iterdir()) == [home, file, card_path(file)]
 
 
 def test_the_card_tells_what_a_user_must_know(model, tmp_path):
@@ -202,33 +232,97 @@ def test_a_pickle_that_calls_itself_skops_runs_nothing(stored, tmp_path):
     assert not (tmp_path / "ran").exists()
 
 
-@pytest.mark.parametrize("kind", ["posixpath.basename", "sklearn.neighbors"])
-def test_skops_with_another_type_is_refused_in_writing_and_reading(stored, data, tmp_path, kind):
-    """A function, and a compiled estimator, whose tree holds indices that a file could set to anything."""
-    strange = make_pipeline(FunctionTransformer(os.path.basename), GaussianNB())
-    strange.steps[-1][1].fit(data[0][:, :5], data[1])
-    strange.steps[0][1].n_features_in_ = 5
-    if kind == "sklearn.neighbors":
-        strange = KNeighborsClassifier(algorithm="kd_tree").fit(data[0][:, :5], data[1])
-    with pytest.raises(ValueError, match=f"holds .*{kind}.*write .joblib"):
-        save_model(tmp_path / "strange.skops", strange, sampling_rate=RATE)
-    assert not (tmp_path / "strange.skops").exists()
+def with_a_function(counter):
+    counter.function = os.path.basename
+    return counter
+
+
+def with_a_tree(counter):
+    counter.index = KDTree(np.eye(5))  # compiled: it holds indices that a file could set to anything
+    return counter
+
+
+@pytest.mark.parametrize(
+    ("change", "kind"),
+    [
+        (with_a_function, "posixpath.basename"),
+        (with_a_tree, "sklearn.neighbors._kd_tree.KDTree"),
+        (
+            lambda counter: KNeighborsClassifier().fit(np.eye(5), range(5)),
+            "sklearn.neighbors._classification.K",
+        ),
+        (lambda counter: np.random.default_rng(0), "numpy.random._generator.Generator"),
+        (lambda counter: Path("folder"), "pathlib.PosixPath"),
+    ],
+)
+def test_skops_with_another_type_is_refused_in_writing_and_reading(counters, stored, tmp_path, change, kind):
+    strange = change(copy.deepcopy(counters["ladder"]))
+    if hasattr(strange, "predict_proba"):
+        with pytest.raises(ValueError, match=f"counter holds {kind}.*write .joblib"):
+            save_model(tmp_path / "strange.skops", strange, sampling_rate=RATE)
+        assert not (tmp_path / "strange.skops").exists()
     file = smuggled(strange, stored["skops"])
     for trusted in (False, True):
-        with pytest.raises(ModelFileError, match=f"types that no counter needs.*{kind}"):
+        with pytest.raises(ModelFileError, match=f"holds {kind}.*, which no counter needs: it is not loaded"):
             load_model(file, trusted=trusted)
 
 
-@pytest.mark.parametrize(("field", "value"), [("left_child", 10**6), ("feature", 10**6), ("left_child", 0)])
-def test_a_tree_that_points_outside_itself_is_refused(data, tmp_path, field, value):
+@pytest.mark.parametrize(
+    "name",
+    [
+        "cyclofeat.features.registry.SpectralEntropy",  # not where it is defined
+        "cyclofeat.counting.estimators.pipelines.make_lobe_counter",
+        "cyclofeat.counting.model.lobe_stream.LobeStream",  # no estimator
+        "cyclofeat.models.persistence.SUFFIXES",
+        "builtins.object",
+        "os.system",
+    ],
+)
+def test_a_file_names_no_other_object_of_this_package(stored, name):
+    def rename(schema):
+        schema["__module__"], _, schema["__class__"] = name.rpartition(".")
+
+    change_schema(stored["skops"], rename)
+    with pytest.raises(ModelFileError, match=f"holds {name}, which no counter needs"):
+        load_model(stored["skops"])
+
+
+def test_another_protocol_of_skops_is_refused(stored):
+    change_schema(stored["skops"], lambda schema: schema.update(protocol=99))
+    with pytest.raises(ModelFileError, match="its protocol is 99, known are .*: update cyclofeat"):
+        load_model(stored["skops"])
+
+
+@pytest.mark.parametrize("kind", [ExtraTreesClassifier, CountingTrees])
+@pytest.mark.parametrize(
+    ("field", "value"), [("left_child", 10**6), ("right_child", 10**6), ("feature", 10**6), ("left_child", 0)]
+)
+def test_a_tree_that_points_outside_itself_is_refused(data, stored, kind, field, value):
     """Compiled trees believe their indices: such a file would read foreign memory, or run in circles."""
-    forest = ExtraTreesClassifier(2, random_state=0).fit(data[0][:, :5], data[1])
+    forest = kind(2, random_state=0).fit(data[0][:, :5], data[1])
     tree = forest.estimators_[1].tree_
     state = tree.__getstate__()
     state["nodes"][field][0] = value
     tree.__setstate__(state)
-    file = save_model(tmp_path / "bad.skops", forest, sampling_rate=RATE)
     with pytest.raises(ModelFileError, match="point outside the tree"):
+        load_model(smuggled(forest, stored["skops"]))
+
+
+@pytest.mark.parametrize(("name", "value"), [("node_count", "10000"), ("n_outputs", "100")])
+def test_a_tree_of_other_sizes_than_its_arrays_is_refused(data, stored, name, value):
+    """The sizes are believed before the first look at its nodes."""
+
+    def change(node):
+        if isinstance(node, dict) and node.get("__loader__") == "TreeNode":
+            arguments = node["__reduce__"]["args"]["content"]
+            size = arguments[2] if name == "n_outputs" else node["content"]["content"][name]
+            size["content"] = value
+        for inner in node.values() if isinstance(node, dict) else node if isinstance(node, list) else ():
+            change(inner)
+
+    file = smuggled(ExtraTreesClassifier(2).fit(data[0][:, :5], data[1]), stored["skops"])
+    change_schema(file, change)
+    with pytest.raises(ModelFileError, match="a tree's sizes disagree with its arrays"):
         load_model(file)
 
 

@@ -10,21 +10,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from sklearn.base import BaseEstimator
 
 from cyclofeat._base.versions import MODEL_PACKAGES, package_versions
-from cyclofeat.counting import Evaluation, LobeModel
+from cyclofeat.counting import Evaluation, LobeModel, RadialWear
 from cyclofeat.features.base import WindowTransformer
 from cyclofeat.features.registry import REGISTRY
-from cyclofeat.models._content import ModelFileError, estimators_in
+from cyclofeat.models.content import ModelFileError
 
 FORMAT = 3
 CARD_SUFFIX = ".card.json"
 # What may differ between writing and loading: as many leading numbers as are compared. scikit-learn promises
 # nothing from one release to the next, the others keep their arrays from one bug fix to the next.
 _COMPARED = {"cyclofeat": 3, "scikit-learn": 3, "python": 2, "numpy": 2, "scipy": 2}
-_COMPARED_BY_FORMAT = {".joblib": {"joblib": 1}, ".skops": {"skops": 2}}
 FEATURES = "features"
-ALLOWED = (*_COMPARED, "joblib", "skops", "sklearn", FEATURES)
+ALLOWED = (*_COMPARED, "joblib", "sklearn", FEATURES)
+# What may hold an estimator.
+_HOLDERS = (BaseEstimator, RadialWear, dict, list, tuple, np.ndarray)
 # Entries of a model's own card that are repeated.
 _OF_TRAINING = ("n_recordings", "n_windows", "sources", "quantity", "speeds_rpm", "loads_nm", "wear")
 # What each entry of a card must be.
@@ -107,6 +109,25 @@ def feature_definitions(counter: Any) -> dict[str, Any]:
     }
 
 
+def estimators_in(model: Any) -> list[Any]:
+    """Return the model or counter and all estimators that it holds, each once, outer ones first."""
+    inside: dict[int, Any] = {}
+    waiting = [model]
+    while waiting:
+        item = waiting.pop()
+        if isinstance(item, (BaseEstimator, RadialWear)):
+            if id(item) in inside:
+                continue
+            inside[id(item)] = item
+            item = vars(item)
+        if isinstance(item, dict):
+            item = list(item.values())
+        elif isinstance(item, np.ndarray):
+            item = item.ravel().tolist() if item.dtype == object else []
+        waiting += [value for value in reversed(item) if isinstance(value, _HOLDERS)]
+    return list(inside.values())
+
+
 def make_card(
     target: Path,
     counter: Any,
@@ -129,14 +150,12 @@ def make_card(
     known = made.get("assemblies") if assemblies is None else list(assemblies)
     if isinstance(scores, Evaluation):
         scores = scores.to_dict()
-    found = package_versions(*MODEL_PACKAGES)
-    if target.suffix == ".skops":
-        found |= package_versions("skops")
+    versions = package_versions(*MODEL_PACKAGES, *(["skops"] if target.suffix == ".skops" else []))
     card: dict[str, Any] = {
         "format": FORMAT,
         "file": target.name,
         "holds": f"{type(counter).__module__}.{type(counter).__qualname__}",
-        "versions": found,
+        "versions": versions,
         "sampling_rate": rate,
         "window_samples": samples,
         "samples_per_turn": model.samples_per_turn if model is not None and any_speed else None,
@@ -190,9 +209,7 @@ def allowed_differences(allow: Collection[str]) -> set[str]:
 
 def check_versions(source: Path, card: Mapping[str, Any], allowed: set[str]) -> None:
     here = package_versions(*MODEL_PACKAGES)
-    compared = _COMPARED | _COMPARED_BY_FORMAT[source.suffix]
-    if source.suffix == ".skops":
-        here |= package_versions("skops")
+    compared = _COMPARED | ({"joblib": 1} if source.suffix == ".joblib" else {})
     differences = {}
     for name, parts in compared.items():
         written = str(card["versions"].get(name, "unknown"))

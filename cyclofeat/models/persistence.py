@@ -4,7 +4,7 @@
 file         what it is
 ===========  ==========================================================================================
 ``.skops``   data only: it is read piece by piece, and pieces that are not on a list of known types are
-             refused (:data:`TRUSTED_TYPES`). Safe to load from anyone; takes some seconds.
+             refused. Safe to load from anyone, and read without skops, which only writes it.
 ``.joblib``  a pickle, which is code: it can do anything when loaded. Loaded only with ``trusted=True``.
 ===========  ==========================================================================================
 
@@ -27,10 +27,11 @@ from sklearn.base import BaseEstimator
 from sklearn.exceptions import InconsistentVersionWarning, NotFittedError
 from sklearn.utils.validation import check_is_fitted
 
+from cyclofeat._base.checks import one_of
 from cyclofeat._base.files import check_parent, write_whole
+from cyclofeat._base.quantities import QUANTITIES
 from cyclofeat.counting import Evaluation, LobeModel
-from cyclofeat.models._cache import read_through
-from cyclofeat.models._card import (
+from cyclofeat.models.card import (
     FEATURES,
     allowed_differences,
     card_path,
@@ -40,9 +41,13 @@ from cyclofeat.models._card import (
     make_card,
     read_card,
 )
-from cyclofeat.models._content import ModelFileError, dump, read_joblib, read_skops, the_skops
+from cyclofeat.models.content import ModelFileError, dump, import_skops, read_joblib, read_skops
 
 SUFFIXES = (".skops", ".joblib")
+# Folder of the packaged models: one for each quantity, trained on simulated assemblies.
+_DEFAULTS = Path(__file__).with_name("default")
+# They are tested with each supported version of these.
+_TESTED_WITH = ("python", "numpy", "scipy", "scikit-learn")
 
 
 def check_model_path(path: str | os.PathLike[str]) -> Path:
@@ -62,7 +67,7 @@ def check_model_path(path: str | os.PathLike[str]) -> Path:
         raise ValueError(f"model file must end in .skops (safe) or .joblib (a pickle), got {target.name!r}")
     check_parent(target)
     if target.suffix == ".skops":
-        the_skops()
+        import_skops()
     return target
 
 
@@ -137,7 +142,6 @@ def load_model(
     *,
     trusted: bool = False,
     allow: Collection[str] = (),
-    cache: str | os.PathLike[str] | None = None,
 ) -> Any:
     """Read what :func:`save_model` wrote.
 
@@ -150,12 +154,8 @@ def load_model(
         loaded.
     allow : collection of str
         What may differ from when the file was written: ``"cyclofeat"``, ``"scikit-learn"`` (or
-        ``"sklearn"``), ``"python"``, ``"numpy"``, ``"scipy"``, ``"joblib"``, ``"skops"``, ``"features"``
+        ``"sklearn"``), ``"python"``, ``"numpy"``, ``"scipy"``, ``"joblib"``, ``"features"``
         (their definitions).
-    cache : path-like, optional
-        Folder for copies of ``.skops`` models that passed their checks; the next reading of the same file
-        takes a moment. It is made if it does not exist, and has no effect where others can write to it.
-        Commands use ``cyclofeat/models`` in the user's cache folder.
 
     Returns
     -------
@@ -166,8 +166,6 @@ def load_model(
     ------
     FileNotFoundError, IsADirectoryError
         Where there is no such file.
-    ImportError
-        Where skops is needed and not installed.
     ModelFileError
         Where the file is not trusted, has no readable card, is not the one that the card belongs to, was
         written by other versions, is damaged or holds something else.
@@ -198,12 +196,7 @@ def load_model(
     with warnings.catch_warnings():
         # versions were compared above; where they differ, that is allowed
         warnings.simplefilter("ignore", InconsistentVersionWarning)
-        if source.suffix == ".joblib":
-            loaded = read_joblib(source, data)
-        elif cache is None:
-            loaded = read_skops(source, data)
-        else:
-            loaded = read_through(Path(cache), card["sha256"], lambda: read_skops(source, data))
+        loaded = (read_joblib if source.suffix == ".joblib" else read_skops)(source, data)
     try:
         _check_counter(loaded)
         found = feature_definitions(loaded)
@@ -214,6 +207,55 @@ def load_model(
             f"{source} makes other features than its card says: {first_difference(found, card[FEATURES])}; "
             'train anew, or allow it by name: allow=("features",) (--allow features)'
         )
+    return loaded
+
+
+def default_model_path(quantity: str = "output_torque") -> Path:
+    """Return the path of the packaged model of a quantity; its card lies beside it.
+
+    Parameters
+    ----------
+    quantity : {"output_torque", "input_torque", "motor_current"}
+
+    Raises
+    ------
+    ValueError
+        If there is no such quantity.
+    """
+    return _DEFAULTS / f"{one_of('quantity', quantity, QUANTITIES)}.skops"
+
+
+def load_default_model(quantity: str = "output_torque") -> LobeModel:
+    """Read the packaged model of a quantity.
+
+    It has learned from simulated assemblies of rig R2 (:func:`cyclofeat.datasets.make_rig_recordings`), whose
+    brake, torque meter and contacts vary, at 100 to 1,500 RPM and 3 to 40 Nm. A model of a rig whose brake is
+    known counts better: ``benchmarks/operating_points.md``.
+
+    Parameters
+    ----------
+    quantity : {"output_torque", "input_torque", "motor_current"}, default="output_torque"
+        What the recordings hold.
+
+    Returns
+    -------
+    cyclofeat.counting.LobeModel
+        The fitted model.
+
+    Raises
+    ------
+    ValueError
+        If there is no such quantity.
+
+    Examples
+    --------
+    >>> model = load_default_model("motor_current")
+    >>> model.made_for()
+    'of motor current at 99.23 to 1511 RPM and 3 to 40 Nm, with at least 37 samples per input turn'
+    >>> model.samples_per_turn, model.coarser.samples_per_turn
+    (128, 37)
+    """
+    loaded: LobeModel = load_model(default_model_path(quantity), allow=_TESTED_WITH)
     return loaded
 
 

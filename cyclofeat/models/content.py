@@ -1,0 +1,233 @@
+"""Content of a model's file: what it may hold, writing and reading.
+
+A ``.skops`` file is a zip of ``schema.json`` and arrays. skops writes it; it is read here, by a reader that
+knows plain values, arrays and the classes that counters are made of, and refuses everything else. Importing
+skops takes a second, in which that reader reads ten models.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import re
+import zipfile
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import joblib
+import numpy as np
+from numpy.lib.format import read_array
+from sklearn.base import BaseEstimator
+
+# Schemas of skops that the reader knows.
+_PROTOCOLS = (0, 1, 2)
+# Rooms whose estimators and dataclasses a file may hold.
+_ROOMS = re.compile(r"cyclofeat\.(counting|features)(\.\w+)+")
+# Of scikit-learn's estimators those that counters are made of, and some whose answers are numpy's
+# arithmetic. Others are compiled and believe their numbers: a file could make them read foreign memory.
+_OF_SKLEARN = frozenset({
+    "sklearn.pipeline.Pipeline",
+    "sklearn.preprocessing._data.StandardScaler",
+    "sklearn.preprocessing._label.LabelBinarizer",
+    "sklearn.isotonic.IsotonicRegression",
+    "sklearn.neural_network._multilayer_perceptron.MLPClassifier",
+    # Numbers left over from training a network of lobes; nothing asks it again.
+    "sklearn.neural_network._stochastic_optimizers.AdamOptimizer",
+    "sklearn.tree._classes.ExtraTreeClassifier",
+    "sklearn.tree._classes.ExtraTreeRegressor",
+    "sklearn.tree._classes.DecisionTreeClassifier",
+    "sklearn.ensemble._forest.ExtraTreesClassifier",
+    "sklearn.ensemble._forest.ExtraTreesRegressor",
+    "sklearn.ensemble._forest.RandomForestClassifier",
+    "sklearn.linear_model._logistic.LogisticRegression",
+    "sklearn.discriminant_analysis.LinearDiscriminantAnalysis",
+    "sklearn.naive_bayes.GaussianNB",
+})  # fmt: skip
+_KEY_TYPES = {"str": str, "int": int, "float": float}
+
+
+class ModelFileError(ValueError):
+    """Error of a model file that cannot be read, is not trusted, or does not fit its card."""
+
+
+class _ForeignTypeError(TypeError):
+    """Error of a file that holds a type that no counter needs."""
+
+
+def dump(target: Path, counter: Any) -> bytes:
+    """Return the content of the file of a counter, in the format that the target's name asks for."""
+    if target.suffix == ".joblib":
+        buffer = io.BytesIO()
+        joblib.dump(counter, buffer, compress=3)
+        return buffer.getvalue()
+    skops = import_skops()
+    try:
+        data: bytes = skops.io.dumps(counter, compression=zipfile.ZIP_DEFLATED, compresslevel=6)
+        build_model(data)
+    except _ForeignTypeError as error:
+        raise ValueError(f"counter {error}: write .joblib") from None
+    except Exception as error:
+        raise ValueError(
+            f"counter cannot be written as .skops ({type(error).__name__}: {error}): write .joblib"
+        ) from error
+    return data
+
+
+def read_joblib(source: Path, data: bytes) -> Any:
+    """Return the object in a pickle, which can run any code."""
+    try:
+        return joblib.load(io.BytesIO(data))
+    except Exception as error:
+        raise ModelFileError(
+            f"{source} cannot be read as a joblib model ({type(error).__name__}: {error}): it is damaged or "
+            "was written by other versions"
+        ) from error
+
+
+def read_skops(source: Path, data: bytes) -> Any:
+    """Return the model in a ``.skops`` file, which runs no code."""
+    try:
+        return build_model(data)
+    except _ForeignTypeError as error:
+        raise ModelFileError(f"{source} {error}: it is not loaded") from None
+    except Exception as error:
+        raise ModelFileError(
+            f"{source} cannot be read as a skops model ({type(error).__name__}: {error}): it is damaged or "
+            "was written by other versions"
+        ) from error
+
+
+def build_model(data: bytes) -> Any:
+    """Build what a ``.skops`` file describes; nothing but classes on the list is imported or called."""
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        schema = json.loads(archive.read("schema.json"))
+        if schema["protocol"] not in _PROTOCOLS:
+            raise ValueError(
+                f"its protocol is {schema['protocol']}, known are {_PROTOCOLS}: update cyclofeat"
+            )
+        return _Builder(archive).build(schema)
+
+
+class _Builder:
+    """Builder of the objects that the nodes of a schema describe; a node of a known id is built once."""
+
+    def __init__(self, archive: zipfile.ZipFile) -> None:
+        self._archive = archive
+        self._built: dict[int, Any] = {}
+        self._classes: dict[str, type] = {}
+
+    def build(self, node: dict[str, Any]) -> Any:
+        loader = node["__loader__"]
+        if loader == "JsonNode":  # most of them
+            return json.loads(node["content"])
+        identity = node.get("__id__")
+        if identity not in self._built:
+            self._built[identity] = self._build_new(loader, node)
+        return self._built[identity]
+
+    def _build_new(self, loader: str, node: dict[str, Any]) -> Any:
+        name = f"{node['__module__']}.{node['__class__']}"
+        content = node.get("content")
+        match loader, name:
+            case "DictNode", "builtins.dict":
+                keys = [_KEY_TYPES[kind["__class__"]] for kind in node["key_types"]["content"]]
+                items = zip(keys, content.items(), strict=True)
+                return {kind(key): self.build(value) for kind, (key, value) in items}
+            case "ListNode", "builtins.list":
+                return [self.build(item) for item in content]
+            case "TupleNode", "builtins.tuple":
+                return tuple(self.build(item) for item in content)
+            case "SetNode", "builtins.set":
+                return {self.build(item) for item in content}
+            case "BytesNode", "builtins.bytes":
+                return self._archive.read(node["file"])
+            case "NdArrayNode", _ if node["type"] == "numpy":
+                array = read_array(io.BytesIO(self._archive.read(node["file"])), allow_pickle=False)
+                return array if name == "numpy.ndarray" else array[()]
+            case "NdArrayNode", "numpy.ndarray":  # of objects
+                items = [self.build(item) for item in content]
+                array = np.empty(self.build(node["shape"]), dtype=object)
+                array.ravel()[:] = items
+                return array
+            case "RandomStateNode", "numpy.random.mtrand.RandomState":
+                state = np.random.RandomState()
+                state.set_state(self.build(content))
+                return state
+            case "TreeNode", "sklearn.tree._tree.Tree":
+                return _build_tree(self.build(node["__reduce__"]["args"]), self.build(content))
+            case "ObjectNode", _:
+                kind = self._classes.get(name) or self._classes.setdefault(name, _find_class(name))
+                return _build_object(kind, self.build(content))
+        raise _ForeignTypeError(f"holds {name}, which no counter needs")
+
+
+def _find_class(name: str) -> type:
+    """Return the class of this name, if a file may hold it."""
+    module, _, own_name = name.rpartition(".")
+    if name in _OF_SKLEARN or _ROOMS.fullmatch(module):
+        kind = getattr(import_module(module), own_name, None)
+        is_own = isinstance(kind, type) and kind.__module__ == module
+        if is_own and (
+            name in _OF_SKLEARN or issubclass(kind, BaseEstimator) or dataclasses.is_dataclass(kind)
+        ):
+            return kind
+    raise _ForeignTypeError(f"holds {name}, which no counter needs")
+
+
+def _build_object(kind: type, state: Any) -> Any:
+    """Build an object without calling its ``__init__``, and check the trees that it holds."""
+    built = kind.__new__(kind)
+    if state is not None:
+        if hasattr(built, "__setstate__"):
+            built.__setstate__(state)
+        else:
+            vars(built).update(state)
+    for part in (built, *vars(built).get("estimators_", ())):
+        if hasattr(part, "tree_"):
+            _check_tree(part.tree_, int(part.n_features_in_), int(built.n_features_in_))
+    return built
+
+
+def _build_tree(arguments: Any, state: dict[str, Any]) -> Any:
+    """Build a compiled tree, whose sizes would otherwise be believed."""
+    n_features, n_classes, n_outputs = arguments
+    if np.shape(n_classes) != (n_outputs,) or state["node_count"] != len(state["nodes"]):
+        raise ValueError("a tree's sizes disagree with its arrays")
+    tree = import_module("sklearn.tree._tree").Tree(n_features, n_classes, n_outputs)
+    tree.__setstate__(state)
+    return tree
+
+
+def _check_tree(tree: Any, *n_features: int) -> None:
+    """Raise ``ValueError`` for a tree that points outside itself or the features.
+
+    Trees are compiled and believe their indices: one that is wrong reads foreign memory, or runs in circles.
+    """
+    left, right, feature = tree.children_left, tree.children_right, tree.feature
+    node = np.arange(tree.node_count)
+    leaf = left == -1
+    # children come after their parents: so a way through the tree has an end
+    sound = (
+        tree.node_count > 0
+        and {tree.n_features} == {*n_features}
+        and np.array_equal(leaf, right == -1)
+        and ((left > node) & (left < node.size) | leaf).all()
+        and ((right > node) & (right < node.size) | leaf).all()
+        and ((feature >= 0) & (feature < tree.n_features) | leaf).all()
+        and 0 <= tree.max_depth < max(node.size, 1)
+    )
+    if not sound:
+        raise ValueError("a tree's nodes point outside the tree or the features")
+
+
+def import_skops() -> Any:
+    """Return skops, which writes ``.skops`` files; reading them needs nothing more."""
+    try:
+        import skops.io
+    except ImportError:
+        raise ImportError(
+            "skops is needed to write .skops files: pip install skops (.joblib needs nothing more)"
+        ) from None
+    return skops
