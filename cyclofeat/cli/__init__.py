@@ -1,22 +1,13 @@
 """The ``cyclofeat`` command.
 
-==================  =====================================================================
-module              job
-==================  =====================================================================
-``_table``          all commands: name, one line of text, module
-``_printing``       printing of results, for people or as JSON, and the exit code
-``_reading``        options of commands that read recordings, and their work file by file
-``_rigs``           options of commands that simulate
-``_history``        options of commands that keep a history
-``_models``         options of commands that count with a stored model
-``_targets``        options that name files to write, checked before any work
-``_idle``           errors for options that have no effect
-``_gap_check``      what ``gap --check`` does
-``_gap_prepare``    what ``gap --prepare`` does
-``_gap_printing``   text of what ``gap`` finds
-``folder_watch``    files that arrive in a folder
-each other module   one command
-==================  =====================================================================
+================  ====================================================================================
+module            job
+================  ====================================================================================
+``_printing``     all commands: name, one line of text, module; what is printed of their results
+``_options``      options that read recordings or name models and files to write, and those without effect
+``_rigs``         options of commands that simulate
+each other one    one command
+================  ====================================================================================
 
 The module of a command has three parts:
 
@@ -37,13 +28,13 @@ import json
 import os
 import sys
 import warnings
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 from cyclofeat import __version__
-from cyclofeat._base.progress import progress_hidden
-from cyclofeat.cli._idle import CommandParser
-from cyclofeat.cli._printing import run_and_print, show_warning, warn
-from cyclofeat.cli._table import COMMANDS
+from cyclofeat._base.progress import erase_progress, progress_hidden
+from cyclofeat.cli._options import CommandParser, check_targets, error_text, refuse_idle
+from cyclofeat.cli._printing import COMMANDS, Command, Printed, show_warning, warn
+from cyclofeat.cli._rigs import load_own_effects
 
 __all__ = ["main", "make_parser"]
 
@@ -81,7 +72,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout and sys.stdout.flush()  # help and version
         with warnings.catch_warnings(), progress_hidden(arguments.quiet):
             warnings.showwarning = show_warning
-            return run_and_print(COMMANDS[arguments.command], arguments)
+            return _run_and_print(COMMANDS[arguments.command], arguments)
     except BrokenPipeError:
         # The reader (head, less) has closed the pipe.
         _close_output()
@@ -93,6 +84,70 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("cyclofeat: interrupted", file=sys.stderr)
         return 130
+
+
+def _run_and_print(command: Command, arguments: argparse.Namespace) -> int:
+    """Run a command, print each result as soon as it is known, and return the exit code.
+
+    Errors of input and surroundings are results too; any other error is a defect of the toolkit and keeps its
+    traceback.
+    """
+    failed = refused = False
+    # Results of "lines" are lines of JSON anyway, a list on request.
+    in_lines = arguments.json if command.output == "lines" else getattr(arguments, "jsonl", False)
+    documents = []
+    try:
+        for printed in _printed_results(command, arguments):
+            failed = failed or printed.failed
+            refused = refused or printed.refused
+            erase_progress()
+            if printed.error:
+                warn(printed.error)
+            if not (arguments.json or in_lines):
+                if printed.text:
+                    print(printed.text, flush=True)
+            elif in_lines:
+                print(json.dumps(printed.json), flush=True)
+            else:
+                documents.append(printed.json)
+    finally:
+        # What is finished is printed although the work was interrupted.
+        if documents:
+            print(json.dumps(documents if command.output == "list" else documents[0], indent=2), flush=True)
+    return 2 if failed else 3 * refused
+
+
+def _printed_results(command: Command, arguments: argparse.Namespace) -> Iterator[Printed]:
+    """Run a command and yield what is printed of each result, and of the error that ends it."""
+    try:
+        if sys.stdout is None:
+            raise OSError("standard output is closed: direct it to a file, or to the null device")
+        refuse_idle(arguments)
+        check_targets(arguments)
+        load_own_effects(arguments)
+        module = command.module()
+        outcome = module.run(arguments)
+        for result in outcome if isinstance(outcome, Iterator) else (outcome,):
+            yield module.printed(arguments, result)
+    except _expected_errors() as error:
+        if _is_of_ctrl_c(error):
+            raise KeyboardInterrupt from error
+        text = error_text(error, arguments.typed)
+        yield Printed("", {"error": text}, text, failed=True)
+
+
+def _is_of_ctrl_c(error: BaseException | None) -> bool:
+    """Return True for an error that Ctrl-C caused, as in the import of a compiled module."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
+
+
+def _expected_errors() -> tuple[type[Exception], ...]:
+    """Return the errors of input and surroundings, without importing the simulators for one of theirs."""
+    simulators = sys.modules.get("cyclofeat.simulators")
+    failed = () if simulators is None else (simulators.SimulationFailed,)
+    return ValueError, TypeError, OSError, ImportError, MemoryError, *failed
 
 
 def _close_output() -> None:

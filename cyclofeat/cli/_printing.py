@@ -1,101 +1,97 @@
-"""Printing of results, for people or for programs, and of messages."""
+"""The table of commands, what is printed of their results, and messages on standard error."""
 
 from __future__ import annotations
 
-import json
+import importlib
 import sys
-from argparse import Namespace
-from collections.abc import Iterator
-from typing import Any
+from argparse import ArgumentParser, Namespace
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol, cast
 
 from cyclofeat._base.progress import erase_progress, is_hidden
-from cyclofeat.cli._idle import refuse_idle
-from cyclofeat.cli._reading import error_text
-from cyclofeat.cli._rigs import load_own_effects
-from cyclofeat.cli._table import Command, Printed
-from cyclofeat.cli._targets import check_targets
 
 
-def run_and_print(command: Command, arguments: Namespace) -> int:
-    """Run a command, print each result as soon as it is known, and return the exit code.
+@dataclass(frozen=True)
+class Printed:
+    """Printed form of a result: text for people, plain values for JSON, and an error.
 
-    Errors of input and surroundings are results too; any other error is a defect of the toolkit and keeps its
-    traceback.
+    ``failed`` makes the exit code 2, ``refused`` makes it 3 if nothing failed.
     """
-    failed = refused = False
-    # Results of "lines" are lines of JSON anyway, a list on request.
-    in_lines = arguments.json if command.output == "lines" else getattr(arguments, "jsonl", False)
-    documents = []
-    try:
-        for printed in _results(command, arguments):
-            failed = failed or printed.failed
-            refused = refused or printed.refused
-            erase_progress()
-            if printed.error:
-                warn(printed.error)
-            if not (arguments.json or in_lines):
-                if printed.text:
-                    print(printed.text, flush=True)
-            elif in_lines:
-                print(json.dumps(printed.json), flush=True)
-            else:
-                documents.append(printed.json)
-    finally:
-        # What is finished is printed although the work was interrupted.
-        if documents:
-            print(json.dumps(documents if command.output == "list" else documents[0], indent=2), flush=True)
-    return 2 if failed else 3 * refused
+
+    text: str
+    json: Any
+    error: str = ""
+    failed: bool = False
+    refused: bool = False
 
 
-def _results(command: Command, arguments: Namespace) -> Iterator[Printed]:
-    """Run a command and yield what is printed of each result, and of the error that ends it."""
-    try:
-        if sys.stdout is None:
-            raise OSError("standard output is closed: direct it to a file, or to the null device")
-        refuse_idle(arguments)
-        check_targets(arguments)
-        load_own_effects(arguments)
-        module = command.module()
-        outcome = module.run(arguments)
-        for result in outcome if isinstance(outcome, Iterator) else (outcome,):
-            yield module.printed(arguments, result)
-    except _expected_errors() as error:
-        if _of_ctrl_c(error):
-            raise KeyboardInterrupt from error
-        text = error_text(error, arguments.typed)
-        yield Printed("", {"error": text}, text, failed=True)
+class CommandModule(Protocol):
+    """Parts of a command's module."""
+
+    def add_arguments(self, parser: ArgumentParser) -> None:
+        """Add the arguments of the command."""
+
+    def run(self, arguments: Namespace) -> Any:
+        """Return the result, or generate one result after the other."""
+
+    def printed(self, arguments: Namespace, result: Any) -> Printed:
+        """Return what is printed of a result."""
 
 
-def _of_ctrl_c(error: BaseException | None) -> bool:
-    """Return True for an error that Ctrl-C caused, as in the import of a compiled module."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__ or error.__context__
-    return error is not None
+@dataclass(frozen=True)
+class Command:
+    """One command: its help, its module, and its JSON: one document, a list, or a line for each result."""
+
+    text: str
+    module_name: str
+    output: Literal["one", "list", "lines"] = "one"
+
+    def module(self) -> CommandModule:
+        """Import the command's module."""
+        return cast("CommandModule", importlib.import_module(f"cyclofeat.cli.{self.module_name}"))
 
 
-def _expected_errors() -> tuple[type[Exception], ...]:
-    """Return the errors of input and surroundings, without importing the simulators for one of theirs."""
-    simulators = sys.modules.get("cyclofeat.simulators")
-    failed = () if simulators is None else (simulators.SimulationFailed,)
-    return ValueError, TypeError, OSError, ImportError, MemoryError, *failed
+COMMANDS = {
+    "simulate": Command("simulate one recording and write it to a file", "simulate"),
+    "animate": Command(
+        "simulate the gearbox and write a page that animates it with its forces and its torque",
+        "animate",
+    ),
+    "inspect": Command("show what recordings contain and what would spoil a count", "inspect", "list"),
+    "train": Command("train a model and write it to a file", "train"),
+    "count": Command("count the worn lobes of recordings", "count", "list"),
+    "watch": Command("count recordings as they arrive in a folder", "watch", "lines"),
+    "history": Command("show the counts of each gearbox over time, and alarms", "history", "list"),
+    "evaluate": Command("cross-validate counters, with whole assemblies held out", "evaluate"),
+    "plan": Command("state how long to record, at what noise, to tell N worn lobes from N + 1", "plan"),
+    "campaign": Command(
+        "simulate thousands of assemblies to files, or complete an interrupted run", "campaign"
+    ),
+    "gap": Command(
+        "find where model and measurement disagree, name all missing effects, correct the model", "gap"
+    ),
+    "serve": Command("open a page in the browser that inspects, counts and compares", "serve", "lines"),
+    "demo": Command("train a model, write surrogate recordings, count them, and write the pages", "demo"),
+}
 
 
 def show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     """Print a warning as one line, without the place in the code."""
-    _say(f"cyclofeat: warning: {' '.join(str(message).split())}")
+    print_message(f"cyclofeat: warning: {' '.join(str(message).split())}")
 
 
 def note(message: str) -> None:
     """Print a line on standard error, unless ``--quiet`` was given."""
     if not is_hidden():
-        _say(message)
+        print_message(message)
 
 
 def warn(error: str) -> None:
     """Print an error as one line on standard error."""
-    _say(f"cyclofeat: error: {error}")
+    print_message(f"cyclofeat: error: {error}")
 
 
-def _say(message: str) -> None:
+def print_message(message: str) -> None:
+    """Print a line on standard error, below no line of progress."""
     erase_progress()
     print(message, file=sys.stderr, flush=True)

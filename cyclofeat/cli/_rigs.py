@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cyclofeat.cli._idle import add_idle
+from cyclofeat.cli._options import add_idle
 
 if TYPE_CHECKING:
     from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig

@@ -7,15 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.progress import Progress
-from cyclofeat.cli._printing import note
+from cyclofeat.cli._options import add_target
+from cyclofeat.cli._printing import Printed, note
 from cyclofeat.cli._rigs import add_machine, defects_of, gearbox_of, rig_of_machine
-from cyclofeat.cli._table import Printed
-from cyclofeat.cli._targets import add_target
 
 if TYPE_CHECKING:
     from cyclofeat.simulators import SimulationRun
-
-__all__ = ["add_arguments", "printed", "run"]
 
 # Forces of every sample at the papers' rate would fill the memory while the machine settles.
 _SAMPLING_RATE = 6400.0

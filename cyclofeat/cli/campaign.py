@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.progress import Progress
-from cyclofeat.cli._idle import add_idle
+from cyclofeat.cli._options import add_idle, add_target
+from cyclofeat.cli._printing import Printed
 from cyclofeat.cli._rigs import add_effects
-from cyclofeat.cli._table import Printed
-from cyclofeat.cli._targets import add_target
 
 if TYPE_CHECKING:
     from cyclofeat.simulators import Campaign, CampaignData

@@ -11,32 +11,27 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from cyclofeat._base.files import naming
 from cyclofeat._base.progress import Progress
 from cyclofeat._base.words import lobes_text, number
-from cyclofeat.cli._history import add_history_options, history_writer
-from cyclofeat.cli._models import (
-    add_model_options,
-    count_with_warnings,
-    model_name,
-    read_model,
-    without_start,
-)
-from cyclofeat.cli._printing import note
-from cyclofeat.cli._reading import (
+from cyclofeat.cli._options import (
     FILES,
     FileResult,
+    add_model_options,
     add_reading_options,
+    add_target,
+    count_with_warnings,
     each_recording,
     entries,
+    model_name,
+    read_model,
     reading_arguments,
+    without_start,
 )
-from cyclofeat.cli._table import Printed
-from cyclofeat.cli._targets import add_target
+from cyclofeat.cli._printing import Printed, note
+from cyclofeat.cli.history import add_history_options, history_writer
 
 if TYPE_CHECKING:
     from cyclofeat.counting import LobeCount
     from cyclofeat.history import GearboxState
     from cyclofeat.recordings import Recording
-
-__all__ = ["Counted", "add_arguments", "printed", "run"]
 
 COLUMNS = (
     "file", "defect_count", "probability", "worn_lobes_from_1", "lobes_absolute", "refused",

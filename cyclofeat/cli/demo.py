@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from cyclofeat._base.progress import Progress, Steps
 from cyclofeat._base.words import lobes_text
-from cyclofeat.cli._table import Printed
-from cyclofeat.cli._targets import add_target
+from cyclofeat.cli._options import add_target
+from cyclofeat.cli._printing import Printed
 from cyclofeat.cli.evaluate import cross_validated
 
 if TYPE_CHECKING:
     from cyclofeat.counting import Evaluation
     from cyclofeat.recordings import Recording
     from cyclofeat.report import CountedRecording
-
-__all__ = ["Demonstration", "add_arguments", "demonstrate", "printed", "run"]
 
 _TRAINING_SEED = 1
 _FILE_SEED = 2

@@ -9,16 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cyclofeat._base.progress import Progress
-from cyclofeat.cli._printing import note
-from cyclofeat.cli._reading import add_reading_options, read_all
-from cyclofeat.cli._table import Printed
-from cyclofeat.cli._targets import add_target
+from cyclofeat.cli._options import add_reading_options, add_target, read_all
+from cyclofeat.cli._printing import Printed, note
 
 if TYPE_CHECKING:
     from cyclofeat.counting import Evaluation, Protocol
     from cyclofeat.recordings import Recording
-
-__all__ = ["add_arguments", "cross_validated", "printed", "run"]
 
 _MAIN, _BY_LOBE, _PAPERS = "lobe map", "lobes one by one", "Shannon entropy (papers)"
 

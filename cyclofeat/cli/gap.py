@@ -4,33 +4,335 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import dataclasses
+import importlib.util
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cyclofeat._base.arguments import ArgumentError
+from cyclofeat._base.arguments import ArgumentError, different_names
+from cyclofeat._base.checks import whole
 from cyclofeat._base.progress import Progress, Steps
-from cyclofeat.cli._gap_check import add_check, check, printed_check
-from cyclofeat.cli._gap_prepare import (
-    PACKAGED,
-    Prepared,
-    add_preparation,
-    prepare,
-    printed_preparation,
-    read_posterior,
+from cyclofeat._base.quantities import in_words
+from cyclofeat._base.words import beyond, number, unit_text
+from cyclofeat.cli._options import (
+    READING,
+    add_idle,
+    add_reading_options,
+    add_target,
+    check_folder,
+    option_of,
+    read_all,
 )
-from cyclofeat.cli._gap_printing import gap_lines
-from cyclofeat.cli._idle import add_idle
-from cyclofeat.cli._reading import READING, add_reading_options, option_of, read_all
+from cyclofeat.cli._printing import Printed
 from cyclofeat.cli._rigs import add_effects
-from cyclofeat.cli._table import Printed
-from cyclofeat.cli._targets import add_target, check_folder
+from cyclofeat.plotting.gap_words import VERDICTS, cell_name, effect_name, mean_difference_words, p_words
 
 if TYPE_CHECKING:
-    from cyclofeat.gap import GapCheck, GapResult, GapSettings
+    from cyclofeat.gap import (
+        CheckedEffect,
+        Condition,
+        FoundEffect,
+        GapCheck,
+        GapResult,
+        GapSettings,
+        Proof,
+        Remainder,
+    )
     from cyclofeat.gap.posterior import EffectPosterior
+    from cyclofeat.gap.world import World
     from cyclofeat.recordings import Recording
+    from cyclofeat.simulators import Rig
 
-__all__ = ["add_arguments", "printed", "run"]
+
+_RECORDINGS, _RIGS = 12, 240
+
+
+def add_check(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a check."""
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="state which effects recordings like MEASURED could reveal, from which size on, and how often "
+        "the posterior is right; without MEASURED, the same for planned recordings (one or two minutes on "
+        "two cores)",
+    )
+    parser.add_argument(
+        "--recordings",
+        type=int,
+        default=_RECORDINGS,
+        metavar="N",
+        help="planned recordings, at the middle speed and load that the posterior knows "
+        f"(default {_RECORDINGS})",
+    )
+    parser.add_argument(
+        "--rigs",
+        type=int,
+        default=_RIGS,
+        metavar="N",
+        help=f"simulated rigs with known effects that --check uses (default {_RIGS}); more rigs give "
+        "more precise sizes",
+    )
+    add_idle(parser, "--recordings", beside=["MEASURED"])
+    add_idle(parser, "--recordings", "--rigs", without=["--check"])
+    add_idle(
+        parser, "--hold-out", "--out", "--save-simulator", "--simulated", "--alpha", "--one-assembly",
+        "--cache", beside=["--check"],
+    )  # fmt: skip
+
+
+def check(arguments: argparse.Namespace, posterior: EffectPosterior) -> GapCheck:
+    """Check the recordings named, or as many planned ones."""
+    from cyclofeat.gap import check_recordings
+
+    recordings: list[Recording] | list[Condition]
+    if arguments.measured:
+        recordings = read_all(arguments.measured, arguments)
+    else:
+        recordings = _planned(whole("--recordings", arguments.recordings, 1), posterior)
+    with Progress("cyclofeat gap: simulating rigs") as progress:
+        return check_recordings(
+            recordings,
+            posterior=posterior,
+            n_rigs=whole("--rigs", arguments.rigs, 1),
+            random_state=arguments.seed,
+            n_jobs=arguments.jobs,
+            progress=progress,
+        )
+
+
+def _planned(n: int, posterior: EffectPosterior) -> list[Condition]:
+    from cyclofeat.gap import Condition
+
+    world = posterior.world
+    return [Condition(sum(world.speeds_rpm) / 2, sum(world.loads_nm) / 2)] * n
+
+
+def printed_check(result: GapCheck) -> Printed:
+    """Return what is printed of a check."""
+    score, at = result.score, dict.fromkeys(one.text for one in result.conditions)
+    recordings = number(len(result.conditions), "recording")
+    lines = [
+        f"{score.n_rigs} simulated rigs with known effects, {recordings} of each at {'; '.join(at)}",
+        f"sets of effects named exactly: {result.sets_right:.0%}, and but for look-alikes "
+        f"{result.sets_right_with_ties:.0%}",
+        f"effects found: {score.recall:.0%}; names that are right: {score.precision:.0%}",
+        *(_line(one) for one in sorted(result.effects, key=lambda one: -one.recall) if one.n),
+    ]
+    if result.wrong:
+        wrong = ", ".join(f"{name} ({n})" for name, n in result.wrong.items())
+        lines.append(f"named although absent: {wrong}")
+    lines += [f"would help: {one.what} ({one.gain:.2g} bits)" for one in result.next_measurements]
+    return Printed("\n".join(lines), result.to_dict())
+
+
+def _line(one: CheckedEffect) -> str:
+    half, most = beyond(one.half_below, one.half_above), beyond(one.most_below, one.most_above)
+    unit = unit_text(one.unit)
+    text = f"{one.effect}: found in {one.recall:.0%} of {one.n}"
+    if half:
+        text += f"; in half with {one.parameter} {half}{unit}" + (
+            f", in 9 of 10 {most}{unit}" if most else ""
+        )
+    elif one.recall < 1:
+        text += f"; no {one.parameter} is found in half"
+    return text + (f"; taken for {', '.join(one.confused_with)}" if one.confused_with else "")
+
+
+PACKAGED = "packaged"  # word for the posterior that comes with the package
+
+_MACHINES = 4000  # about an hour of two cores
+_EPOCHS_ON = 12  # of networks that go on: with more they fit single rigs
+_TRAINED_BY = ("jax", "optax")
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A posterior and the file that it was written to."""
+
+    path: Path
+    posterior: EffectPosterior
+
+
+def add_preparation(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a preparation."""
+    add_target(
+        parser,
+        "--prepare",
+        metavar="FILE",
+        help="learn --posterior for the model from simulated rigs, at conditions like those of MEASURED if "
+        "there are some (of input torque without them: --quantity input_torque), and write it to FILE, .npz; "
+        "with --posterior, start from that one",
+    )
+    parser.add_argument(
+        "--effects",
+        metavar="NAMES",
+        help="effects that --prepare learns, separated by commas (default: all that the model can have "
+        "but lacks)",
+    )
+    parser.add_argument(
+        "--machines",
+        type=int,
+        default=_MACHINES,
+        metavar="N",
+        help=f"simulated machines that --prepare learns from (default {_MACHINES}: about an hour on two "
+        "cores); more of them can be added later with the same --cache",
+    )
+    add_idle(parser, "--machines", "--effects", without=["--prepare"])
+    add_idle(
+        parser, "--hold-out", "--out", "--save-simulator", "--simulated", "--alpha",
+        "--one-assembly", "--check", beside=["--prepare"],
+    )  # fmt: skip
+
+
+def prepare(arguments: argparse.Namespace) -> Prepared:
+    """Simulate rigs of the model, learn from them, and write the posterior."""
+    if arguments.cache is None:
+        raise ValueError(
+            "--prepare needs --cache FOLDER: what is simulated is kept there if it is interrupted"
+        )
+    n_machines = whole("--machines", arguments.machines, 1)
+    missing = [name for name in _TRAINED_BY if importlib.util.find_spec(name) is None]
+    if missing:
+        raise ImportError(f"--prepare needs {' and '.join(missing)}: pip install {' '.join(missing)}")
+    from cyclofeat.gap.posterior import EffectPosterior
+    from cyclofeat.gap.world import prepare_world
+    from cyclofeat.simulators import Rig
+
+    model = Rig() if arguments.simulator is None else Rig.from_json(arguments.simulator)
+    world = world_of(arguments, model)
+    start = None if arguments.posterior is None else read_posterior(arguments.posterior)
+    if start is not None:  # before the simulations, which take an hour
+        start.check_goes_on(world.cells, world.defect_counts, world.quantity)
+    with Progress("cyclofeat gap: simulating machines, eight at a time") as progress:
+        rigs = prepare_world(
+            world,
+            Path(arguments.cache) / "world",
+            n_machines,
+            n_jobs=arguments.jobs,
+            progress=progress,
+        )
+    epochs = EffectPosterior().epochs if start is None else _EPOCHS_ON
+    posterior = EffectPosterior(epochs=epochs, random_state=arguments.seed)
+    with Progress("cyclofeat gap: learning from them") as progress:
+        posterior.fit(rigs, start=start, progress=progress)
+    return Prepared(posterior.save(arguments.prepare), posterior)
+
+
+def read_posterior(named: str | None) -> EffectPosterior:
+    """Return the posterior of a file, or the one that comes with the package."""
+    from cyclofeat.gap.posterior import load_posterior
+
+    try:
+        return load_posterior() if named in (None, PACKAGED) else load_posterior(named)
+    except FileNotFoundError as error:
+        raise FileNotFoundError(
+            f"no such posterior: {error.filename}; write one with --prepare FILE, and give --posterior FILE"
+        ) from None
+
+
+def world_of(arguments: argparse.Namespace, model: Rig) -> World:
+    """Return the world of the model, around the conditions of the recordings where there are some."""
+    from cyclofeat.gap import MeasuredRig
+    from cyclofeat.gap.world import World
+
+    quantity = arguments.quantity or World.quantity
+    world = World(rig=model, quantity=quantity, random_state=arguments.seed)
+    if arguments.measured:
+        world = MeasuredRig.of(read_all(arguments.measured, arguments), model).world(world)
+    if arguments.effects is None:
+        return world
+    known = {effect.effect_id: effect for effect in world.effects or ()}
+    effects = [known[name] for name in different_names(arguments.effects.split(","), known, "--effects")]
+    return dataclasses.replace(world, effects=effects, most=min(world.most, len(effects)))
+
+
+def printed_preparation(prepared: Prepared) -> Printed:
+    """Return what is printed of a preparation."""
+    posterior = prepared.posterior
+    world, n_rigs = posterior.world, posterior.n_rigs_
+    facts = {
+        "posterior": str(prepared.path),
+        "quantity": world.quantity,
+        "n_rigs": n_rigs,
+        "effects": list(posterior.names_),
+        "speeds_rpm": list(world.speeds_rpm),
+        "loads_nm": list(world.loads_nm),
+        "sampling_rate": world.sampling_rate,
+    }
+    speeds, loads = (" to ".join(f"{end:.4g}" for end in ends) for ends in (world.speeds_rpm, world.loads_nm))
+    text = (
+        f"{prepared.path}: {len(posterior.names_)} effects, learned from the {in_words(world.quantity)} of "
+        f"{n_rigs} simulated rigs at {speeds} RPM, {loads} Nm and {world.sampling_rate:g} Hz"
+    )
+    return Printed(text, facts)
+
+
+_N_REMAINING = 3
+
+
+def gap_lines(result: GapResult) -> list[str]:
+    """Lines that tell a result, the answer first."""
+    lines = [f"{VERDICTS[result.verdict]} (p = {result.p:.2g}, adjusted over all comparisons)"]
+    named = {effect.effect_id for effect in result.named}
+    told = set(named)
+    for found in result.effects:
+        if found.effect in named or found.answer == "present":
+            look_alikes = [name for name in found.ties if name not in named]
+            lines += _effect(found, [result.effect(name) for name in look_alikes])
+            told.update(look_alikes)
+    rest = [found for found in result.effects if found.answer == "unresolved" and found.effect not in told]
+    open_ones = [f"{found.effect} ({found.probability:.0%})" for found in rest if not found.small]
+    if open_ones:
+        lines.append(f"open: {', '.join(open_ones)}")
+    small = [
+        f"{found.effect} ({found.probability:.0%}, {found.visible_from})" for found in rest if found.small
+    ]
+    if small:
+        lines.append(f"open, but too small to be seen; would be seen with: {', '.join(small)}")
+    if result.remainder is not None:
+        lines += _remaining(result.remainder)
+    for one in result.next_measurements[:1]:
+        apart = f", to tell apart {', '.join(one.separates)}" if one.separates else ""
+        lines.append(f"measure next: {one.what}{apart}")
+    for proof in result.proof:
+        at = f" at {proof.condition.text}" if proof.condition else ""
+        lines.append(f"held out{at}: {_closed(proof)}")
+    return lines + [f"note: {warning}" for warning in result.warnings]
+
+
+def _effect(found: FoundEffect, look_alikes: Sequence[FoundEffect]) -> Iterator[str]:
+    word = "missing" if found.answer == "present" else "probably missing"
+    first, *others = (f"{one.effect} ({one.probability:.0%})" for one in (found, *look_alikes))
+    ties = f", or {', '.join(others)}" if others else ""
+    yield f"{word}: {first}{ties}: {effect_name(found.effect)}"
+    yield from (f"  {size}" for size in found.sizes)
+
+
+def _remaining(remainder: Remainder) -> Iterator[str]:
+    if remainder.cause == "chance":
+        yield f"left unexplained: nothing ({p_words(remainder.p)})"
+        return
+    if remainder.p_open is not None and not remainder.unexplained:
+        yield (
+            f"left unexplained: differences that open effects may explain ({p_words(remainder.p_open)}; "
+            f"without them {p_words(remainder.p)}); sizes are not confirmed by simulation"
+        )
+        return
+    yield f"left unexplained ({p_words(remainder.p)}):"
+    for row in remainder.rows[:_N_REMAINING]:
+        yield f"  {cell_name(row)}: {mean_difference_words(row.difference, row.unit)}"
+    yield "something is missing that no effect considered explains: sizes are not confirmed by simulation"
+
+
+def _closed(proof: Proof) -> str:
+    closed = proof.result
+    if math.isnan(closed.grr):
+        return "too little disagreement to state how far it shrank"
+    within = f" ({closed.low:.0%} to {closed.high:.0%})" if closed.low <= closed.high else ""
+    return f"{closed.grr:.0%} of the gap closed{within}"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cyclofeat._base.words import number
-from cyclofeat.cli._reading import (
+from cyclofeat.cli._options import (
     FILES,
     UNREADABLE,
     FileResult,
@@ -18,9 +18,7 @@ from cyclofeat.cli._reading import (
     entries,
     reading_arguments,
 )
-from cyclofeat.cli._table import Printed
-
-__all__ = ["add_arguments", "printed", "run"]
+from cyclofeat.cli._printing import Printed
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -7,9 +7,9 @@ import math
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.words import number
-from cyclofeat.cli._idle import add_idle
+from cyclofeat.cli._options import add_idle
+from cyclofeat.cli._printing import Printed
 from cyclofeat.cli._rigs import add_rig, rig_of
-from cyclofeat.cli._table import Printed
 
 if TYPE_CHECKING:
     from cyclofeat.counting import MeasurementPlan

@@ -6,11 +6,8 @@ import argparse
 import os
 from collections.abc import Iterator
 
-from cyclofeat.cli._models import add_model_file, read_model
-from cyclofeat.cli._printing import note
-from cyclofeat.cli._table import Printed
-
-__all__ = ["add_arguments", "printed", "run"]
+from cyclofeat.cli._options import add_model_file, read_model
+from cyclofeat.cli._printing import Printed, note
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING
 
 from cyclofeat._base.progress import Progress
 from cyclofeat._base.quantities import QUANTITIES
+from cyclofeat.cli._options import add_target
+from cyclofeat.cli._printing import Printed
 from cyclofeat.cli._rigs import add_machine, defects_of, gearbox_of, rig_of_machine
-from cyclofeat.cli._table import Printed
-from cyclofeat.cli._targets import add_target
 
 if TYPE_CHECKING:
     from cyclofeat.recordings import Recording
-
-__all__ = ["add_arguments", "printed", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

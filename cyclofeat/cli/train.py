@@ -9,17 +9,13 @@ from typing import TYPE_CHECKING
 from cyclofeat._base.checks import whole
 from cyclofeat._base.progress import Progress, Steps
 from cyclofeat._base.training import libraries
-from cyclofeat.cli._idle import add_idle
-from cyclofeat.cli._reading import READING, add_reading_options, read_all
+from cyclofeat.cli._options import READING, add_idle, add_reading_options, add_target, read_all
+from cyclofeat.cli._printing import Printed
 from cyclofeat.cli._rigs import add_rig, rig_of
-from cyclofeat.cli._table import Printed
-from cyclofeat.cli._targets import add_target
 
 if TYPE_CHECKING:
     from cyclofeat.counting import LobeModel, RadialWear
     from cyclofeat.recordings import Recording
-
-__all__ = ["add_arguments", "printed", "run"]
 
 _SIMULATION = (
     "--assemblies", "--windows", "--speeds", "--loads", "--max-count", "--lobes", "--mixed-wear", "--kernel",

@@ -20,7 +20,7 @@ import small_model
 
 from cyclofeat import __version__
 from cyclofeat.cli import main
-from cyclofeat.cli._reading import add_reading_options, option_of
+from cyclofeat.cli._options import add_reading_options, option_of
 from cyclofeat.counting import LobeModel, evaluate, make_lobe_counter
 from cyclofeat.datasets import read_recording, write_recording
 from cyclofeat.models import save_model

@@ -8,7 +8,7 @@ import math
 import pytest
 from gap_answers import REMAINDER, answered, compared, proof_of
 
-from cyclofeat.cli._gap_printing import gap_lines
+from cyclofeat.cli.gap import gap_lines
 from cyclofeat.gap import FoundEffect
 from cyclofeat.simulators import Gain
 

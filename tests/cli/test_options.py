@@ -3,7 +3,7 @@
 import pytest
 
 from cyclofeat.cli import COMMANDS, main, make_parser
-from cyclofeat.cli._idle import name_of
+from cyclofeat.cli._options import name_of
 
 PARSERS = make_parser()._subparsers._group_actions[0].choices
 ACTIONS = {

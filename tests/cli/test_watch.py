@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cyclofeat.cli import main
-from cyclofeat.cli.folder_watch import DoneList, FolderWatch
+from cyclofeat.cli.watch import DoneList, FolderWatch
 from cyclofeat.counting import GroupCalibratedCounter, LobeModel, make_lobe_counter
 from cyclofeat.models import save_model
 

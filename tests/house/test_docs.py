@@ -28,7 +28,7 @@ from nptdms import ChannelObject, RootObject, TdmsWriter
 from scipy.io import savemat
 
 from cyclofeat.cli import main, make_parser
-from cyclofeat.cli._idle import refuse_idle
+from cyclofeat.cli._options import refuse_idle
 from cyclofeat.counting import LobeModel
 from cyclofeat.datasets import write_recording
 from cyclofeat.models import save_model
