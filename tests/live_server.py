@@ -13,7 +13,8 @@ from urllib.parse import quote
 
 import uvicorn
 
-from cyclofeat.serve import Address, make_app
+from cyclofeat.serve import make_app
+from cyclofeat.serve.app import Address
 
 # Prints what it was asked, and misbehaves as the channel says.
 _COMMAND = """
@@ -105,7 +106,7 @@ class Live:
 
     def job(self, number: int) -> Any:
         """A job that has ended."""
-        job = self.session.jobs.job(number)
+        job = self.session.jobs.find_job(number)
         wait_for(lambda: job.state != "running")
         return job
 

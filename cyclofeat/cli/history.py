@@ -149,7 +149,7 @@ def run(arguments: argparse.Namespace) -> Iterator[GearboxState]:
 
 
 def printed(arguments: argparse.Namespace, state: GearboxState) -> Printed:
-    from cyclofeat.history import when
+    from cyclofeat.history.alarm import when
 
     count = "never counted" if state.defect_count is None else number(state.defect_count, "worn lobe")
     if state.wear_um is not None:

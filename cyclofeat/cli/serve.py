@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Iterator[str]:
     """Yield the address of the page, then serve it until Ctrl-C."""
     try:
-        from cyclofeat.serve import Address, make_app, serve
+        from cyclofeat.serve.app import Address, make_app, serve
     except ImportError as error:
         raise ImportError(f"serve needs starlette, uvicorn and jinja2 (extra serve): {error}") from error
     model = []

@@ -178,7 +178,7 @@ def _find_class(name: str) -> type:
 
 def _build_object(kind: type, state: Any) -> Any:
     """Build an object without calling its ``__init__``, and check the trees that it holds."""
-    built = kind.__new__(kind)
+    built: Any = object.__new__(kind)
     if state is not None:
         if hasattr(built, "__setstate__"):
             built.__setstate__(state)

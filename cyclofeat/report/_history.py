@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cyclofeat import __version__
-from cyclofeat.history import GearboxState, History, HistoryRow, when
+from cyclofeat.history import GearboxState, History, HistoryRow
+from cyclofeat.history.alarm import when
 from cyclofeat.plotting.drawing import require_matplotlib
 from cyclofeat.report._page import (
     check_page_path,

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cyclofeat.history import AlarmRule, alarm_states, choose_rule, mean_run_length
+from cyclofeat.history import AlarmRule, choose_rule
+from cyclofeat.history.alarm import alarm_states, mean_run_length
 
 SCORES = {
     "classes": [0, 1, 3], "confusion": [[95, 5, 0], [4, 90, 6], [0, 2, 98]], "n_windows": 300,

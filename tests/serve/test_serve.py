@@ -20,7 +20,7 @@ from small_model import recording, shaft_model, small_model
 from cyclofeat.cli import main, make_parser
 from cyclofeat.datasets import write_recording
 from cyclofeat.models import save_model
-from cyclofeat.serve import Limits
+from cyclofeat.serve.store import Limits
 
 HOSTILE = [
     "../../up.csv", "/etc/passwd", "..\\win.csv", "..", ".hidden.csv", "CON.csv", "-x.csv",
@@ -179,7 +179,7 @@ def test_only_skops_models_are_taken(fresh):
     assert "--trust" in answer["error"]
     assert fresh.ask("POST", "model?name=m.skops.card.json", b"{}")[0] == 409  # a card of nothing
     assert fresh.ask("POST", "model?name=m.skops", b"1" * 101)[0] == 413
-    assert fresh.session.model is None
+    assert fresh.session.model_file is None
 
 
 def test_a_chosen_model_is_counted_with_and_described_by_its_card(tmp_path):
@@ -297,7 +297,7 @@ def runs(process):
 def test_a_job_can_be_cancelled_even_if_it_does_not_listen(live, manner):
     live.add("j.csv")
     number = live.start("inspect", "j.csv", channel=manner)[1]["number"]
-    job = live.session.jobs.job(number)
+    job = live.session.jobs.find_job(number)
     process = process_of(job)
     assert live.ask("GET", "state")[1]["busy"]
     assert live.ask("POST", f"jobs/{number}/cancel", b"")[0] == 200
@@ -336,7 +336,7 @@ def test_few_jobs_run_at_a_time_and_none_survives_the_server(tmp_path):
         status, answer = live.start("inspect", "j.csv")
         assert status == 429
         assert "cancel one" in answer["error"]
-        processes = [process_of(live.session.jobs.job(number)) for number in numbers]
+        processes = [process_of(live.session.jobs.find_job(number)) for number in numbers]
         root = live.session.store.root
         assert root.exists()
     assert not any(map(runs, processes))

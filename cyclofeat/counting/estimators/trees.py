@@ -83,7 +83,7 @@ def _unstack_trees(first: ExtraTreeClassifier, stacked: dict[str, NDArray[Any]])
     for seed, depth, own_nodes, own_values in zip(
         stacked["seeds"].tolist(), stacked["max_depths"].tolist(), nodes, values, strict=True
     ):
-        tree = type(first).__new__(type(first))
+        tree = object.__new__(type(first))
         vars(tree).update(vars(first), random_state=seed, tree_=kind(*arguments))
         tree.tree_.__setstate__(
             {"max_depth": depth, "node_count": len(own_nodes), "nodes": own_nodes, "values": own_values}

@@ -74,7 +74,7 @@ class Store:
 
     def add_folder(self, name: str) -> str:
         """Make an empty folder, and return its name, which differs from ``name`` where that is taken."""
-        unused = self._unused(plain_name(name))
+        unused = self._unused_name(plain_name(name))
         (self.recordings / unused).mkdir()
         self.items[unused] = True
         return unused
@@ -82,8 +82,8 @@ class Store:
     async def add_file(self, name: str, content: AsyncIterable[bytes], folder: str | None = None) -> str:
         """Store a recording, in a folder or by itself, and return its name."""
         if folder is None:
-            stored = self._unused(plain_name(name))
-            await self._write(self.recordings / stored, content)
+            stored = self._unused_name(plain_name(name))
+            await self._write_file(self.recordings / stored, content)
             self.items[stored] = False
             return stored
         if not self.items.get(folder):
@@ -92,20 +92,20 @@ class Store:
         stored = plain_name(name)
         if (self.recordings / folder / stored).exists():
             raise Refused(409, f"two files of the folder would be called {stored!r}: rename one")
-        await self._write(self.recordings / folder / stored, content)
+        await self._write_file(self.recordings / folder / stored, content)
         return stored
 
-    def claim(self, name: str) -> str:
+    def claim_name(self, name: str) -> str:
         """Return a name for a recording that a command will write."""
-        unused = self._unused(name)
+        unused = self._unused_name(name)
         self.items[unused] = False
         return unused
 
-    def present(self) -> list[str]:
+    def present_names(self) -> list[str]:
         """Return the names of the recordings that are there: a command may still be writing others."""
         return [name for name in self.items if (self.recordings / name).exists()]
 
-    def remove(self, name: str) -> None:
+    def remove_recording(self, name: str) -> None:
         """Delete a recording or a folder of them."""
         if name not in self.items:
             raise Refused(404, f"no such recording: {name!r}")
@@ -126,7 +126,7 @@ class Store:
         if name.endswith(".json"):
             if previous is None or card_path(previous).exists():
                 raise Refused(409, "a card follows its model file: choose both files together")
-            await self._write(card_path(previous), content, most=2**24)
+            await self._write_file(card_path(previous), content, most=2**24)
             return previous
         if not name.endswith(".skops"):
             raise Refused(
@@ -138,10 +138,10 @@ class Store:
         folder = self.root / f"model-{self._models}"
         folder.mkdir()
         path = folder / "model.skops"
-        await self._write(path, content, most=self.limits.model_bytes)
+        await self._write_file(path, content, most=self.limits.model_bytes)
         return path
 
-    async def _write(self, path: Path, content: AsyncIterable[bytes], most: int | None = None) -> None:
+    async def _write_file(self, path: Path, content: AsyncIterable[bytes], most: int | None = None) -> None:
         """Write a new file within the bounds; nothing stays of one that exceeds them or breaks off."""
         if self._files >= self.limits.files:
             raise Refused(413, f"at most {self.limits.files} files can be uploaded: remove some")
@@ -168,7 +168,7 @@ class Store:
                 raise Refused(507, f"{path.name} cannot be stored: {error.strerror or error}") from error
             raise
 
-    def _unused(self, name: str) -> str:
+    def _unused_name(self, name: str) -> str:
         stem, ending, _ = _ENDINGS.split(name, maxsplit=1)
         number, unused = 1, name
         while unused in self.items or (self.recordings / unused).exists():

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from cyclofeat._base.files import check_parent
 from cyclofeat._base.frames import frame
-from cyclofeat.history._state import GearboxState, Point, state_of
+from cyclofeat.history.alarm import GearboxState, Point, state_of
 
 if TYPE_CHECKING:
     import pandas as pd

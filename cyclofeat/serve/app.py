@@ -1,16 +1,23 @@
-"""Routes of the page, and refusal of strangers."""
+"""Routes of the page, refusal of strangers, and the server: its address, the browser and its end."""
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import json
 import secrets
 import shutil
+import socket
 import tempfile
+import threading
+import webbrowser
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import uvicorn
 from starlette.applications import Starlette
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.middleware import Middleware
@@ -20,10 +27,9 @@ from starlette.responses import FileResponse, HTMLResponse, JSONResponse, PlainT
 from starlette.routing import Mount, Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from cyclofeat.serve._jobs import PROGRAM, Jobs
-from cyclofeat.serve._session import Session
-from cyclofeat.serve._store import Limits, Refused, Store
-from cyclofeat.serve._view import page, parts
+from cyclofeat.serve.jobs import PROGRAM, Jobs, Session
+from cyclofeat.serve.store import Limits, Refused, Store
+from cyclofeat.serve.view import render_page, render_parts
 
 _LARGEST_REQUEST = 2**20  # bytes, of all but uploads
 _HEADERS = {
@@ -83,16 +89,16 @@ def make_app(
             shutil.rmtree(root, ignore_errors=True)
 
     routes = [
-        Route("/", _index),
-        Route("/app.js", _script),
-        Route("/state", _state),
+        Route("/", _get_page),
+        Route("/app.js", _get_script),
+        Route("/state", _get_state),
         Route("/folders", _add_folder, methods=["POST"]),
         Route("/files", _add_file, methods=["POST"]),
         Route("/model", _add_model, methods=["POST"]),
-        Route("/recordings", _remove, methods=["DELETE"]),
-        Route("/jobs", _start, methods=["POST"]),
-        Route("/jobs/{number:int}/cancel", _cancel, methods=["POST"]),
-        Route("/jobs/{number:int}/{name}", _output),
+        Route("/recordings", _remove_recording, methods=["DELETE"]),
+        Route("/jobs", _start_job, methods=["POST"]),
+        Route("/jobs/{number:int}/cancel", _cancel_job, methods=["POST"]),
+        Route("/jobs/{number:int}/{name}", _get_output),
     ]
     return Starlette(
         routes=[Mount(f"/{key}", routes=routes)],
@@ -101,7 +107,7 @@ def make_app(
             Middleware(TrustedHostMiddleware, allowed_hosts=["127.0.0.1", "localhost"], www_redirect=False),
             Middleware(_Guard, key=key),
         ],
-        exception_handlers={Refused: _refused, ClientDisconnect: _left},
+        exception_handlers={Refused: _answer_refusal, ClientDisconnect: _answer_nobody},
         lifespan=lifespan,
     )
 
@@ -134,57 +140,57 @@ class _Guard:
         await answer(scope, receive, with_headers)
 
 
-def _session(request: Request) -> Session:
+def _session_of(request: Request) -> Session:
     session: Session = request.app.state.session
     return session
 
 
-async def _index(request: Request) -> Response:
-    return HTMLResponse(page())
+async def _get_page(request: Request) -> Response:
+    return HTMLResponse(render_page())
 
 
-async def _script(request: Request) -> Response:
+async def _get_script(request: Request) -> Response:
     return FileResponse(Path(__file__).with_name("templates") / "app.js", media_type="text/javascript")
 
 
-async def _state(request: Request) -> Response:
-    return JSONResponse(parts(_session(request)))
+async def _get_state(request: Request) -> Response:
+    return JSONResponse(render_parts(_session_of(request)))
 
 
 async def _add_folder(request: Request) -> Response:
-    name = _session(request).store.add_folder(_parameter(request, "name"))
+    name = _session_of(request).store.add_folder(_query_value(request, "name"))
     return JSONResponse({"name": name}, 201)
 
 
 async def _add_file(request: Request) -> Response:
-    name, folder = _parameter(request, "name"), request.query_params.get("folder")
-    stored = await _session(request).store.add_file(name, request.stream(), folder)
+    name, folder = _query_value(request, "name"), request.query_params.get("folder")
+    stored = await _session_of(request).store.add_file(name, request.stream(), folder)
     return JSONResponse({"name": stored}, 201)
 
 
 async def _add_model(request: Request) -> Response:
-    await _session(request).add_model(_parameter(request, "name"), request.stream())
+    await _session_of(request).add_model(_query_value(request, "name"), request.stream())
     return JSONResponse({}, 201)
 
 
-async def _remove(request: Request) -> Response:
-    _session(request).store.remove(_parameter(request, "name"))
+async def _remove_recording(request: Request) -> Response:
+    _session_of(request).store.remove_recording(_query_value(request, "name"))
     return JSONResponse({})
 
 
-async def _start(request: Request) -> Response:
-    job = _session(request).start(await _json(request))
+async def _start_job(request: Request) -> Response:
+    job = _session_of(request).start_job(await _read_json(request))
     return JSONResponse({"number": job.number}, 201)
 
 
-async def _cancel(request: Request) -> Response:
-    await _session(request).jobs.cancel(request.path_params["number"])
+async def _cancel_job(request: Request) -> Response:
+    await _session_of(request).jobs.cancel(request.path_params["number"])
     return JSONResponse({})
 
 
-async def _output(request: Request) -> Response:
+async def _get_output(request: Request) -> Response:
     name = request.path_params["name"]
-    path = _session(request).jobs.job(request.path_params["number"]).path(name)
+    path = _session_of(request).jobs.find_job(request.path_params["number"]).output_path(name)
     if path is None:
         raise Refused(404, f"no such file: {name!r}")
     shown = "attachment" if "download" in request.query_params else "inline"
@@ -192,14 +198,14 @@ async def _output(request: Request) -> Response:
     return FileResponse(path, filename=name, content_disposition_type=shown, headers=headers)
 
 
-def _parameter(request: Request, name: str) -> str:
+def _query_value(request: Request, name: str) -> str:
     value = request.query_params.get(name, "")
     if not value:
         raise Refused(400, f"the address must end in ?{name}=...")
     return value
 
 
-async def _json(request: Request) -> dict[str, Any]:
+async def _read_json(request: Request) -> dict[str, Any]:
     """Return the object in the body of a request, which may not be long."""
     body = b""
     async for part in request.stream():
@@ -215,11 +221,71 @@ async def _json(request: Request) -> dict[str, Any]:
     return asked
 
 
-async def _refused(request: Request, error: Exception) -> Response:
+async def _answer_refusal(request: Request, error: Exception) -> Response:
     assert isinstance(error, Refused)
     return JSONResponse({"error": str(error)}, error.status)
 
 
-async def _left(request: Request, error: Exception) -> Response:
+async def _answer_nobody(request: Request, error: Exception) -> Response:
     """Nobody reads the answer: the browser has gone away in the middle of a request."""
     return Response(status_code=400)
+
+
+HOST = "127.0.0.1"
+_GRACE_S = 2
+
+
+@dataclass(frozen=True)
+class Address:
+    """Open port of this machine, and the key of those who may use it."""
+
+    listener: socket.socket
+    key: str
+
+    @classmethod
+    def of_port(cls, port: int) -> Address:
+        """Open a port for this machine alone, with a new key; 0 takes any free port.
+
+        Raises
+        ------
+        OSError
+            If it is taken or may not be opened.
+        ValueError
+            If there is no such port.
+        """
+        if not 0 <= port < 65536:
+            raise ValueError(f"--port must be from 0 to 65535, got {port}")
+        try:
+            listener = socket.create_server((HOST, port))
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                reason = "is taken, perhaps by another cyclofeat serve"
+            else:
+                reason = f"cannot be opened ({error.strerror})"
+            raise OSError(f"port {port} {reason}: give --port another number, or 0 for any") from None
+        return cls(listener, secrets.token_urlsafe(24))
+
+    @property
+    def url(self) -> str:
+        """Address of the page, with the key."""
+        return f"http://{HOST}:{self.listener.getsockname()[1]}/{self.key}/"
+
+
+def serve(app: ASGIApp, address: Address, *, browser: bool = True) -> None:
+    """Serve an application until Ctrl-C or the system ends it.
+
+    Parameters
+    ----------
+    app : ASGI application
+    address : Address
+    browser : bool
+        Open the page in the user's browser.
+    """
+    config = uvicorn.Config(
+        app, log_level="warning", access_log=False, timeout_graceful_shutdown=_GRACE_S, server_header=False
+    )
+    if browser:
+        # The port takes connections already; a browser in a terminal would not let go of this thread.
+        threading.Thread(target=webbrowser.open, args=(address.url,), daemon=True).start()
+    with contextlib.suppress(KeyboardInterrupt):  # raised again by uvicorn after all is closed
+        uvicorn.Server(config).run(sockets=[address.listener])

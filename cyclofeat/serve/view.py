@@ -15,26 +15,27 @@ from cyclofeat.models import ModelFileError
 from cyclofeat.models.card import read_card
 from cyclofeat.plotting.gap_words import VERDICTS, effect_name
 from cyclofeat.report import template_environment
-from cyclofeat.serve._jobs import Job
-from cyclofeat.serve._session import Session
+from cyclofeat.serve.jobs import Job, Session
 
 # The look is that of the reports.
 _TEMPLATES = template_environment("cyclofeat.serve")
 
 
-def page() -> str:
+def render_page() -> str:
     """Return the page, whose parts its script fetches."""
     return _TEMPLATES.get_template("serve.html").render(title="cyclofeat", version=__version__)
 
 
-def parts(session: Session) -> dict[str, Any]:
+def render_parts(session: Session) -> dict[str, Any]:
     """Return what changes on the page: HTML by the id of its element, and what the script needs to know."""
-    facts, present = session.facts(), session.store.present()
-    recordings = [_recording(name, session.store.items[name], facts) for name in present]
-    jobs = [_job(job) for job in reversed(session.jobs.jobs.values()) if job.order.command != "inspect"]
+    facts, present = session.inspected_facts(), session.store.present_names()
+    recordings = [_describe_recording(name, session.store.items[name], facts) for name in present]
+    jobs = [
+        _describe_job(job) for job in reversed(session.jobs.jobs.values()) if job.order.command != "inspect"
+    ]
     channels = {name: unit for row in facts.values() for name, unit in (row.get("channels") or {}).items()}
     html = {
-        "model": {"model": _model(session)},
+        "model": {"model": _describe_model(session)},
         "channel": {"channels": channels},
         "simulated": {"names": present},
         "recordings": {"recordings": recordings},
@@ -44,15 +45,15 @@ def parts(session: Session) -> dict[str, Any]:
     rendered["time_channel"] = rendered["angle_channel"] = rendered["channel"]
     return {
         "html": rendered,
-        "status": _status(session, recordings),
-        "busy": bool(session.jobs.running),
+        "status": _status_text(session, recordings),
+        "busy": bool(session.jobs.running_jobs),
         "uninspected": [row["name"] for row in recordings if not row["files"]],
     }
 
 
-def _model(session: Session) -> dict[str, str] | None:
+def _describe_model(session: Session) -> dict[str, str] | None:
     """Describe the model by its card; None for the packaged ones."""
-    path = session.model
+    path = session.model_file
     if path is None:
         return None
     name = "the model that you chose" if path == session.uploaded else path.name
@@ -75,13 +76,13 @@ def _model(session: Session) -> dict[str, str] | None:
     return {"name": name, "text": text, "error": ""}
 
 
-def _recording(name: str, is_folder: bool, facts: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
+def _describe_recording(name: str, is_folder: bool, facts: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
     """Describe an uploaded recording, or the recordings of a folder, by what was found in them."""
-    files = [_file(row) for file, row in facts.items() if Path(file).parts[0] == name]
+    files = [_describe_file(row) for file, row in facts.items() if Path(file).parts[0] == name]
     return {"name": name, "folder": is_folder, "files": files}
 
 
-def _file(row: Mapping[str, Any]) -> dict[str, Any]:
+def _describe_file(row: Mapping[str, Any]) -> dict[str, Any]:
     if "error" in row:
         return {"name": row["file"], "error": row["error"]}
     turns = row["whole_output_turns"]
@@ -89,8 +90,8 @@ def _file(row: Mapping[str, Any]) -> dict[str, Any]:
         f"{row['channel']} ({row['unit']})",
         f"{row['sampling_rate']:g} Hz",
         f"{row['duration_s']:.4g} s" + ("" if turns is None else f", {number(turns, 'whole output turn')}"),
-        _rpm(row["speed_rpm"]),
-        _rpm(row["speed_measured_rpm"]),
+        _speed_text(row["speed_rpm"]),
+        _speed_text(row["speed_measured_rpm"]),
     ]
     return {
         "name": row["file"],
@@ -101,11 +102,11 @@ def _file(row: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _rpm(speed: float | None) -> str:
+def _speed_text(speed: float | None) -> str:
     return "not known" if speed is None else f"{speed:.5g} RPM"
 
 
-def _job(job: Job) -> dict[str, Any]:
+def _describe_job(job: Job) -> dict[str, Any]:
     """Describe a job and what came out of it."""
     words = {
         "running": "running", "done": "done", "failed": "failed", "cancelled": "cancelled",
@@ -125,13 +126,13 @@ def _job(job: Job) -> dict[str, Any]:
         "gap": [],
     }
     if job.order.command == "count":
-        described["counts"] = [_count(row) for row in job.result if "file" in row]
+        described["counts"] = [_describe_count(row) for row in job.result if "file" in row]
     elif job.order.command == "gap" and job.state == "done":
-        described["gap"] = list(_gap(job.result[0]))
+        described["gap"] = list(_gap_sentences(job.result[0]))
     return described
 
 
-def _count(row: Mapping[str, Any]) -> dict[str, Any]:
+def _describe_count(row: Mapping[str, Any]) -> dict[str, Any]:
     """Describe one answer of ``count``."""
     if "error" in row:
         return {"name": row["file"], "error": row["error"]}
@@ -151,7 +152,7 @@ def _count(row: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _gap(result: Mapping[str, Any]) -> Iterator[str]:
+def _gap_sentences(result: Mapping[str, Any]) -> Iterator[str]:
     """Yield the answer of ``gap`` in sentences; the page that it writes says all of it."""
     yield VERDICTS[result["verdict"]]
     named = set(result["named"])
@@ -163,14 +164,14 @@ def _gap(result: Mapping[str, Any]) -> Iterator[str]:
         yield "something is missing that no effect considered explains"
 
 
-def _status(session: Session, recordings: list[dict[str, Any]]) -> str:
+def _status_text(session: Session, recordings: list[dict[str, Any]]) -> str:
     """Say what happens or has happened, and what to do next."""
-    running = session.jobs.running
+    running = session.jobs.running_jobs
     if running:
         job = running[-1]
         return f"{job.order.title}: {job.messages[-1] if job.messages else 'starting'}."
     jobs = list(session.jobs.jobs.values())
-    said = f"{_outcome(jobs[-1])}. " if jobs else ""
+    said = f"{_outcome_text(jobs[-1])}. " if jobs else ""
     files = [file for recording in recordings for file in recording["files"]]
     wrong = [file["name"] for file in files if file["error"]]
     if not recordings:
@@ -186,11 +187,11 @@ def _status(session: Session, recordings: list[dict[str, Any]]) -> str:
     return f"{said}Next: {following}"
 
 
-def _outcome(job: Job) -> str:
+def _outcome_text(job: Job) -> str:
     if job.state != "done":
         said = (job.error or job.state).rstrip(".")
         return said if said.startswith(job.order.recordings) else f"{job.order.title}: {said}"
-    rows = [_count(row) for row in job.result] if job.order.command == "count" else []
+    rows = [_describe_count(row) for row in job.result] if job.order.command == "count" else []
     answers = [
         f"{row['name']}: {'refused' if row['refused'] else row['count']}" for row in rows if not row["error"]
     ]

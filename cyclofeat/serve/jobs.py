@@ -1,0 +1,390 @@
+"""What the page asks: the command line of each request, its process, and the state of one server."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections import deque
+from collections.abc import AsyncIterable, Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from cyclofeat._base.words import number
+from cyclofeat.datasets.readers import MANIFEST, folder_entries
+from cyclofeat.serve.store import Refused, Store
+
+_READING = {
+    "channel": "--channel", "quantity": "--quantity", "speed": "--speed", "scale": "--scale",
+    "sampling_rate": "--sampling-rate",
+    "time_channel": "--time-channel", "angle_channel": "--angle-channel", "angle_unit": "--angle-unit",
+    "pulses_per_turn": "--pulses-per-turn", "n_lobes": "--n-lobes", "delimiter": "--delimiter",
+}  # fmt: skip
+_SWITCHES = {"no_angle": "--no-angle", "angle_is_absolute": "--angle-absolute"}
+_TITLES = {"inspect": "Inspection", "count": "Count", "gap": "Gap"}
+_LONGEST_VALUE = 200
+
+
+class Order(NamedTuple):
+    """One command to run.
+
+    Parameters
+    ----------
+    command : str
+    title : str
+        What the page calls it.
+    arguments : list of str
+        Of the command, ``--json`` left out.
+    recordings : tuple of str
+        Names of the recordings that it reads.
+    outputs : tuple of str
+        Names of the files that it writes into its folder and that can be downloaded.
+    """
+
+    command: str
+    title: str
+    arguments: list[str]
+    recordings: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+
+
+def make_order(asked: Mapping[str, Any], store: Store, model: list[str], folder: Path) -> Order:
+    """Return the command for a request of the page.
+
+    Parameters
+    ----------
+    asked : mapping
+        ``command``, ``recordings`` (names), ``options`` (name to text).
+    store : Store
+    model : list of str
+        Options that name the model; empty for the packaged ones.
+    folder : pathlib.Path
+        For the files that the command writes.
+
+    Raises
+    ------
+    Refused
+        If the page may not ask this.
+    """
+    makers: dict[Any, Callable[[], Order]] = {
+        "simulate": lambda: _example_order(store),
+        "inspect": lambda: _recordings_order(asked, store, "inspect", [], ()),
+        "count": lambda: _count_order(asked, store, model, folder),
+        "gap": lambda: _gap_order(asked, store, folder),
+    }
+    command = asked.get("command")
+    if not isinstance(command, str) or command not in makers:
+        raise Refused(400, f"command must be one of {', '.join(makers)}, got {command!r}")
+    return makers[command]()
+
+
+def _example_order(store: Store) -> Order:
+    name = store.claim_name("example.csv")
+    worn = ["--worn-count", "3", "--rig", "r2", "--duration", "9"]
+    arguments = [*worn, "--out", name, "--force"]
+    return Order("simulate", "Simulation of an example with 3 worn lobes", arguments, (name,))
+
+
+def _count_order(asked: Mapping[str, Any], store: Store, model: list[str], folder: Path) -> Order:
+    page = "count.html"
+    arguments = [*model, "--report", str(folder / page)]
+    return _recordings_order(asked, store, "count", arguments, (page,), {"skip": "--skip"})
+
+
+def _gap_order(asked: Mapping[str, Any], store: Store, folder: Path) -> Order:
+    outputs: tuple[str, ...] = ("gap.html",)
+    options = _filled_options(asked)
+    simulated, held_out = options.get("simulated"), options.get("hold_out", "")
+    # Both can be paths, of which only uploaded ones are read.
+    if held_out and not re.fullmatch(r"speed|load|0?[.]\d+", held_out):
+        _recording_names([held_out], store)
+    if simulated is not None:
+        _recording_names([simulated], store)
+    else:
+        outputs += ("corrected.json",)
+    targets = zip(("--out", "--save-simulator"), outputs, strict=False)
+    arguments = [word for option, name in targets for word in (option, str(folder / name))]
+    more = {"hold_out": "--hold-out", "simulated": "--simulated"}
+    return _recordings_order(asked, store, "gap", arguments, outputs, more)
+
+
+def _recordings_order(
+    asked: Mapping[str, Any],
+    store: Store,
+    command: str,
+    arguments: list[str],
+    outputs: tuple[str, ...],
+    more: Mapping[str, str] | None = None,
+) -> Order:
+    names = _recording_names(asked.get("recordings"), store)
+    spelled = _option_words(_filled_options(asked), _READING | dict(more or {}))
+    what = names[0] if len(names) == 1 else number(len(names), "recording")
+    return Order(command, f"{_TITLES[command]} of {what}", [*arguments, *spelled, *names], names, outputs)
+
+
+def _filled_options(asked: Mapping[str, Any]) -> dict[str, str]:
+    """Return the options that are not empty."""
+    options = asked.get("options") or {}
+    if not isinstance(options, dict):
+        raise Refused(400, f"options must be names with values, got {options!r}")
+    for name, value in options.items():
+        if not isinstance(value, str) or len(value) > _LONGEST_VALUE or not value.isprintable():
+            raise Refused(400, f"{name} must be a text of up to {_LONGEST_VALUE} printable characters")
+    return {name: value.strip() for name, value in options.items() if value.strip()}
+
+
+def _option_words(options: Mapping[str, str], known: Mapping[str, str]) -> list[str]:
+    """Return options as a command takes them; a value never becomes an option of its own."""
+    unknown = options.keys() - known.keys() - _SWITCHES.keys()
+    if unknown:
+        raise Refused(400, f"unknown option {min(unknown)!r}; known are {', '.join([*known, *_SWITCHES])}")
+    spelled = [f"{known[name]}={value}" for name, value in options.items() if name in known]
+    return spelled + [_SWITCHES[name] for name in options if name in _SWITCHES]
+
+
+def _recording_names(asked: Any, store: Store) -> tuple[str, ...]:
+    """Return the names of stored recordings; those of folders name nothing outside."""
+    if not isinstance(asked, list) or not asked:
+        raise Refused(400, "choose at least one recording")
+    for name in asked:
+        if not isinstance(name, str) or name not in store.items:
+            raise Refused(404, f"no such recording: {name!r}")
+        if store.items[name]:
+            _check_manifest(store.recordings / name)
+    return tuple(dict.fromkeys(asked))
+
+
+def _check_manifest(folder: Path) -> None:
+    """Refuse a manifest that names files outside its folder, which was uploaded, not read where it lies."""
+    with contextlib.suppress(ValueError, OSError):  # of which the command speaks better
+        for entry in folder_entries(folder):
+            if not entry.path.resolve().is_relative_to(folder.resolve()):
+                raise Refused(
+                    400, f"{folder.name}/{MANIFEST} names a file outside the folder: {entry.path.name}"
+                )
+
+
+PROGRAM = (sys.executable, "-m", "cyclofeat")
+_N_MESSAGES = 200
+_GRACE_S = 3.0  # for a command to end by itself when it is cancelled
+_LONGEST_LINE = 2**20  # bytes
+_N_KEPT = 50
+
+State = Literal["running", "done", "failed", "cancelled", "died"]
+
+
+@dataclass
+class Job:
+    """One run of a command.
+
+    Attributes
+    ----------
+    state : str
+        ``"failed"``: the command says why; ``"died"``: it could not.
+    messages : deque of str
+        Progress, warnings and errors, the latest last.
+    result : list of dict
+        Documents that the command printed.
+    error : str
+        Why the job failed or died.
+    """
+
+    number: int
+    order: Order
+    folder: Path
+    state: State = "running"
+    messages: deque[str] = field(default_factory=lambda: deque(maxlen=_N_MESSAGES))
+    result: list[dict[str, Any]] = field(default_factory=list)
+    error: str = ""
+
+    @property
+    def outputs(self) -> list[str]:
+        """Names of the files that can be downloaded."""
+        return [name for name in self.order.outputs if self.output_path(name) is not None]
+
+    def output_path(self, name: str) -> Path | None:
+        """Return the path of a file that the job has written, by its name."""
+        path = self.folder / name
+        ended = self.state in ("done", "failed")  # a page may list nothing but failures
+        return path if ended and name in self.order.outputs and path.is_file() else None
+
+
+class Jobs:
+    """All jobs of one server.
+
+    Parameters
+    ----------
+    root : pathlib.Path
+        Folder for the jobs' files.
+    directory : pathlib.Path
+        Working directory of the commands.
+    most : int
+        Number of jobs that run at a time.
+    program : sequence of str
+        The command line's program.
+    """
+
+    def __init__(self, root: Path, directory: Path, most: int, program: Sequence[str] = PROGRAM) -> None:
+        self.root, self.directory, self.most, self.program = root, directory, most, program
+        self.jobs: dict[int, Job] = {}
+        self._started = 0
+        self._tasks: dict[int, asyncio.Task[None]] = {}
+
+    @property
+    def running_jobs(self) -> list[Job]:
+        """Jobs that have not ended."""
+        return [job for job in self.jobs.values() if job.state == "running"]
+
+    def find_job(self, number: int) -> Job:
+        """Return a job by its number."""
+        if number not in self.jobs:
+            raise Refused(404, f"no such job: {number}")
+        return self.jobs[number]
+
+    def start(self, make: Callable[[Path], Order]) -> Job:
+        """Start the command that ``make`` returns for the folder of its files."""
+        if len(self.running_jobs) >= self.most:
+            raise Refused(429, f"{self.most} jobs are running: wait until one ends, or cancel one")
+        folder = self.root / f"job-{self._started + 1}"
+        job = Job(self._started + 1, make(folder), folder)
+        folder.mkdir()
+        self._started += 1
+        self.jobs[job.number] = job
+        self._tasks[job.number] = asyncio.get_running_loop().create_task(self._run_job(job))
+        for old in [one for one in self.jobs.values() if one.state != "running"][:-_N_KEPT]:
+            del self.jobs[old.number]
+        return job
+
+    async def cancel(self, number: int) -> None:
+        """End a job; return when its process is gone."""
+        job = self.find_job(number)
+        if job.state == "running":
+            task = self._tasks[number]
+            task.cancel()
+            await asyncio.wait([task])
+
+    async def close(self) -> None:
+        """End all jobs."""
+        await asyncio.gather(*(self.cancel(job.number) for job in self.running_jobs))
+
+    async def _run_job(self, job: Job) -> None:
+        """Run the process of a job and keep what it prints."""
+        words = [*self.program, job.order.command, "--json", *job.order.arguments]
+        alone: dict[str, Any] = {"start_new_session": True}  # with its own workers, so that all can be ended
+        if sys.platform == "win32":
+            alone = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
+        # No module is imported from the folder of uploads.
+        environment = os.environ | {"PYTHONSAFEPATH": "1", "PYTHONIOENCODING": "utf-8"}
+        process: asyncio.subprocess.Process | None = None
+        try:
+            process = await asyncio.create_subprocess_exec(
+                *words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                cwd=self.directory, env=environment, limit=_LONGEST_LINE, **alone,
+            )  # fmt: skip
+            assert process.stdout is not None
+            assert process.stderr is not None
+            printed, _ = await asyncio.gather(process.stdout.read(), _collect_messages(process.stderr, job))
+            code = await process.wait()
+        except asyncio.CancelledError:
+            job.state = "cancelled"
+        except (OSError, ValueError) as error:  # ValueError: a line without end
+            job.state, job.error = "died", f"the command cannot be run: {error}"
+        else:
+            _conclude_job(job, code, printed)
+        finally:
+            if process is not None and process.returncode is None:
+                await _end_process(process)
+            del self._tasks[job.number]
+
+
+async def _collect_messages(stream: asyncio.StreamReader, job: Job) -> None:
+    async for line in stream:
+        text = line.decode(errors="replace").strip()
+        if text:
+            job.messages.append(text.removeprefix("cyclofeat: ").removeprefix("cyclofeat gap: "))
+
+
+async def _end_process(process: asyncio.subprocess.Process) -> None:
+    """Interrupt a command as Ctrl-C does, and kill it and its workers where that does not suffice."""
+    if sys.platform == "win32":
+        with contextlib.suppress(ProcessLookupError):
+            process.kill()
+        await process.wait()
+        return
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGINT)
+    with contextlib.suppress(TimeoutError):
+        await asyncio.wait_for(process.wait(), _GRACE_S)
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    await process.wait()
+
+
+def _conclude_job(job: Job, code: int, printed: bytes) -> None:
+    """State how a job ended, from its exit code and what it printed."""
+    with contextlib.suppress(ValueError):
+        documents = json.loads(printed)
+        job.result = documents if isinstance(documents, list) else [documents]
+    last = job.messages[-1] if job.messages else "it said nothing"
+    errors = [str(document["error"]) for document in job.result if "error" in document]
+    if code == 2 and len(errors) == len(job.result):  # also where the options were not understood
+        job.state, job.error = "failed", "; ".join(errors) or last
+    elif code in (0, 2):
+        job.state = "done"
+    elif code < 0:
+        name = signal.Signals(-code).name
+        job.state = "died"
+        job.error = f"the command was ended by the system ({name}), perhaps because memory was short: {last}"
+    else:
+        job.state, job.error = "died", f"the command ended with code {code}: {last}"
+
+
+@dataclass
+class Session:
+    """State of one server.
+
+    Parameters
+    ----------
+    store : Store
+    jobs : Jobs
+    given : sequence of str
+        Options that name the model, from the command line: ``--model FILE`` and what goes with it.
+    """
+
+    store: Store
+    jobs: Jobs
+    given: Sequence[str]
+    uploaded: Path | None = None
+
+    @property
+    def model_file(self) -> Path | None:
+        """The model file to count with: the uploaded one, else the one given; None for the packaged ones."""
+        if self.uploaded is not None:
+            return self.uploaded
+        return Path(self.given[1]) if self.given else None
+
+    def model_options(self) -> list[str]:
+        """Return the options that name the model; empty for the packaged ones."""
+        return list(self.given) if self.uploaded is None else ["--model", str(self.uploaded)]
+
+    async def add_model(self, name: str, content: AsyncIterable[bytes]) -> None:
+        """Store an uploaded model file, or the card that belongs to the one before."""
+        self.uploaded = await self.store.add_model(name, content, self.uploaded)
+
+    def start_job(self, asked: Mapping[str, Any]) -> Job:
+        """Start the command that the page asks for."""
+        return self.jobs.start(lambda folder: make_order(asked, self.store, self.model_options(), folder))
+
+    def inspected_facts(self) -> dict[str, dict[str, Any]]:
+        """Return what was last found in each file, by its path within the folder of recordings."""
+        rows: dict[str, dict[str, Any]] = {}
+        for job in self.jobs.jobs.values():
+            if job.order.command == "inspect":
+                rows |= {str(row["file"]): row for row in job.result if "file" in row}
+        return rows
