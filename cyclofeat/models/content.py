@@ -122,14 +122,14 @@ class _Builder:
         loader = node["__loader__"]
         if loader == "JsonNode":  # most of them
             return json.loads(node["content"])
-        identity = node.get("__id__")
+        identity = int(node["__id__"])
         if identity not in self._built:
             self._built[identity] = self._build_new(loader, node)
         return self._built[identity]
 
     def _build_new(self, loader: str, node: dict[str, Any]) -> Any:
         name = f"{node['__module__']}.{node['__class__']}"
-        content = node.get("content")
+        content: Any = node.get("content")
         match loader, name:
             case "DictNode", "builtins.dict":
                 keys = [_KEY_TYPES[kind["__class__"]] for kind in node["key_types"]["content"]]
@@ -147,9 +147,8 @@ class _Builder:
                 array = read_array(io.BytesIO(self._archive.read(node["file"])), allow_pickle=False)
                 return array if name == "numpy.ndarray" else array[()]
             case "NdArrayNode", "numpy.ndarray":  # of objects
-                items = [self.build(item) for item in content]
                 array = np.empty(self.build(node["shape"]), dtype=object)
-                array.ravel()[:] = items
+                array.ravel()[:] = [self.build(item) for item in content]
                 return array
             case "RandomStateNode", "numpy.random.mtrand.RandomState":
                 state = np.random.RandomState()
@@ -168,11 +167,10 @@ def _find_class(name: str) -> type:
     module, _, own_name = name.rpartition(".")
     if name in _OF_SKLEARN or _ROOMS.fullmatch(module):
         kind = getattr(import_module(module), own_name, None)
-        is_own = isinstance(kind, type) and kind.__module__ == module
-        if is_own and (
-            name in _OF_SKLEARN or issubclass(kind, BaseEstimator) or dataclasses.is_dataclass(kind)
-        ):
-            return kind
+        if isinstance(kind, type) and kind.__module__ == module:
+            known = name in _OF_SKLEARN or issubclass(kind, BaseEstimator) or dataclasses.is_dataclass(kind)
+            if known:
+                return kind
     raise _ForeignTypeError(f"holds {name}, which no counter needs")
 
 
