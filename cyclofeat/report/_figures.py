@@ -128,7 +128,19 @@ def recording_pictures(
 
     def draw_torque(ax: Axes, _: str) -> None:
         torque.plot(ax, max_points=2000)
-        _draw_windows(ax, windows)
+        # Draw a strip of windows with their labels above the curve.
+        low, high = ax.get_ylim()
+        if windows:
+            ax.set_ylim(low, high + 0.12 * (high - low))
+        few = len(windows) <= 8
+        for window in windows:
+            colour = _REFUSED if window.amiss else "C0"
+            ax.axvspan(window.start, window.stop, 0.9, 1, facecolor=colour, edgecolor="w", alpha=0.3)
+            middle, label = (window.start + window.stop) / 2, window.label if few else window.label[0]
+            ax.text(
+                middle, 0.95, label, transform=ax.get_xaxis_transform(), ha="center", va="center",
+                fontsize="small", clip_on=True,
+            )  # fmt: skip
 
     drawn = {
         "torque": draw_picture(
@@ -156,22 +168,6 @@ def recording_pictures(
             by_scheme=True,
         )  # fmt: skip
     return drawn
-
-
-def _draw_windows(ax: Axes, windows: Sequence[Span]) -> None:
-    """Draw a strip of windows with their labels above the curve."""
-    low, high = ax.get_ylim()
-    if windows:
-        ax.set_ylim(low, high + 0.12 * (high - low))
-    few = len(windows) <= 8
-    for window in windows:
-        colour = _REFUSED if window.amiss else "C0"
-        ax.axvspan(window.start, window.stop, 0.9, 1, facecolor=colour, edgecolor="w", alpha=0.3)
-        middle, label = (window.start + window.stop) / 2, window.label if few else window.label[0]
-        ax.text(
-            middle, 0.95, label, transform=ax.get_xaxis_transform(), ha="center", va="center",
-            fontsize="small", clip_on=True,
-        )  # fmt: skip
 
 
 def distance_picture(display: TrainingDisplay) -> Picture:

@@ -25,7 +25,7 @@ from cyclofeat.report._plot import Axis, Line, Plot
 if TYPE_CHECKING:
     import os
 
-    from cyclofeat.gap import GapResult, Overlay, Proof
+    from cyclofeat.gap import GapResult, Overlay
 
 _FEW = 5  # recordings, below which exact tests hardly reject
 _BESIDE_ANOTHER = (5.2, 3.4)  # inches of a picture that has another one beside it
@@ -123,14 +123,13 @@ def summarise_gap(
         "overlays": _draw_overlays(result.overlays, label),
         "where": [where_they_differ(where, label, word) for where in result.where],
         "corrected": bool(result.named),
-        "proof": [_condition_text(proof) | summarise_reduction(proof) for proof in result.proof],
+        "proof": [
+            {"condition": proof.condition.text if proof.condition else ""} | summarise_reduction(proof)
+            for proof in result.proof
+        ],
         "method": method_rows(result),
         "provenance": provenance_rows(result, dict(settings or {})),
     }
-
-
-def _condition_text(proof: Proof) -> dict[str, str]:
-    return {"condition": proof.condition.text if proof.condition else ""}
 
 
 def _draw_overlays(overlays: Sequence[Overlay], label: str) -> list[dict[str, Any]]:

@@ -24,13 +24,14 @@ def quantity_text(values: Sequence[float], unit: str) -> str:
     if unit == "m" and all(abs(value) < 1e-3 for value in values):
         values, unit = [1e6 * value for value in values], "\N{MICRO SIGN}m"
     unit = re.sub(r"(?<=[a-z])2", "\N{SUPERSCRIPT TWO}", unit)
-    text = " to ".join("infinite" if math.isinf(value) else _three_digits(value) for value in values)
+    texts = []
+    for value in values:  # three significant digits; large numbers without powers of ten
+        digits = f"{value:.3g}"
+        texts.append("infinite" if math.isinf(value) else digits)
+        if 1e3 <= abs(value) < 1e7:
+            texts[-1] = f"{float(digits):.0f}"
+    text = " to ".join(texts)
     return text if unit == "1" else f"{text}\N{NO-BREAK SPACE}{unit}"
-
-
-def _three_digits(value: float) -> str:
-    """Three significant digits; large numbers without powers of ten."""
-    return f"{float(f'{value:.3g}'):.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.3g}"
 
 
 def signed_text(value: float) -> str:

@@ -225,24 +225,20 @@ def _parse_row(folder: Path, row: dict[str, str], line: int, delimiter: str) -> 
     arguments: dict[str, Any] = {}
     for column, cell in row.items():
         if cell:
-            arguments[_LABELS.get(column, column)] = _parse_cell(column, cell, delimiter)
+            # Convert a cell to the type of its column, and check it.
+            try:
+                value = _convert_cell(column, cell, delimiter)
+            except (ValueError, KeyError):
+                fits = False
+            else:
+                fits = column not in _FITS or _FITS[column](value)
+            if not fits:
+                raise ValueError(f"{column} must be {_RIGHT[column]}, got {cell!r}")
+            arguments[_LABELS.get(column, column)] = value
     count, worn = arguments.get("defect_count"), arguments.get("worn_lobes")
     if count is not None and worn is not None and count != len(worn):
         raise ValueError(f"defect_count must be the number of {WORN}, got {count} and {row[WORN]!r}")
     return Entry(path, arguments, line)
-
-
-def _parse_cell(column: str, cell: str, delimiter: str) -> Any:
-    """Convert a cell to the type of its column, and check it."""
-    try:
-        value = _convert_cell(column, cell, delimiter)
-    except (ValueError, KeyError):
-        fits = False
-    else:
-        fits = column not in _FITS or _FITS[column](value)
-    if not fits:
-        raise ValueError(f"{column} must be {_RIGHT[column]}, got {cell!r}")
-    return value
 
 
 def _convert_cell(column: str, cell: str, delimiter: str) -> Any:

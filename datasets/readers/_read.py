@@ -234,7 +234,21 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
         hint = " ({angle_channel:=False} leaves the angle out)" if str(error).startswith("angle must") else ""
         raise ArgumentError("{file}: {error}" + hint, file=path.name, error=error) from None
     if meta.get("angle_unit_assumed"):
-        _check_assumed_angle(path, recording)
+        # An angle without a unit may turn as fast as only degrees would.
+        assert recording.angle is not None
+        steps = np.abs(np.diff(recording.angle))
+        hertz = float(np.median(steps)) * recording.sampling_rate / (2 * math.pi)
+        limit = _FASTEST_INPUT_HZ / (1 if recording.angle_of == "input" else 5)
+        nominal = recording.input_speed_hz
+        in_degrees = hertz * math.pi / 180
+        # Nearer to the nominal speed as degrees than as rad, on the scale of ratios.
+        suits = recording.angle_of == "input" and nominal is not None and hertz * in_degrees > nominal**2
+        if hertz > limit or suits:
+            raise ArgumentError(
+                "{file}: angle does not state its unit, and in rad it would turn at {in_rad:.5g} RPM (in deg "
+                "at {in_deg:.5g} RPM); " + ANGLE_REMEDY,
+                file=path.name, in_rad=60 * hertz, in_deg=60 * in_degrees,
+            )  # fmt: skip
     return recording
 
 
@@ -431,21 +445,3 @@ def _read_angle(source: Source, index: int, reading: ReadingOptions) -> tuple[Fl
             file=source.file, noun=source.noun, name=source.names[index], error=error,
         ) from None  # fmt: skip
     return angle, meta if angle is given else meta | {"angle_from": "was made continuous"}
-
-
-def _check_assumed_angle(path: Path, recording: Recording) -> None:
-    """Raise ``ValueError`` if an angle without a unit turns as fast as only degrees would."""
-    assert recording.angle is not None
-    steps = np.abs(np.diff(recording.angle))
-    hertz = float(np.median(steps)) * recording.sampling_rate / (2 * math.pi)
-    limit = _FASTEST_INPUT_HZ / (1 if recording.angle_of == "input" else 5)
-    nominal = recording.input_speed_hz
-    in_degrees = hertz * math.pi / 180
-    # Nearer to the nominal speed as degrees than as rad, on the scale of ratios.
-    suits = recording.angle_of == "input" and nominal is not None and hertz * in_degrees > nominal**2
-    if hertz > limit or suits:
-        raise ArgumentError(
-            "{file}: angle does not state its unit, and in rad it would turn at {in_rad:.5g} RPM (in deg at "
-            "{in_deg:.5g} RPM); " + ANGLE_REMEDY,
-            file=path.name, in_rad=60 * hertz, in_deg=60 * in_degrees,
-        )  # fmt: skip

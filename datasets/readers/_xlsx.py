@@ -90,7 +90,14 @@ def _iterate_sheets(path: Path) -> Iterator[tuple[str, list[str]]]:
         raise missing_library(".xlsx", "openpyxl") from None
     with explain_damage(path, "an Excel workbook"), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of styles and extensions that are not kept
-        _check_size(path)
+        limit = largest_unpacked(path)
+        with zipfile.ZipFile(path) as archive:
+            total = sum(info.file_size for info in archive.infolist())
+        if total > limit:
+            raise ValueError(
+                f"{path.name} takes {total / 1e9:.3g} GB when unpacked, at most {limit / 1e9:.3g} GB are "
+                "read: save it as .csv"
+            )
         book = load_workbook(path, read_only=True, data_only=True)
         try:
             for sheet in book.worksheets:
@@ -103,18 +110,6 @@ def _iterate_sheets(path: Path) -> Iterator[tuple[str, list[str]]]:
                     yield str(sheet.title), [_tabbed_line(row, width) for row in rows]
         finally:
             book.close()
-
-
-def _check_size(path: Path) -> None:
-    """Raise ``ValueError`` for a workbook that unpacks to more than memories hold."""
-    limit = largest_unpacked(path)
-    with zipfile.ZipFile(path) as archive:
-        total = sum(info.file_size for info in archive.infolist())
-    if total > limit:
-        raise ValueError(
-            f"{path.name} takes {total / 1e9:.3g} GB when unpacked, at most {limit / 1e9:.3g} GB are read: "
-            "save it as .csv"
-        )
 
 
 def _row_texts(row: Iterable[Any]) -> list[str]:
