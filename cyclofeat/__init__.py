@@ -6,7 +6,6 @@ module                     responsibility
 ``cyclofeat.recordings``   ``Recording`` (one torque record) and ``Windower`` (recordings to windows)
 ``cyclofeat.signal``       pure functions of windows: spectra, orders, lobes, wavelets, statistics
 ``cyclofeat.features``     one scikit-learn transformer per diagnostic method
-``cyclofeat.scans``        searches over wavelets and bands, with how often chance finds as much
 ``cyclofeat.counting``     counters, calibration, refusal, evaluation grouped by assembly
 ``cyclofeat.models``       models on disk
 ``cyclofeat.gap``          what a simulation lacks to agree with recordings

@@ -74,7 +74,6 @@ class WaveletMinimaOverlap(WaveletTransformer):
     See Also
     --------
     cyclofeat.signal.wavelets.minima_mask : The minima of a scalogram, cell by cell.
-    cyclofeat.scans.scan_wavelets : Which wavelet's overlap grows with the number of worn lobes.
 
     Notes
     -----
@@ -188,27 +187,6 @@ class WaveletMinimaOverlap(WaveletTransformer):
     ) -> Float:
         # ``lines``: lobe lines of X, if they are at hand (LobeMap's of the same speed, lobes and tolerance).
         return _median_of_others(self._shared(X, coefficients, lines), self._known(X))
-
-    def overlaps(
-        self, X: NDArray[Any], excluded: NDArray[np.bool_], lines: lobes.LobeLines | None = None
-    ) -> Float:
-        """Overlaps with chosen windows of the reference.
-
-        Parameters
-        ----------
-        X : ndarray, shape (n_windows, n_samples)
-            Windows of torque in Nm.
-        excluded : ndarray of bool, shape (n_windows, n_references)
-            Windows of the reference that a window is not compared with; one with none left is compared with
-            all of them.
-        lines : LobeLines, optional
-            Result of :meth:`lines` for ``X``, if it is at hand.
-
-        Returns
-        -------
-        ndarray, shape (n_windows, levels)
-        """
-        return _median_of_others(self._shared(X, dwt(X, self.wavelet, self.levels), lines), excluded)
 
     def _shared(self, X: NDArray[Any], coefficients: Sequence[Float], lines: lobes.LobeLines | None) -> Float:
         """Share of cells that are lowest in both, shape (n_windows, n_references, levels)."""

@@ -42,4 +42,4 @@ print(f"right order: {int(bands_of_falling_entropy(in_order)[1].sum())} fall, {r
 # %%
 # The spectrum's shape contains the count: no random order comes near. But ten times as many bands *rise*, so
 # the direction is not a property of wear, and selecting the bands that fall requires the answer.
-# :func:`~cyclofeat.scans.find_monotone_bands` does this search by assemblies and with a p-value.
+# The gallery's page on bands of falling entropy does this search by assemblies and with a p-value.

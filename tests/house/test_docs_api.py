@@ -35,7 +35,6 @@ PACKAGES = (
     "cyclofeat.plotting.kinds",
     "cyclofeat.recordings",
     "cyclofeat.report",
-    "cyclofeat.scans",
     "cyclofeat.serve",
     "cyclofeat.signal",
     "cyclofeat.signal.coherence",

@@ -21,7 +21,6 @@ matplotlib = pytest.importorskip("matplotlib")
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted(p for p in (ROOT / "examples").rglob("plot_*.py") if p.parent.name != "papers")
-SHOWN = [*features.__all__, "find_monotone_bands", "scan_wavelets"]
 
 
 @pytest.fixture
@@ -56,13 +55,13 @@ def imported_by(path: Path) -> set[str]:
     return {alias.name for node in found for alias in node.names}
 
 
-@pytest.mark.parametrize("name", SHOWN)
+@pytest.mark.parametrize("name", features.__all__)
 def test_an_example_shows_it(name):
     # Its page in the documentation ends with the examples that import it.
     assert any(name in imported_by(path) for path in EXAMPLES)
 
 
-@pytest.mark.parametrize("name", SHOWN)
+@pytest.mark.parametrize("name", features.__all__)
 def test_api_page_lists(name):
     assert re.search(rf"^   {name}$", (ROOT / "docs" / "api.rst").read_text(encoding="utf-8"), re.MULTILINE)
 
