@@ -38,22 +38,21 @@ feature.
 # One import, one line in the table above and one entry below per transformer.
 from cyclofeat.features._coherence import CoherenceToReference
 from cyclofeat.features._composite import TorqueFeatures
-from cyclofeat.features._density import (
-    BandPower,
-    NarrowbandRatio,
-    SpectralCentroid,
-    SpectralFlatness,
-    SpectralRolloff,
-)
-from cyclofeat.features._envelope import WaveletEnvelopeSpectrum
-from cyclofeat.features._highpass import HighPass
-from cyclofeat.features._levels import WaveletLevelStatistics
-from cyclofeat.features._lines import AmplitudeSpectrum, WelchPSD
 from cyclofeat.features._lobe_map import LobeMap
 from cyclofeat.features._minima_overlap import WaveletMinimaOverlap
 from cyclofeat.features._orders import OrderSpectrum
-from cyclofeat.features._spectral import SpectralEntropy
-from cyclofeat.features._statistics import TorqueStatistics
+from cyclofeat.features._spectra import (
+    AmplitudeSpectrum,
+    BandPower,
+    NarrowbandRatio,
+    SpectralCentroid,
+    SpectralEntropy,
+    SpectralFlatness,
+    SpectralRolloff,
+    WelchPSD,
+)
+from cyclofeat.features._torque import HighPass, TorqueStatistics
+from cyclofeat.features._wavelets import WaveletEnvelopeSpectrum, WaveletLevelStatistics
 
 __all__ = [
     "AmplitudeSpectrum",

@@ -13,10 +13,17 @@ from sklearn.utils.validation import check_consistent_length, column_or_1d
 
 from cyclofeat.features.base import WindowTransformer
 from cyclofeat.features.registry import REGISTRY, band_qualifier
-from cyclofeat.signal import band_mask, octave_bands, welch_frequencies
-from cyclofeat.signal.coherence import coherence_of_transforms, without_rounding
-from cyclofeat.signal.density import checked_bands
-from cyclofeat.signal.welch import PRESETS, SegmentTransforms, power_over_segments, welch_transforms
+from cyclofeat.signal import octave_bands
+from cyclofeat.signal.density import band_mask, checked_bands
+from cyclofeat.signal.welch import (
+    PRESETS,
+    SegmentTransforms,
+    coherence_of_transforms,
+    power_over_segments,
+    welch_frequencies,
+    welch_transforms,
+    without_rounding,
+)
 from cyclofeat.signal.windows import Complex, Float
 
 _MOST_REFERENCES = 8

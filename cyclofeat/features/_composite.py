@@ -14,26 +14,32 @@ from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.sklearn_private import StrOptions
 from cyclofeat.features._coherence import CoherenceToReference
-from cyclofeat.features._density import (
-    BandPower,
-    NarrowbandRatio,
-    SpectralCentroid,
-    SpectralFlatness,
-    SpectralRolloff,
-)
-from cyclofeat.features._envelope import WaveletEnvelopeSpectrum
-from cyclofeat.features._levels import WaveletLevelStatistics
-from cyclofeat.features._lines import AmplitudeSpectrum, WelchPSD
 from cyclofeat.features._lobe_map import LobeMap
 from cyclofeat.features._minima_overlap import WaveletMinimaOverlap
 from cyclofeat.features._orders import OrderSpectrum
-from cyclofeat.features._spectral import SpectralEntropy, SpectralTransformer
-from cyclofeat.features._statistics import TorqueStatistics
-from cyclofeat.features._wavelet import WaveletTransformer
+from cyclofeat.features._spectra import (
+    AmplitudeSpectrum,
+    BandPower,
+    NarrowbandRatio,
+    SpectralCentroid,
+    SpectralEntropy,
+    SpectralFlatness,
+    SpectralRolloff,
+    SpectralTransformer,
+    WelchPSD,
+)
+from cyclofeat.features._torque import TorqueStatistics
+from cyclofeat.features._wavelets import WaveletEnvelopeSpectrum, WaveletLevelStatistics, WaveletTransformer
 from cyclofeat.features.base import SPEED_CONSTRAINTS, WindowTransformer
-from cyclofeat.signal import lobes, welch_frequencies
+from cyclofeat.signal import lobes
 from cyclofeat.signal.wavelets import AnyWavelet, dwt
-from cyclofeat.signal.welch import get_preset, power_over_segments, welch_scale, welch_transforms
+from cyclofeat.signal.welch import (
+    get_preset,
+    power_over_segments,
+    welch_frequencies,
+    welch_scale,
+    welch_transforms,
+)
 from cyclofeat.signal.windows import Float
 
 
@@ -95,7 +101,7 @@ class TorqueFeatures(WindowTransformer):
         ``"all"`` - and, by name only, the whole spectra ``WelchPSD`` and ``AmplitudeSpectrum`` with thousands
         of columns.
     preset : {"matlab_pwelch", "ripple"}, default="matlab_pwelch"
-        Definition of the density, see :data:`cyclofeat.signal.PRESETS`.
+        Definition of the density (``cyclofeat.signal.welch.PRESETS``).
     wavelet : str, pywt.Wavelet or sequence of four filters, default="mb32.3"
         Wavelet of the parts that take one.
     input_speed_hz : float, default=500/60

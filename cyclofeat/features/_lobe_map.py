@@ -22,7 +22,7 @@ class LobeMap(WindowTransformer):
 
     The torque of each window is freed of the rig's torsional resonance (residual of an autoregressive model),
     its input speed is refined, and it is folded at the lobe frequency, (z_s + 1)/z_s of the input speed, into
-    one slot per lobe (:mod:`cyclofeat.signal.lobes`). Each window gives
+    one slot per lobe (``cyclofeat.signal.lobes``). Each window gives
 
     - mean of the whitened torque in each slot, and its rms about that mean, in units of the whole window's
       standard deviation,

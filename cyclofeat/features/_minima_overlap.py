@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.utils import check_consistent_length, column_or_1d
 
 from cyclofeat._base.sklearn_private import Interval, StrOptions
-from cyclofeat.features._wavelet import WaveletTransformer
+from cyclofeat.features._wavelets import WaveletTransformer
 from cyclofeat.features.base import SPEED_CONSTRAINTS
 from cyclofeat.features.registry import REGISTRY
 from cyclofeat.signal import lobes
@@ -32,7 +32,7 @@ class WaveletMinimaOverlap(WaveletTransformer):
     """Cells of the lowest colour that a window's scalogram shares with the worst class's (paper B section 7).
 
     For each level of the wavelet transform: the share of the scalogram's cells
-    (:func:`cyclofeat.signal.wavelets.scalogram`) that have the lowest colour both here and in the reference
+    (``cyclofeat.signal.wavelets.scalogram``) that have the lowest colour both here and in the reference
     (the dark area of paper B's fig. 18, paper A's fig. 9). ``fit`` keeps the minima of up to eight windows of
     the worst class; each feature is the median over them.
 

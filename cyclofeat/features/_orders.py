@@ -27,8 +27,8 @@ from cyclofeat.signal.windows import Float
 class OrderSpectrum(WindowTransformer):
     """Amplitudes of the torque, in Nm, at the order lines k/z_s of the input speed, and around the mesh.
 
-    The input speed of each window is refined (:func:`cyclofeat.signal.orders.estimate_input_speed`), and the
-    torque is read at multiples of a turn (:func:`cyclofeat.signal.orders.order_lines`). With 15 lobes line 15
+    The input speed of each window is refined (``cyclofeat.signal.orders.estimate_input_speed``), and the
+    torque is read at multiples of a turn (:func:`~cyclofeat.signal.order_lines`). With 15 lobes line 15
     of the output turn is the input turn, line 16 the passage of a lobe, line 240 the mesh. The features are
     the first lines and, on both sides of each mesh line, its sidebands.
 

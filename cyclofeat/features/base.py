@@ -22,8 +22,6 @@ from cyclofeat._base.sklearn_private import (
 )
 from cyclofeat.signal.windows import Float
 
-__all__ = ["SPEED_CONSTRAINTS", "WindowTransformer"]
-
 # Parameters of the transformers that refine the input speed by the lobe lines.
 SPEED_CONSTRAINTS: dict[str, list[Any]] = {
     "input_speed_hz": [Interval(Real, 0, None, closed="neither")],

@@ -17,8 +17,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-__all__ = ["REGISTRY", "Feature", "band_qualifier"]
-
 _UNIT_IN_NAME = {
     "Nm": "_nm",
     "Nm^2": "_nm2",

@@ -11,8 +11,9 @@ from scipy.signal import periodogram
 from cyclofeat._base.checks import series
 from cyclofeat.plotting.drawing import Display, Float, axes_for
 from cyclofeat.recordings import Recording
-from cyclofeat.signal import get_preset, welch_psd
+from cyclofeat.signal import welch_psd
 from cyclofeat.signal.lobes import lobe_frequency
+from cyclofeat.signal.welch import get_preset
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -119,9 +120,9 @@ class SpectrumDisplay(Display):
         quantity : {"amplitude", "psd"}, default="amplitude"
             ``"amplitude"``: one Fourier transform of the whole recording, mean removed, periodic Hann window;
             a sine's line has the sine's amplitude. A recording of T seconds resolves 2/T Hz, enough to
-            separate lobe lines from orders. ``"psd"``: :func:`cyclofeat.signal.welch_psd`.
+            separate lobe lines from orders. ``"psd"``: :func:`~cyclofeat.signal.welch_psd`.
         preset : str, default="ripple"
-            Definition of the PSD, a name in :data:`cyclofeat.signal.PRESETS`.
+            Definition of the PSD, a name in ``cyclofeat.signal.welch.PRESETS``.
         input_speed_hz : float, optional
             Input speed in turns per second. Default: the mean speed by the recording's angle, else its
             nominal speed. An error of 1 % puts the marks between the lines: pass the refined

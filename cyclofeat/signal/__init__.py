@@ -6,24 +6,21 @@ single window of shape (n_samples,) gives one result. float32 and float64 are ac
 ===================  =====================================================================================
 module               functions
 ===================  =====================================================================================
-``welch``            ``welch_psd`` and its presets, ``amplitude_spectrum``
+``welch``            ``welch_psd`` and its presets, ``amplitude_spectrum``, coherence with a reference
 ``density``          shape of a density: entropy, flatness, centroid, roll-off, power in bands
-``coherence``        ``magnitude_squared_coherence`` with a reference
-``statistics``       ``torque_statistics``: minimum, maximum, mean and the like
-``high_pass``        ``high_pass``: windows without slow variations
+``windows``          ``torque_statistics``, ``high_pass``, and checks of windows that the others share
 ``orders``           angle and order domain: ``estimate_input_speed``, ``order_lines``, ``resample_by_angle``
 ``lobes``            lobe domain: ``lobe_lines``, ``fold``, prominence and contrast of the lines
 ``speed``            the angle of the input followed in the torque alone: ``follow_speed``
 ``drive``            the same in a motor's current: ``follow_motor``
+``tachometer``       the angle of a shaft from a tachometer's pulses or a wrapped angle
 ``faults``           samples that are clipped, lost or off, filtered torque, noise or speed that changes
-``wavelets``         ``dwt``, ``scalogram``, ``minima_mask``, statistics and envelopes of levels
-``wavelet_filters``  wavelets by name, the Morris family among them (public in ``wavelets``)
-``windows``          checks of windows, chunks and quotients that the others share
+``wavelets``         ``dwt``, ``scalogram``, ``minima_mask``, levels and their statistics, the Morris family
 ===================  =====================================================================================
 
-The functions of the first five are imported here too. One signal can have 0.9 or 4.2 bits of spectral
-entropy, depending on whether its mean was removed and on the window. The choice is therefore a named preset
-(:data:`PRESETS`) and never implicit.
+The functions that a user of a single window needs are imported here too. One signal can have 0.9 or 4.2 bits
+of spectral entropy, depending on whether its mean was removed and on the window. The choice is therefore a
+named preset (``welch.PRESETS``) and never implicit.
 
 Papers A and B, cited by the numbers of their equations and tables:
 
@@ -32,12 +29,8 @@ B. "Analysis of the single stage cycloidal gearbox with lobe defects. Fault diag
    function and Morris minimum-bandwidth wavelets"
 """
 
-from cyclofeat.signal.coherence import magnitude_squared_coherence
 from cyclofeat.signal.density import (
-    EPSILON,
-    band_mask,
     band_power,
-    narrowband_mask,
     narrowband_ratio,
     normalized_entropy,
     octave_bands,
@@ -46,40 +39,30 @@ from cyclofeat.signal.density import (
     spectral_flatness,
     spectral_rolloff,
 )
-from cyclofeat.signal.high_pass import high_pass
-from cyclofeat.signal.statistics import torque_statistics
+from cyclofeat.signal.orders import order_lines
 from cyclofeat.signal.welch import (
-    AMPLITUDE_WINDOWS,
-    PRESETS,
-    WelchPreset,
     amplitude_spectrum,
-    get_preset,
-    segment_length,
-    welch_frequencies,
+    magnitude_squared_coherence,
     welch_psd,
+)
+from cyclofeat.signal.windows import (
+    high_pass,
+    torque_statistics,
 )
 
 __all__ = [
-    "AMPLITUDE_WINDOWS",
-    "EPSILON",
-    "PRESETS",
-    "WelchPreset",
     "amplitude_spectrum",
-    "band_mask",
     "band_power",
-    "get_preset",
     "high_pass",
     "magnitude_squared_coherence",
-    "narrowband_mask",
     "narrowband_ratio",
     "normalized_entropy",
     "octave_bands",
-    "segment_length",
+    "order_lines",
     "shannon_entropy",
     "spectral_centroid",
     "spectral_flatness",
     "spectral_rolloff",
     "torque_statistics",
-    "welch_frequencies",
     "welch_psd",
 ]

@@ -11,21 +11,6 @@ from scipy.special import entr
 
 from cyclofeat.signal.windows import Float, check_sampling_rate, ratio
 
-__all__ = [
-    "EPSILON",
-    "band_mask",
-    "band_power",
-    "checked_bands",
-    "narrowband_mask",
-    "narrowband_ratio",
-    "normalized_entropy",
-    "octave_bands",
-    "shannon_entropy",
-    "spectral_centroid",
-    "spectral_flatness",
-    "spectral_rolloff",
-]
-
 EPSILON = float(np.finfo(np.float64).eps)
 """Assumed epsilon of paper A eq. 5: MATLAB's ``eps``, 2^-52. The paper gives no value."""
 

@@ -28,8 +28,6 @@ from cyclofeat.signal.speed import (
 )
 from cyclofeat.signal.windows import Float
 
-__all__ = ["controlled_lag", "follow_motor"]
-
 # Evidence of a gain and an integral time.
 _Evidence = Callable[[float, float], float]
 
@@ -94,7 +92,7 @@ def follow_motor(current: Float, sampling_rate: float, nominal_hz: float, n_lobe
     """Follow the input shaft in the current of the motor that turns it.
 
     Worn lobes brake a motor by some per cent of its speed for a part of a turn, too briefly for
-    :func:`~cyclofeat.signal.speed.follow_speed`, which takes the speed to change slowly. The current tells
+    ``cyclofeat.signal.speed.follow_speed``, which takes the speed to change slowly. The current tells
     these changes, because the control of the speed sets it in answer to them (:func:`controlled_lag`). Gain
     and integral time of the control are those with which the lines of the current have the most evidence.
     What is slow is then followed as in a torque, in longer blocks. Where no control makes the lines clearly
@@ -108,7 +106,7 @@ def follow_motor(current: Float, sampling_rate: float, nominal_hz: float, n_lobe
     current : ndarray, shape (n,)
         In A, or any unit proportional to it. Its mean drives the shaft.
     sampling_rate, nominal_hz, n_lobes
-        As of :func:`~cyclofeat.signal.speed.follow_speed`.
+        As of ``cyclofeat.signal.speed.follow_speed``.
 
     Returns
     -------
@@ -117,7 +115,7 @@ def follow_motor(current: Float, sampling_rate: float, nominal_hz: float, n_lobe
     Raises
     ------
     ValueError
-        As :func:`~cyclofeat.signal.speed.follow_speed`.
+        As ``cyclofeat.signal.speed.follow_speed``.
 
     Examples
     --------
@@ -185,7 +183,7 @@ def _driven(
 def _followed_from(
     turned: Float, current: Float, rate: float, lines: _Lines, attempts: Sequence[_Attempt]
 ) -> FollowedSpeed:
-    """Return what :func:`~cyclofeat.signal.speed._followed` finds, beginning with turns that are known."""
+    """Return what ``cyclofeat.signal.speed._followed`` finds, beginning with turns that are known."""
     even, grid = resample_by_angle(current, 2 * np.pi * turned, _SAMPLES_PER_TURN, rate)
     slow = _followed(even, _SAMPLES_PER_TURN, 1.0, lines, attempts)
     return dataclasses.replace(slow, angle=_continued(2 * np.pi * turned, grid, slow.angle))

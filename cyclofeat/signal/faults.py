@@ -15,21 +15,6 @@ from scipy.fft import irfft, next_fast_len, rfft
 from cyclofeat.signal.lobes import LobeComb, lines_held, lobe_frequency, lobe_lines
 from cyclofeat.signal.windows import Float, ratio
 
-__all__ = [
-    "clipped",
-    "dropped",
-    "fresh_rate",
-    "jitter",
-    "jumps",
-    "local_speeds",
-    "noise_change",
-    "noise_level",
-    "runs",
-    "smoothness",
-    "step_size",
-    "weakest_part",
-]
-
 _SHORTEST_CLIP, _PILE = 3, 4.0
 # Ten samples, and five times as long as nearly all others: slow or coarse records repeat values too.
 _SHORTEST_HOLD, _HOLD_RATIO, _JUMP = 10, 5.0, 10.0
@@ -257,7 +242,7 @@ def local_speeds(
     X : ndarray, shape (n_windows, n_samples)
         Torque.
     sampling_rate, input_speed_hz, n_lobes
-        As for :func:`cyclofeat.signal.lobes.lobe_lines`; speeds up to 10 % beside are found.
+        As for ``cyclofeat.signal.lobes.lobe_lines``; speeds up to 10 % beside are found.
 
     Returns
     -------

@@ -26,27 +26,6 @@ from scipy.signal.windows import hann
 
 from cyclofeat.signal.windows import Complex, Float, ratio
 
-__all__ = [
-    "SPEED_TOLERANCE",
-    "LobeComb",
-    "LobeLines",
-    "anti_alias",
-    "comb_prominence",
-    "energy_centre",
-    "fold",
-    "highest_frequency",
-    "line_contrast",
-    "line_prominence",
-    "lines_held",
-    "lobe_frequency",
-    "lobe_lines",
-    "prewhiten",
-    "reduce_rate",
-    "searched_factors",
-    "shift",
-    "whitened_rate",
-]
-
 #: Largest relative deviation from the nominal speed that the search for lobe lines covers by default.
 SPEED_TOLERANCE = 0.015
 

@@ -20,18 +20,6 @@ from cyclofeat._base.checks import one_of, series, whole
 from cyclofeat.signal import lobes
 from cyclofeat.signal.windows import Complex, Float, as_windows, check_sampling_rate
 
-__all__ = [
-    "COMBS",
-    "FOLDS",
-    "comb_lines",
-    "estimate_input_speed",
-    "input_angle_from_disc",
-    "lines_per_input_turn",
-    "order_lines",
-    "resample_by_angle",
-    "synchronous_average",
-]
-
 # Anti-alias filter: flat up to 0.8 of the new Nyquist order, 80 dB down from that order on. By Kaiser's
 # formula this takes (80 - 7.95) / (2.285 * 0.2 pi) = 50.2 samples of the result, hence 26 on either side.
 _STOPBAND_DB = 80.0
@@ -306,7 +294,7 @@ def estimate_input_speed(
 
     The lobe lines are the multiples of (z_s + 1)/z_s of the input speed; every z_s-th of them is a mesh line
     (order z_s + 1). The speed is the one, of 301 within the tolerance, whose comb stands out most from the
-    spectrum around it, in power over the local floor; see :func:`cyclofeat.signal.lobes.lobe_lines`, whose
+    spectrum around it, in power over the local floor; see ``cyclofeat.signal.lobes.lobe_lines``, whose
     search this is.
 
     Parameters

@@ -17,8 +17,6 @@ from cyclofeat.signal.lobes import comb_prominence, highest_frequency, lobe_freq
 from cyclofeat.signal.orders import at_every_sample, mean_speed, resample_by_angle
 from cyclofeat.signal.windows import Float
 
-__all__ = ["FOLLOWED_TOLERANCE", "SEARCHED_HZ", "FollowedSpeed", "follow_speed", "search_speed"]
-
 #: Largest relative deviation from the stated speed that is followed. At 1/16 below it, the lines of the input
 #: shaft would be taken for those of the lobes.
 FOLLOWED_TOLERANCE = 0.055

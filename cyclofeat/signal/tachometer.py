@@ -14,7 +14,6 @@ from cyclofeat.signal.orders import at_every_sample
 
 Float = NDArray[np.float64]
 
-__all__ = ["angle_from_pulses", "continuous_angle"]
 
 # Pulses switch on above the first and off below the second share of their range.
 _ON, _OFF = 0.6, 0.4

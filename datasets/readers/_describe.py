@@ -59,8 +59,8 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
     Notes
     -----
     Lobe lines give the speed within 5.5 % of the nominal one, if they are those of a disc
-    (:func:`cyclofeat.signal.speed.follow_speed`); where none is stated, the only one that
-    :func:`cyclofeat.signal.speed.search_speed` finds. A constant record has neither clipped samples nor
+    (``cyclofeat.signal.speed.follow_speed``); where none is stated, the only one that
+    ``cyclofeat.signal.speed.search_speed`` finds. A constant record has neither clipped samples nor
     dropouts.
 
     Examples

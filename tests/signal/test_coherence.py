@@ -15,7 +15,7 @@ from sklearn.pipeline import make_pipeline
 
 from cyclofeat.features import CoherenceToReference, HighPass
 from cyclofeat.signal import magnitude_squared_coherence, octave_bands
-from cyclofeat.signal.coherence import without_rounding
+from cyclofeat.signal.welch import without_rounding
 
 SAMPLING_RATE = 25_600
 ORACLES = Path(__file__).parents[1] / "oracles"

@@ -18,26 +18,21 @@ from scipy import signal, stats
 
 import cyclofeat.signal
 from cyclofeat.signal import (
-    AMPLITUDE_WINDOWS,
-    PRESETS,
     amplitude_spectrum,
-    band_mask,
     band_power,
-    get_preset,
     high_pass,
-    narrowband_mask,
     narrowband_ratio,
     normalized_entropy,
     octave_bands,
-    segment_length,
     shannon_entropy,
     spectral_centroid,
     spectral_flatness,
     spectral_rolloff,
     torque_statistics,
-    welch_frequencies,
     welch_psd,
 )
+from cyclofeat.signal.density import band_mask, narrowband_mask
+from cyclofeat.signal.welch import AMPLITUDE_WINDOWS, PRESETS, get_preset, segment_length, welch_frequencies
 
 SAMPLING_RATE = 25_600
 ORACLES = Path(__file__).parents[1] / "oracles"

@@ -53,7 +53,7 @@ class LobeCounter(Counter):
     """Counter of worn lobes and their positions, from the probability of each lobe.
 
     The whitened torque, folded at the lobe frequency, gives each lobe a slot
-    (:mod:`cyclofeat.signal.lobes`). The fold turned until a slot comes first is one example of a worn or a
+    (``cyclofeat.signal.lobes``). The fold turned until a slot comes first is one example of a worn or a
     sound lobe, so that what is learned about one lobe holds for all. A small network on these views gives the
     odds of each lobe; trees on the features of :class:`~cyclofeat.features.LobeMap` the odds of each count.
     Both opinions of the count are pooled with weights learned on held-out assemblies, which calibrates it;

@@ -55,7 +55,7 @@ def known_lobes(
 class LobeLocator(BaseEstimator):
     """Probability that each lobe of a disc is worn.
 
-    The whitened torque is folded at the lobe frequency (:mod:`cyclofeat.signal.lobes`), from the passage of
+    The whitened torque is folded at the lobe frequency (``cyclofeat.signal.lobes``), from the passage of
     lobe 0 on. The fold turned until a slot comes first is one example of a worn or a sound lobe: what is
     learned about one lobe holds for all.
 

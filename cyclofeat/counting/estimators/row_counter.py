@@ -53,7 +53,7 @@ _BLOCK = 256
 class RowCounter(Counter):
     """Counter of neighbouring worn lobes, from the lobe lines seen from each lobe.
 
-    The complex lobe lines of a window (:mod:`cyclofeat.signal.lobes`), turned until a given lobe comes first,
+    The complex lobe lines of a window (``cyclofeat.signal.lobes``), turned until a given lobe comes first,
     are one *view* of the disc. A network tells how probable a row of each length is that begins at the first
     lobe of a view. What is learned at one lobe holds for all. The probability of a count is the sum over all
     beginnings; that of each lobe follows from the same terms.

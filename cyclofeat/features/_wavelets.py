@@ -1,20 +1,152 @@
-"""Envelope spectrum of the level that holds the mesh frequency."""
+"""Levels of a wavelet transform: their statistics, and the envelope of one."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any, ClassVar
 
 import numpy as np
+import pywt
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.sklearn_private import Interval
-from cyclofeat.features._wavelet import WaveletTransformer
+from cyclofeat.features.base import WindowTransformer
 from cyclofeat.features.registry import REGISTRY
-from cyclofeat.signal.wavelets import envelope_lines, level_envelope, level_of
+from cyclofeat.signal.wavelets import (
+    AnyWavelet,
+    as_wavelet,
+    dwt,
+    envelope_lines,
+    level_envelope,
+    level_of,
+    level_statistics,
+    wavelet_qualifier,
+)
 from cyclofeat.signal.windows import Float
+
+
+@dataclass(eq=False, repr=False)
+class WaveletTransformer(WindowTransformer):
+    """Base of the transformers that read the discrete wavelet transform of each window.
+
+    A subclass implements ``_depth`` and ``_from_coefficients`` in place of ``_compute``, which lets a
+    composite share one transform, as deep as the deepest of its parts needs.
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        **WindowTransformer._parameter_constraints,
+        "wavelet": [str, pywt.Wavelet, "array-like"],
+    }
+
+    wavelet: AnyWavelet = "mb32.3"
+
+    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+        as_wavelet(self.wavelet)  # raises where it is none
+
+    def _bank(self) -> str:
+        """Name of the wavelet in feature names; the same for the same filters."""
+        return wavelet_qualifier(self.wavelet)
+
+    @abstractmethod
+    def _depth(self) -> int:
+        """Number of levels that ``_from_coefficients`` reads."""
+
+    @abstractmethod
+    def _from_coefficients(self, X: NDArray[Any], coefficients: Sequence[Float]) -> Float:
+        """Features, shape (n_windows, n_features), of windows and their transform.
+
+        ``coefficients`` are those of ``cyclofeat.signal.wavelets.dwt``, details of level 1 first, of at
+        least ``_depth()`` levels; what follows these is ignored.
+        """
+
+    def _compute(self, X: NDArray[Any]) -> Float:
+        return self._from_coefficients(X, dwt(X, self.wavelet, self._depth()))
+
+
+_STATISTICS = ("rms", "energy_share", "kurtosis", "lowest_colour")
+
+
+@dataclass(eq=False, repr=False)
+class WaveletLevelStatistics(WaveletTransformer):
+    """Energy, peakedness and quiet of each level of a wavelet transform (paper B figs. 10-12 in numbers).
+
+    Each window gives for each level, from the highest frequencies (level 1) down,
+
+    - rms of the torque that the level holds, in Nm,
+    - its share in the energy of all levels,
+    - kurtosis of its coefficients: the peaks of worn lobes raise it,
+    - share of the lowest colour in its row of the scalogram: paper B's "lack of vibrations".
+
+    Definitions in ``cyclofeat.signal.wavelets.level_statistics``.
+
+    Parameters
+    ----------
+    sampling_rate : float
+        Samples per second in Hz. Level k holds about ``sampling_rate / 2^(k+1)`` to ``sampling_rate / 2^k``.
+    wavelet : str, pywt.Wavelet or sequence of four filters, default="mb32.3"
+        Name of PyWavelets or of the Morris family, a wavelet, or a filter bank (dec_lo, dec_hi, rec_lo,
+        rec_hi).
+    levels : int, default=12
+        Number of levels, 1 to 30. The share of energy is that in all of them.
+    colours : int, default=64
+        Number of colours of the scalogram.
+
+    See Also
+    --------
+    cyclofeat.signal.wavelets.level_statistics : The same as a function.
+    cyclofeat.signal.wavelets.scalogram : The picture behind it.
+
+    Notes
+    -----
+    A constant window has rms, share and kurtosis 0 and is of the lowest colour throughout. In short windows,
+    deep levels show how the window was continued beyond its ends.
+
+    Examples
+    --------
+    A tone of 133.3 Hz, without and with bursts of 2 kHz at every input turn:
+
+    >>> import numpy as np
+    >>> from cyclofeat.features import WaveletLevelStatistics
+    >>> time = np.arange(46_080) / 25_600
+    >>> burst = np.exp(-((time * 500 / 60 % 1 - 0.5) * 300) ** 2) * np.sin(2 * np.pi * 2000 * time)
+    >>> torque = 22 + np.sin(2 * np.pi * 133.3 * time) + np.outer([0, 1], burst)
+    >>> transformer = WaveletLevelStatistics(sampling_rate=25_600).fit(torque)
+    >>> features = dict(zip(transformer.get_feature_names_out(), transformer.transform(torque).T))
+    >>> features["wavelet_rms_nm(mb32.3;level03)"].round(2)
+    array([0.02, 0.05])
+    >>> features["wavelet_lowest_colour(mb32.3;64colours;level03)"].round(2)
+    array([0.01, 0.31])
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        **WaveletTransformer._parameter_constraints,
+        "levels": [Interval(Integral, 1, 30, closed="both")],
+        "colours": [Interval(Integral, 2, None, closed="left")],
+    }
+
+    levels: int = 12
+    colours: int = 64
+
+    def _columns(self) -> list[str]:
+        columns = []
+        for name in _STATISTICS:
+            row = REGISTRY[f"wavelet_{name}"]
+            # The share depends on which levels it is a share of.
+            more = {"lowest_colour": (f"{self.colours}colours",), "energy_share": (f"of{self.levels}levels",)}
+            definition = (self._bank(), *more.get(name, ()))
+            columns += [row.column(*definition, f"level{level:02d}") for level in range(1, self.levels + 1)]
+        return columns
+
+    def _depth(self) -> int:
+        return self.levels
+
+    def _from_coefficients(self, X: NDArray[Any], coefficients: Sequence[Float]) -> Float:
+        details = coefficients[: self.levels + 1]  # the last one is not used
+        statistics = level_statistics(details, X.shape[1], self.colours)
+        return np.hstack([statistics[name] for name in _STATISTICS])
 
 
 @dataclass(eq=False, repr=False)
@@ -23,7 +155,7 @@ class WaveletEnvelopeSpectrum(WaveletTransformer):
 
     The mesh frequency is ``shaft_hz * n_pins``; level j holds it if fs/2^(j+1) <= f < fs/2^j. The features
     describe the Hilbert envelope of this level's torque
-    (:func:`cyclofeat.signal.wavelets.level_envelope`):
+    (``cyclofeat.signal.wavelets.level_envelope``):
 
     - mean of the envelope in Nm,
     - amplitude of the envelope in Nm at the harmonics 1, 2, ... of the shaft,

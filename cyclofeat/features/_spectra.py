@@ -1,4 +1,4 @@
-"""Shape of the power spectral density, per window or as a course over its parts."""
+"""Spectra of the torque: their shape, and their lines one by one."""
 
 from __future__ import annotations
 
@@ -11,21 +11,119 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat._base.sklearn_private import Interval
-from cyclofeat.features._spectral import SpectralTransformer, lines_of
+from cyclofeat._base.sklearn_private import Interval, StrOptions
+from cyclofeat.features.base import WindowTransformer
 from cyclofeat.features.registry import REGISTRY, band_qualifier
 from cyclofeat.signal import (
+    amplitude_spectrum,
     band_power,
-    narrowband_mask,
     narrowband_ratio,
+    normalized_entropy,
+    shannon_entropy,
     spectral_centroid,
     spectral_flatness,
     spectral_rolloff,
-    welch_frequencies,
     welch_psd,
 )
-from cyclofeat.signal.density import checked_bands
+from cyclofeat.signal.density import band_mask, checked_bands, narrowband_mask
+from cyclofeat.signal.welch import AMPLITUDE_WINDOWS, PRESETS, welch_frequencies
 from cyclofeat.signal.windows import Float
+
+
+def lines_of(frequencies: Float, band: tuple[float, float] | None) -> NDArray[np.bool_] | slice:
+    """Lines of a spectrum in a band, all of them for None; ``ValueError`` where the band does not fit."""
+    return slice(None) if band is None else band_mask(frequencies, band)
+
+
+@dataclass(eq=False, repr=False)
+class SpectralTransformer(WindowTransformer):
+    """Base of the transformers that need nothing but Welch's power spectral density of each window.
+
+    A subclass implements ``_from_psd`` in place of ``_compute``, which lets a composite share one density.
+    ``frequencies_`` are those of the density in Hz.
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        **WindowTransformer._parameter_constraints,
+        "preset": [StrOptions(set(PRESETS))],
+    }
+
+    preset: str = "matlab_pwelch"
+
+    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+        self.frequencies_ = welch_frequencies(X.shape[1], self.sampling_rate)
+
+    @abstractmethod
+    def _from_psd(self, frequencies: Float, psd: Float) -> Float:
+        """Features, shape (n_windows, n_features), of densities of shape (n_windows, n_bins) in Nm^2/Hz."""
+
+    def _compute(self, X: NDArray[Any]) -> Float:
+        return self._from_psd(*welch_psd(X, self.sampling_rate, self.preset))
+
+
+@dataclass(eq=False, repr=False)
+class SpectralEntropy(SpectralTransformer):
+    """Spectral entropy of the torque in each window, in bits or normalized.
+
+    Shannon entropy ``-sum(p log2(p))`` in bits (paper A eq. 8), or the normalized entropy
+    ``-sum(p log2(p + epsilon)) / log2(N)`` (paper A eq. 4-7, epsilon assumed to be 2^-52), where p is Welch's
+    power spectral density divided by its sum over the N lines of the band.
+
+    Parameters
+    ----------
+    sampling_rate : float
+        Samples per second in Hz.
+    preset : {"matlab_pwelch", "ripple"}, default="matlab_pwelch"
+        Definition of the density (``cyclofeat.signal.welch.PRESETS``). The default is paper A's: with the
+        mean kept, the entropy over all frequencies mostly measures the ratio of ripple to mean.
+    normalize : bool, default=False
+        Whether to normalize to the range from 0 to 1.
+    band : tuple of float, default=None
+        Lower and upper limit in Hz, both included. ``None`` takes all frequencies.
+
+    Notes
+    -----
+    The entropy depends on the length of the windows, through resolution and zero-padding: constant torque has
+    1.26 bits in windows of 46,080 samples and 1.05 bits in 57,600. Compare windows of one length only.
+
+    Under ``"matlab_pwelch"`` a constant window has the entropy of the Hamming window's transform, 0.84 bits
+    without zero-padding, and one of fewer than 9 samples that of a flat spectrum.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cyclofeat.features import SpectralEntropy
+    >>> time = np.arange(46_080) / 25_600
+    >>> torque = 22 + np.outer([1, 4], np.sin(2 * np.pi * 133.3 * time))
+    >>> transformer = SpectralEntropy(sampling_rate=25_600).fit(torque)
+    >>> transformer.transform(torque).round(3)
+    array([[1.274],
+           [1.39 ]])
+    >>> transformer.get_feature_names_out()
+    array(['shannon_entropy_bits(matlab_pwelch)'], dtype=object)
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        **SpectralTransformer._parameter_constraints,
+        "normalize": ["boolean"],
+        "band": [tuple, list, None],
+    }
+
+    normalize: bool = False
+    band: tuple[float, float] | None = None
+
+    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+        super()._learn(X, y)
+        lines_of(self.frequencies_, self.band)  # raises where the band does not fit
+
+    def _columns(self) -> list[str]:
+        row = REGISTRY["normalized_entropy" if self.normalize else "shannon_entropy"]
+        band = () if self.band is None else (band_qualifier(self.band),)
+        return [row.column(self.preset, *band)]
+
+    def _from_psd(self, frequencies: Float, psd: Float) -> Float:
+        entropy = normalized_entropy if self.normalize else shannon_entropy
+        return entropy(psd, frequencies, self.band)[:, np.newaxis]
 
 
 @dataclass(eq=False, repr=False)
@@ -86,7 +184,7 @@ class SpectralFlatness(CourseTransformer):
     sampling_rate : float
         Samples per second in Hz.
     preset : {"matlab_pwelch", "ripple"}, default="matlab_pwelch"
-        Definition of the density, see :data:`cyclofeat.signal.PRESETS`.
+        Definition of the density (``cyclofeat.signal.welch.PRESETS``).
     band : tuple of float, default=None
         Lower and upper limit in Hz, both included. ``None`` takes all frequencies.
     n_parts : int, default=1
@@ -123,7 +221,7 @@ class SpectralCentroid(CourseTransformer):
     sampling_rate : float
         Samples per second in Hz.
     preset : {"matlab_pwelch", "ripple"}, default="matlab_pwelch"
-        Definition of the density, see :data:`cyclofeat.signal.PRESETS`. With the mean kept, its line at
+        Definition of the density (``cyclofeat.signal.welch.PRESETS``). With the mean kept, its line at
         0 Hz draws the centroid to a few Hz, as in paper A table 5.
     band, n_parts
         As for :class:`SpectralFlatness`; paper A fig. 14 shows such a course.
@@ -158,7 +256,7 @@ class SpectralRolloff(CourseTransformer):
     sampling_rate : float
         Samples per second in Hz.
     preset : {"matlab_pwelch", "ripple"}, default="matlab_pwelch"
-        Definition of the density, see :data:`cyclofeat.signal.PRESETS`. With the mean kept, more than 95 %
+        Definition of the density (``cyclofeat.signal.welch.PRESETS``). With the mean kept, more than 95 %
         of the power of most torque lies next to 0 Hz.
     band, n_parts
         As for :class:`SpectralFlatness`.
@@ -204,7 +302,7 @@ class NarrowbandRatio(SpectralTransformer):
     sampling_rate : float
         Samples per second in Hz.
     preset : {"matlab_pwelch", "ripple"}, default="matlab_pwelch"
-        Definition of the density, see :data:`cyclofeat.signal.PRESETS`. With the mean kept, its line at
+        Definition of the density (``cyclofeat.signal.welch.PRESETS``). With the mean kept, its line at
         0 Hz counts in the total.
     fundamental_hz : float, default=100.0
         Fundamental in Hz. Paper A's 100 Hz is order 12 at 500 RPM, and the mains' second harmonic.
@@ -259,7 +357,7 @@ class BandPower(SpectralTransformer):
     sampling_rate : float
         Samples per second in Hz.
     preset : {"matlab_pwelch", "ripple"}, default="matlab_pwelch"
-        Definition of the density, see :data:`cyclofeat.signal.PRESETS`. With the mean kept, the lowest band
+        Definition of the density (``cyclofeat.signal.welch.PRESETS``). With the mean kept, the lowest band
         holds the square of the mean torque.
     bands : sequence of tuple of float, default=None
         Lower and upper limits in Hz, both included. ``None`` takes those of
@@ -295,3 +393,116 @@ class BandPower(SpectralTransformer):
 
     def _from_psd(self, frequencies: Float, psd: Float) -> Float:
         return band_power(psd, frequencies, self.bands)
+
+
+_FLOOR = 1e-30  # Nm^2/Hz, read as -300 dB
+
+
+@dataclass(eq=False, repr=False)
+class WelchPSD(SpectralTransformer):
+    """Welch's power spectral density (paper A section 5.3): one column per line.
+
+    Parameters
+    ----------
+    sampling_rate : float
+        Samples per second in Hz.
+    preset : {"matlab_pwelch", "ripple"}, default="matlab_pwelch"
+        Definition of the density (``cyclofeat.signal.welch.PRESETS``).
+    band : tuple of float, default=None
+        Lower and upper limit in Hz of the lines kept, both included. ``None`` keeps all.
+    decibels : bool, default=False
+        Whether to give ``10 log10`` of the density over 1 Nm^2/Hz instead of the density in Nm^2/Hz. What is
+        below 1e-30 Nm^2/Hz, zero included, reads -300 dB.
+
+    Notes
+    -----
+    Windows of 46,080 samples have 8193 lines, 64 KiB per window.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cyclofeat.features import WelchPSD
+    >>> torque = 22 + np.sin(2 * np.pi * 400 * np.arange(46_080) / 25_600)
+    >>> transformer = WelchPSD(sampling_rate=25_600, preset="ripple", band=(390, 410))
+    >>> psd = transformer.fit_transform(torque[np.newaxis])
+    >>> transformer.get_feature_names_out()[psd[0].argmax()]
+    'psd_nm2_per_hz(ripple;400Hz)'
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        **SpectralTransformer._parameter_constraints,
+        "band": [tuple, list, None],
+        "decibels": ["boolean"],
+    }
+
+    band: tuple[float, float] | None = None
+    decibels: bool = False
+
+    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+        super()._learn(X, y)
+        lines_of(self.frequencies_, self.band)  # raises where the band does not fit
+
+    def _columns(self) -> list[str]:
+        row = REGISTRY["psd_level" if self.decibels else "psd"]
+        frequencies = self.frequencies_[lines_of(self.frequencies_, self.band)]
+        return [row.column(self.preset, f"{frequency:.12g}Hz") for frequency in frequencies]
+
+    def _from_psd(self, frequencies: Float, psd: Float) -> Float:
+        inside = psd[:, lines_of(frequencies, self.band)]
+        return 10 * np.log10(np.maximum(inside, _FLOOR)) if self.decibels else inside
+
+
+@dataclass(eq=False, repr=False)
+class AmplitudeSpectrum(WindowTransformer):
+    """Amplitudes of the torque's spectral lines in Nm (paper B section 6): one column per line.
+
+    A sine on a line reads its amplitude, constant torque its value; see
+    :func:`cyclofeat.signal.amplitude_spectrum` for the equation.
+
+    Parameters
+    ----------
+    sampling_rate : float
+        Samples per second in Hz.
+    n_fft : int, default=8192
+        Samples in a block; even.
+    window : {"hamming", "hann", "blackman", "boxcar", "flattop"}, default="hamming"
+        Window by which each block is multiplied; symmetric, as MATLAB's are.
+    band : tuple of float, default=None
+        Lower and upper limit in Hz of the lines kept, both included. ``None`` keeps all.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cyclofeat.features import AmplitudeSpectrum
+    >>> torque = 22 + 3 * np.sin(2 * np.pi * 400 * np.arange(46_080) / 25_600)
+    >>> transformer = AmplitudeSpectrum(sampling_rate=25_600, band=(400, 405))
+    >>> transformer.fit_transform(torque[np.newaxis]).round(2)
+    array([[3.  , 1.28]])
+    >>> transformer.get_feature_names_out()[0]
+    'amplitude_nm(hamming8192;400Hz)'
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        **WindowTransformer._parameter_constraints,
+        "n_fft": [Interval(Integral, 2, None, closed="left")],
+        "window": [StrOptions(set(AMPLITUDE_WINDOWS))],
+        "band": [tuple, list, None],
+    }
+
+    n_fft: int = 8192
+    window: str = "hamming"
+    band: tuple[float, float] | None = None
+
+    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+        # One window's spectrum: raises where a parameter does not fit.
+        self.frequencies_, _ = amplitude_spectrum(X[:1], self.sampling_rate, self.n_fft, self.window)
+        lines_of(self.frequencies_, self.band)
+
+    def _columns(self) -> list[str]:
+        frequencies = self.frequencies_[lines_of(self.frequencies_, self.band)]
+        definition = f"{self.window}{self.n_fft}"
+        return [REGISTRY["amplitude"].column(definition, f"{frequency:.12g}Hz") for frequency in frequencies]
+
+    def _compute(self, X: NDArray[Any]) -> Float:
+        _, amplitudes = amplitude_spectrum(X, self.sampling_rate, self.n_fft, self.window)
+        return amplitudes[:, lines_of(self.frequencies_, self.band)]
