@@ -283,7 +283,7 @@ class Rig:
 
     def labelled_effects(self) -> dict[str, Effect]:
         """Return the effects by their labels in :meth:`parameters`."""
-        return library.labelled(self.effects)
+        return library.label_effects(self.effects)
 
     def effect_sets(self) -> list[tuple[Effect, ...]]:
         """Return the effects with those of each variant, in the order of the chain; one set without variants.

@@ -21,7 +21,7 @@ from cyclofeat._base.versions import code_sha256, package_versions
 from cyclofeat._base.words import from_1
 from cyclofeat.simulators._settling import settling_time
 from cyclofeat.simulators.campaign._design import DEPTH, OF_DEFECTS, WEAR, Campaign, RunPlan
-from cyclofeat.simulators.effects.library import labelled
+from cyclofeat.simulators.effects.library import label_effects
 from cyclofeat.simulators.machine import MachineRun, PlannedRun
 from cyclofeat.simulators.sampling import sample_runs
 from cyclofeat.simulators.simulation import GearboxLocked, SimulationFailed
@@ -64,7 +64,7 @@ def columns(campaign: Campaign) -> dict[str, str]:
     effects = {
         f"effects.{label}.{name}": NUMBER
         for effects in campaign.the_rig.effect_sets()
-        for label, effect in labelled(effects).items()
+        for label, effect in label_effects(effects).items()
         for name in effect.parameters
     }
     radial = {} if campaign.wear_um is None else {WEAR: NUMBER}
@@ -179,7 +179,7 @@ def _draw_run(campaign: Campaign, plan: RunPlan) -> tuple[dict[str, Any], Planne
     except ValueError as error:  # there is no such machine
         return row, error
     row |= {"settling_s": settling, **machine.true_values()}
-    for label, drawn in labelled(machine.effects).items():
+    for label, drawn in label_effects(machine.effects).items():
         row |= {f"effects.{label}.{name}": float(getattr(drawn, name)) for name in drawn.parameters}
     return row, planned
 

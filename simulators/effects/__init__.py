@@ -1,44 +1,10 @@
 """Physical and measurement effects of real rigs.
 
-===========================  =========================================================================
-effect                       deviation
-===========================  =========================================================================
-``GearboxParameter``         one field of the nominal gearbox (*)
-``PinErrors``                position errors of the pins
-``LobePitchErrors``          pitch errors of the lobes
-``RunOut``, ``CamRunOut``    run-out of the wheels, and of the cams (1x)
-``Clearance``                clearance of the internal sleeves
-``Scale``                    stiffness or damping of all contacts, load (*) or speed (*) by a factor
-``ContactDampingForm``       contact damping weighted with the elastic force
-``Drift``                    slow fluctuation of the brake's torque or of the torque meter's zero
-``ProportionalDrift``        that of the brake in proportion to the torque (*)
-``WarmUp``                   exponential decay of the brake's torque or of the torque meter's zero (*)
-``SpeedWander``              fluctuation of the input speed
-``StickSlip``                sawtooth of a brake that sticks and slips (*)
-``Rattle``                   blows of a part with play on the output shaft (*)
-``SleeveFriction``           friction of the sleeves on wheels and axles
-``BearingFriction``          friction of the output shaft's bearings
-``BrakeRotor``               the brake's rotor behind shaft and torque meter
-``TorqueMeterLowPass``       low-pass in the torque meter
-``ShaftLine``                wave in the torque signal once per turn of the input or output (*)
-``Gain``, ``Offset``         calibration and zero of the torque meter
-``Noise``, ``Hum``           noise and mains hum in the torque signal
-``ClockError``               error of the converter's clock
-``Quantisation``             steps and range of the converter
-``Clipping``                 range of amplifier or converter (*)
-``LostSamples``              blocks of samples held, zero or cut out (*)
-``ServoMotor``               motor with control of its speed, in place of a given speed (*)
-``TorqueConstantRipple``     ripple of the motor's torque constant (*)
-``Cogging``                  torque between the motor's magnets and slots (*)
-``MotorFriction``            friction of the motor's bearings (*)
-``CurrentSensor``            offset, noise and steps of the motor's current (*)
-===========================  =========================================================================
-
-(*) A search that adds one effect at a time does not propose it.
-
-The chain has one order, whatever the order in which effects are given (:attr:`Effect.place`). Priors and
-default values are *assumptions*. :class:`cyclofeat.simulators.Rig` applies effects to a gearbox, and
-:func:`known_effects` lists all. ``library`` has them by the names in files, ``effect`` is their base class.
+Effects of the gearbox are in ``_gearbox``, of load and speed in ``_drive``, of torque meter and converter in
+``_meter``, of the motor in ``_motor``; ``effect`` has their base class and ``library`` the effects by the
+names that files hold (:func:`known_effects`). The chain has one order, whatever the order in which effects
+are given (:attr:`Effect.place`). Priors and default values are *assumptions*.
+:class:`cyclofeat.simulators.Rig` applies effects to a gearbox.
 """
 
 from cyclofeat.simulators.effects._drive import (

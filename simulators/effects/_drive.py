@@ -26,11 +26,10 @@ FINE = 1000
 MARGIN = 1.0
 
 
-class _LoadOrMeter(Effect):
-    """Base of the effects that add a course over time to the brake's torque or to the torque meter's."""
+class _AddedTorque(Effect):
+    """Base of the effects that add a function of time to the brake's torque or to the torque meter's."""
 
-    place: ClassVar[Any] = Of(load="load_and_speed", sensor="sensor")
-    moves_mean = True
+    place = "load_and_speed"
 
     def overrides(self, hook: str) -> bool:
         return hook == ("load_fluctuation" if self.place == "load_and_speed" else "change_torque")
@@ -51,11 +50,11 @@ class _LoadOrMeter(Effect):
         return torque if added is None else np.asarray(torque + added(np.arange(torque.size) / sampling_rate))
 
     def _added_torque(self, end: float, random: Generator) -> Fluctuation | None:
-        """Return the course in Nm as a function of time from 0 to ``end`` (s), None for no effect."""
+        """Return what is added, in Nm, as a function of time from 0 to ``end`` (s); None for nothing."""
         raise NotImplementedError
 
 
-class Drift(_LoadOrMeter):
+class Drift(_AddedTorque):
     """Drift: a slow fluctuation of the brake's torque or of the torque meter's zero.
 
     White noise through a Butterworth low-pass, stationary from the start: a one-sided density
@@ -86,8 +85,10 @@ class Drift(_LoadOrMeter):
         "cutoff_hz": EffectParameter("Hz", 1e-3, 1e3, None, loguniform(0.2, 20.0), log=True, default=1.5),
     }
     settings: ClassVar = {"order": 2, "of": "load"}
+    place: ClassVar[Any] = Of(load="load_and_speed", sensor="sensor")
     separated_by = "the envelope of the mesh frequency"
     shows_as = "slow torque"
+    moves_mean = True
 
     def check_settings(self) -> None:
         check_order(self, self.order)
@@ -98,7 +99,7 @@ class Drift(_LoadOrMeter):
         return LowPassed(seed_from(random), self.rms_nm, (self.cutoff_hz, self.order), end)
 
 
-class WarmUp(_LoadOrMeter):
+class WarmUp(_AddedTorque):
     """Warm-up of brake or torque meter: its torque or zero begins too high or too low and settles.
 
     The torque T becomes T + ``size`` exp(-t/``time_constant``). For the brake t runs from the start of the
@@ -128,11 +129,13 @@ class WarmUp(_LoadOrMeter):
         ),
     }
     settings: ClassVar = {"of": "load"}
+    place: ClassVar[Any] = Of(load="load_and_speed", sensor="sensor")
     separated_by: ClassVar[Any] = Of(
         load="the same record when the rig is warm",
         sensor="the same record when the rig is warm, and the meter's reading with the machine at rest",
     )
     shows_as = "start of the torque"
+    moves_mean = True
     proposed = False
 
     def _added_torque(self, end: float, random: Generator) -> Fluctuation | None:
@@ -282,7 +285,7 @@ class SpeedWander(Effect):
         return fluctuation
 
 
-class StickSlip(Effect):
+class StickSlip(_AddedTorque):
     """Stick-slip of the brake: its torque climbs while it sticks and falls when it slips.
 
     Adds a sawtooth to the load: over each cycle it rises from -A/2 at the rate A f, and falls back in the
@@ -306,13 +309,11 @@ class StickSlip(Effect):
     separated_by = "another speed"
     proposed = False
 
-    def load_fluctuation(
-        self, gearbox: CycloidalGearbox, duration: float, random: Generator
-    ) -> Fluctuation | None:
+    def _added_torque(self, end: float, random: Generator) -> Fluctuation | None:
         own = np.random.default_rng(seed_from(random))
         if self.amplitude_nm == 0:
             return None
-        end, size = duration + MARGIN, float(self.amplitude_nm)
+        size = float(self.amplitude_nm)
         began = own.random()
         cycles = own.uniform(0.75, 1.25, math.ceil(end * self.frequency_hz / 0.75) + 2)
         last = np.cumsum(cycles) - began * cycles[0]
@@ -322,7 +323,7 @@ class StickSlip(Effect):
         return lambda time: np.asarray(on_lines(check_time(time, end), times, values))
 
 
-class Rattle(Effect):
+class Rattle(_AddedTorque):
     """Rattle of a part with play on the output shaft: short blows on the load, from either flank in turn.
 
     Adds triangular pulses of alternating sign to the load; their heights and the pauses between them are
@@ -348,13 +349,11 @@ class Rattle(Effect):
     separated_by = "the part taken off, or preloaded"
     proposed = False
 
-    def load_fluctuation(
-        self, gearbox: CycloidalGearbox, duration: float, random: Generator
-    ) -> Fluctuation | None:
+    def _added_torque(self, end: float, random: Generator) -> Fluctuation | None:
         own = np.random.default_rng(seed_from(random))
         if self.blow_nm == 0:
             return None
-        end, length = duration + MARGIN, float(self.blow_s)
+        length = float(self.blow_s)
         # As many as can follow each other without a pause.
         waits, heights = own.exponential(size=(math.ceil(end / length) + 1, 2)).T
         last = np.cumsum(waits / self.rate_hz + length)

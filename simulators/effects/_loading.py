@@ -152,10 +152,10 @@ def _reduce(made: Effect | Simulator) -> tuple[Any, ...]:
     text = vars(module)["__effects_text__"]
     kind: Any = type(made)
     parameters = {name: getattr(made, name) for name in inspect.signature(kind).parameters}
-    return _unpickled, (module.__file__, text, kind.__qualname__, parameters)
+    return _rebuild, (module.__file__, text, kind.__qualname__, parameters)
 
 
-def _unpickled(file: str, text: str, name: str, parameters: dict[str, Any]) -> Effect | Simulator:
+def _rebuild(file: str, text: str, name: str, parameters: dict[str, Any]) -> Effect | Simulator:
     """Return what :func:`_reduce` took; an effect replaces one of another file with the same name."""
     kind = getattr(_run(file, text, replace=True), name)
     if issubclass(kind, Effect):

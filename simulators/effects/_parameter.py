@@ -57,11 +57,6 @@ class EffectParameter:
     log: bool = False
     default: float | None = None
 
-    @property
-    def fitted(self) -> bool:
-        """True if the parameter has a prior, and is therefore fitted."""
-        return self.prior is not None
-
     def default_value(self) -> float | None:
         """Return the default in a constructor made from the parameters."""
         if self.default is None and self.prior is not None:

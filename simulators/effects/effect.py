@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 
@@ -175,39 +176,75 @@ class Effect(BaseEstimator):
         effect: Self = super().__new__(cls)
         return effect
 
-    def change_gearbox(self, gearbox: CycloidalGearbox, random: np.random.Generator) -> CycloidalGearbox:
-        """Return the gearbox with the effect on it; by default the same."""
+    def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
+        """Return the gearbox with the effect on it; by default the same.
+
+        Parameters
+        ----------
+        gearbox : CycloidalGearbox
+        random : numpy.random.Generator
+
+        Returns
+        -------
+        CycloidalGearbox
+        """
         return gearbox
 
-    def change_simulator(self, simulator: Any, random: np.random.Generator) -> Any:
-        """Return a user's simulator (:class:`cyclofeat.simulators.Simulator`) with the effect on it.
+    def change_simulator(self, simulator: Any, random: Generator) -> Any:
+        """Return a user's simulator with the effect on it, mostly by :func:`dataclasses.replace`.
 
-        Mostly by :func:`dataclasses.replace`. By default the same.
+        Parameters
+        ----------
+        simulator : Simulator
+        random : numpy.random.Generator
+
+        Returns
+        -------
+        Simulator
+            By default the same.
         """
         return simulator
 
     def load_fluctuation(
-        self, gearbox: CycloidalGearbox, duration: float, random: np.random.Generator
+        self, gearbox: CycloidalGearbox, duration: float, random: Generator
     ) -> Fluctuation | None:
-        """Return a function that the effect adds to the load, or None.
+        """Return a function of time that the effect adds to the load, or None.
 
-        It takes times of shape (n,) in s, from 0 to one second beyond ``duration``, and returns Nm of shape
-        (n,).
+        Parameters
+        ----------
+        gearbox : CycloidalGearbox
+            With all effects on it.
+        duration : float
+            In s.
+        random : numpy.random.Generator
+
+        Returns
+        -------
+        callable or None
+            Takes times of shape (n,) in s, from 0 to one second beyond ``duration``, and returns Nm of shape
+            (n,).
         """
         return None
 
     def speed_fluctuation(
-        self, gearbox: CycloidalGearbox, duration: float, random: np.random.Generator
+        self, gearbox: CycloidalGearbox, duration: float, random: Generator
     ) -> Fluctuation | None:
-        """Return a function that the effect adds to the input speed (rad/s), or None."""
+        """Return a function of time that the effect adds to the input speed, or None.
+
+        Parameters
+        ----------
+        gearbox, duration, random
+            As for :meth:`load_fluctuation`.
+
+        Returns
+        -------
+        callable or None
+            As that of :meth:`load_fluctuation`, in rad/s.
+        """
         return None
 
     def change_torque(
-        self,
-        torque: Float,
-        sampling_rate: float,
-        random: np.random.Generator,
-        context: TorqueContext | None = None,
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
     ) -> Float:
         """Return the torque after this effect; by default the same.
 
@@ -228,19 +265,38 @@ class Effect(BaseEstimator):
         """
         return torque
 
-    def change_motor(self, motor: Motor, random: np.random.Generator) -> Motor:
+    def change_motor(self, motor: Motor, random: Generator) -> Motor:
         """Return the motor with the effect on it; by default the same.
 
-        The first effect of a rig that changes it is given ``Motor()``.
+        Parameters
+        ----------
+        motor : Motor
+            That of the effect before; ``Motor()`` for the first effect of a rig that changes it.
+        random : numpy.random.Generator
+
+        Returns
+        -------
+        Motor
         """
         return motor
 
     def resample(self, values: Float, sampling_rate: float) -> Float:
-        """Return another channel, shape (n, ...), at the instants at which this effect samples."""
+        """Return another channel at the instants at which this effect samples; by default the same.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n, ...)
+        sampling_rate : float
+            In Hz.
+
+        Returns
+        -------
+        ndarray, shape (m, ...)
+        """
         return values
 
     def samples_needed(self, n_samples: int) -> int:
-        """Return the number of samples from which the effect makes ``n_samples``."""
+        """Return the number of samples from which the effect makes ``n_samples``; by default as many."""
         return n_samples
 
     def check_settings(self) -> None:
@@ -266,7 +322,7 @@ class Effect(BaseEstimator):
         """True if a parameter is a range or a distribution."""
         return any(is_spread(getattr(self, name)) for name in self.parameters)
 
-    def for_assembly(self, random: np.random.Generator) -> Self:
+    def for_assembly(self, random: Generator) -> Self:
         """Return a copy with a number drawn from each range and distribution.
 
         Parameters
@@ -282,21 +338,13 @@ class Effect(BaseEstimator):
                 drawn[name] = parameter.draw(value, share)
         return self.with_parameters(**drawn)
 
-    def draw_parameters(self, random: np.random.Generator) -> Self:
+    def draw_parameters(self, random: Generator) -> Self:
         """Return a copy with fitted parameters drawn from their priors.
 
         Parameters
         ----------
         random : numpy.random.Generator
             Advances by one number per fitted parameter.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from cyclofeat.simulators.effects import BrakeRotor
-        >>> drawn = BrakeRotor().draw_parameters(np.random.default_rng(0))
-        >>> 0.002 <= drawn.inertia <= 0.1
-        True
         """
         drawn = {}
         for name in self.vector_names():
@@ -318,7 +366,7 @@ class Effect(BaseEstimator):
 
     def vector_names(self) -> list[str]:
         """Return the names of the fitted parameters, in the order of :meth:`to_vector`."""
-        return [name for name, parameter in self.parameters.items() if parameter.fitted]
+        return [name for name, parameter in self.parameters.items() if parameter.prior is not None]
 
     @property
     def main_parameter(self) -> str:
@@ -340,12 +388,6 @@ class Effect(BaseEstimator):
         ------
         ValueError
             If one is a range or a distribution, or has no finite logarithm.
-
-        Examples
-        --------
-        >>> from cyclofeat.simulators.effects import Offset
-        >>> Offset(0.5).to_vector()
-        array([0.5])
         """
         self.check()
         vector = []
@@ -423,13 +465,9 @@ class Effect(BaseEstimator):
     def __repr__(self) -> str:
         kind: Any = type(self)
         arguments = _arguments(kind)
-        values = {name: value_text(getattr(self, name)) for name in arguments}
-        given = ", ".join(
-            f"{name}={value}"
-            for name, value in values.items()
-            if value != value_text(arguments[name].default)
-        )
-        return f"{type(self).__name__}({given})"
+        texts = {name: value_text(getattr(self, name)) for name in arguments}
+        changed = [name for name in texts if texts[name] != value_text(arguments[name].default)]
+        return f"{type(self).__name__}({', '.join(f'{name}={texts[name]}' for name in changed)})"
 
 
 @functools.lru_cache

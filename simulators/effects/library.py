@@ -238,7 +238,7 @@ def in_chain(effects: Iterable[Effect]) -> tuple[Effect, ...]:
     return tuple(sorted(effects, key=lambda effect: PLACES.index(effect.place)))
 
 
-def labelled(effects: Iterable[Effect]) -> dict[str, Effect]:
+def label_effects(effects: Iterable[Effect]) -> dict[str, Effect]:
     """Return the effects of a rig by their labels, as ``Rig.labelled_effects``."""
     seen: Counter[str] = Counter()
     of_label = {}

@@ -71,20 +71,14 @@ def test_resonance_lies_where_gear_and_meter_in_series_put_it(inertia: float, st
 def test_stiff_meter_makes_the_rotor_a_part_of_the_output_shaft() -> None:
     """The meter then shows the load and the rotor's inertia; what differs shrinks with the stiffness."""
     inertia, settled = 2e-3, slice(3000, None)
-    one_piece = run(
-        STEEL.replace(output_shaft_inertia=STEEL.output_shaft_inertia + inertia),
-        LobeDefects.worn(3),
-        duration=0.6,
-    )
+    heavier = STEEL.replace(output_shaft_inertia=STEEL.output_shaft_inertia + inertia)
+    one_piece = run(heavier, LobeDefects.worn(3), duration=0.6)
     share = inertia / (inertia + STEEL.output_inertia)
     expected = 22 + share * (one_piece.torque_out - 22)
     errors = []
     for stiffness in (1e5, 1e6):
-        gearbox = STEEL.replace(
-            brake_inertia=inertia,
-            meter_stiffness=stiffness,
-            meter_damping=0.6 * math.sqrt(stiffness * share * STEEL.output_inertia),
-        )
+        damping = 0.6 * math.sqrt(stiffness * share * STEEL.output_inertia)
+        gearbox = STEEL.replace(brake_inertia=inertia, meter_stiffness=stiffness, meter_damping=damping)
         stiff = run(gearbox, LobeDefects.worn(3), duration=0.6)
         errors.append(np.abs(stiff.torque_out - expected)[settled].max())
         assert np.abs(stiff.output_angle - one_piece.output_angle).max() < 30 / stiffness
@@ -111,7 +105,6 @@ def test_rotor_without_inertia_passes_the_load_on() -> None:
         ((0.1, 0.0, 0.1), ValueError, "brake_inertia needs a meter_stiffness above 0"),
         (("a", 1e4, 0.1), TypeError, "inertia must be a number, got 'a'"),
         ((0.1, None, 0.1), TypeError, "stiffness must be a number, got None"),
-        ((0.1, 1e4, [0.1]), TypeError, r"damping_ratio must be a number, got \[0.1\]"),
     ],
 )
 def test_impossible_brakes_are_refused(arguments: tuple, error: type[Exception], message: str) -> None:

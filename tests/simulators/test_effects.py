@@ -115,7 +115,6 @@ def test_defaults_and_priors_lie_within_the_bounds(effect):
     for name, parameter in effect.parameters.items():
         value = getattr(effect, name)
         assert parameter.low <= value <= parameter.high
-        assert parameter.fitted == (parameter.prior is not None)
         if parameter.neutral is not None:
             assert parameter.low <= parameter.neutral <= parameter.high
         if parameter.prior is not None:
@@ -204,19 +203,12 @@ def test_every_fitted_parameter_reaches_the_effect(effect):
     start = effect.draw_parameters(np.random.default_rng(2))
 
     def outcome(one):
-        load, speed = (
-            None if part is None else part(np.linspace(0.3, 1, 500))
-            for part in (
-                hook(STEEL, 1.0, np.random.default_rng(0))
-                for hook in (one.load_fluctuation, one.speed_fluctuation)
-            )
+        parts = (
+            hook(STEEL, 1.0, np.random.default_rng(0))
+            for hook in (one.load_fluctuation, one.speed_fluctuation)
         )
-        return (
-            gearbox_of(one),
-            torque_of(one, torque).tolist(),
-            np.asarray(load).tolist(),
-            np.asarray(speed).tolist(),
-        )
+        courses = [part(np.linspace(0.3, 1, 500)).tolist() for part in parts if part is not None]
+        return gearbox_of(one), torque_of(one, torque).tolist(), courses
 
     for index, _ in enumerate(effect.vector_names()):
         step = np.zeros(start.to_vector().size)
@@ -293,26 +285,22 @@ def test_a_range_changes_nothing_else_of_an_assembly():
     [
         (Hum(amplitude_nm="0.2"), r"amplitude_nm of hum must be a number of Nm, a range .* got '0.2'"),
         (Hum(amplitude_nm=True), "amplitude_nm of hum must be a number of Nm.* got True"),
-        (Hum(amplitude_nm=None), "amplitude_nm of hum must be a number of Nm.* got None"),
         (Hum(amplitude_nm=-0.1), "amplitude_nm of hum must lie between 0 and 1000 Nm, got -0.1"),
         (Hum(amplitude_nm=math.nan), "amplitude_nm of hum must lie between .* got nan"),
         (Hum(amplitude_nm=(0.3, 0.1)), r"with low <= high, got \(0.3, 0.1\)"),
         (Hum(amplitude_nm=(0, 0.1)), "as a range, must begin above 0"),
         (Hum(amplitude_nm=(0.1, 0.2, 0.3)), r"\(low, high\) or a distribution, got \(0.1, 0.2, 0.3\)"),
-        (Hum(amplitude_nm=(0.1, "b")), "must be a number of Nm"),
         (Hum(harmonics=()), "harmonics of hum must be one or more"),
         (Hum(harmonics=(1, math.inf)), "harmonics of hum must be one or more finite"),
-        (Hum(harmonics="1"), "harmonics of hum must be"),
         (Hum(phase="random"), "phase of hum must be a number of rad, or None for a random one, got 'random'"),
-        (Gain(0), "factor of gain must lie between 0.001 and 1000, got 0"),
         (TorqueMeterLowPass((100, math.inf)), "torque_meter_low_pass, as a range, must begin .* end finite"),
         (TorqueMeterLowPass(order=2.0), "order of torque_meter_low_pass must be a whole number, got 2.0"),
         (Drift(order=0), "order of load_drift must be at least 1, got 0"),
         (Drift(of="brake"), "'of' of Drift must be 'load' or 'sensor', got 'brake'"),
         (SpeedWander(phase=math.nan), "phase of speed_wander must be"),
         (BrakeRotor(damping_ratio=1.0), "damping_ratio of brake_rotor must lie between 0 and 0.99, got 1.0"),
-        (ClockError(0.1), "relative of clock_error must lie between -0.05 and 0.05, got 0.1"),
         (ContactDampingForm("hertz"), "form of contact_damping_form must be 'paper' or .* got 'hertz'"),
+        (LostSamples(fill="x"), "fill of lost_samples must be one of 'hold', 'zero', 'cut', got 'x'"),
         (Quantisation(1.0, 0.5), "full_scale_nm of quantisation must be at least lsb_nm = 1 Nm, got 0.5"),
     ],
     ids=str,
@@ -345,9 +333,8 @@ def test_pin_errors_have_their_rms_and_add_to_those_there():
     assert abs(errors.mean()) < 4 * 10e-6 / math.sqrt(errors.size)
     assert abs(np.corrcoef(errors[:, 0].ravel(), errors[:, 1].ravel())[0, 1]) < 4 / math.sqrt(errors.size / 2)
     twice = gearbox_of(PinErrors(10e-6), many[0], seed=1)
-    np.testing.assert_allclose(
-        np.array(twice.pin_radial_errors), errors[0, 0] + errors[1, 0], rtol=1e-12, atol=1e-20
-    )
+    expected = errors[0, 0] + errors[1, 0]
+    np.testing.assert_allclose(np.array(twice.pin_radial_errors), expected, rtol=1e-12, atol=1e-20)
     assert twice.replace(pin_radial_errors=(), pin_tangential_errors=()) == STEEL
 
 
@@ -362,18 +349,29 @@ def test_run_out_is_a_random_direction_of_given_length():
     np.testing.assert_allclose(gearbox_of(RunOut(7e-6), there).wheel_runouts, found[0] + [1e-6, 2e-6j])
 
 
+def input_orders(gearbox, turns=15):
+    """Amplitudes of the input torque at multiples of 1/15 of the input's speed, settled."""
+    n = round(turns * 0.12 * 12_800)
+    torque = simulate(gearbox, duration=0.5 + turns * 0.12, sampling_rate=12_800).torque_in[-n:]
+    return 2 * np.abs(np.fft.rfft(torque)) / n
+
+
 def test_run_out_shows_at_16_15_of_the_input_speed():
     """As its documentation says: against the load the wheel turns so, and not at the input's own speed."""
     gearbox = gearbox_of(RunOut(20e-6), STEEL.replace(wheel_runouts=()), seed=1)
-    turns = 15
-    torque = [
-        simulate(g, duration=0.5 + turns * 0.12, sampling_rate=12_800).torque_in[
-            -round(turns * 0.12 * 12_800) :
-        ]
-        for g in (gearbox, STEEL)
-    ]
-    line, plain = (2 * np.abs(np.fft.rfft(t)) / t.size for t in torque)
+    line, plain = input_orders(gearbox), input_orders(STEEL)
     assert line[16] > 20 * max(plain[16], line[15], 1e-5)
+
+
+def test_cam_run_out_shows_once_per_input_turn():
+    """With unequal pins; equal ones look alike from every angle."""
+    unequal = STEEL.replace(pin_radial_errors=np.random.default_rng(4).normal(0, 1e-5, 16))
+    for plain, shows in ((unequal, True), (STEEL, False)):
+        gearbox = gearbox_of(CamRunOut(20e-6), plain, seed=1)
+        np.testing.assert_allclose(np.abs(gearbox.cam_errors), 20e-6, rtol=1e-12)
+        line = input_orders(gearbox)
+        assert (line[15] > 1e-4) == shows
+        assert max(line[14], line[16]) < 1e-5
 
 
 def test_clearance_and_factors_are_exact():
@@ -426,9 +424,9 @@ def test_brake_rotor_is_with_brake():
 
 
 def drift_values(effect, duration, rate, seed=5):
-    """Realisation of a drift, whichever way it acts."""
+    """What an effect adds to load or torque."""
     n = round(duration * rate)
-    if effect.of == "load":
+    if effect.overrides("load_fluctuation"):
         return effect.load_fluctuation(STEEL, duration, np.random.default_rng(seed))(np.arange(n) / rate)
     return torque_of(effect, np.full(n, 22.0), seed, rate) - 22.0
 
@@ -469,12 +467,14 @@ def test_a_drift_falls_as_its_low_pass_far_above_its_cutoff(of):
     assert 10 * math.log10(psd[band].sum() / theory[band].sum()) == pytest.approx(0, abs=1)
 
 
-@drifts
-def test_a_longer_drift_begins_like_a_shorter_one(of):
-    drift = Drift(of=of)
-    short = drift_values(drift, 2.0, 500.0)
-    np.testing.assert_array_equal(short, drift_values(drift, 20.0, 500.0)[:1000])
-    assert not np.array_equal(short, drift_values(drift, 2.0, 500.0, seed=6))
+@pytest.mark.parametrize(
+    "effect", [Drift(), Drift(of="sensor"), WarmUp(), WarmUp(of="sensor"), StickSlip(), Rattle()], ids=repr
+)
+def test_a_longer_run_begins_like_a_shorter_one(effect):
+    short = drift_values(effect, 2.0, 500.0)
+    np.testing.assert_array_equal(short, drift_values(effect, 20.0, 500.0)[:1000])
+    same = isinstance(effect, WarmUp)
+    assert np.array_equal(short, drift_values(effect, 2.0, 500.0, seed=6)) == same
 
 
 # The torque meter
@@ -488,9 +488,8 @@ def test_low_pass_has_the_response_of_a_butterworth(cutoff, order):
         given = wave(frequency)
         late = slice(round(FS), None)
         found = phasor(torque_of(effect, given)[late], frequency) / phasor(given[late], frequency)
-        _, expected = signal.freqs(
-            *signal.butter(order, 2 * np.pi * cutoff, analog=True), 2 * np.pi * frequency
-        )
+        analogue = signal.butter(order, 2 * np.pi * cutoff, analog=True)
+        _, expected = signal.freqs(*analogue, 2 * np.pi * frequency)
         # The bilinear transform moves frequencies by (pi f/fs)^2/3: below 2 % of the attenuation here.
         assert abs(found) == pytest.approx(abs(expected[0]), rel=0.02)
         exact = signal.sosfreqz(signal.butter(order, cutoff, fs=FS, output="sos"), [frequency], fs=FS)[1][0]
@@ -562,10 +561,8 @@ def test_coloured_noise_falls_as_its_power(exponent):
     f, psd = signal.welch(noise, rate, nperseg=16_384)
     bands = np.geomspace(2, 900, 8)
     levels = [np.log(psd[(f >= a) & (f < b)].mean()) for a, b in itertools.pairwise(bands)]
-    expected = [
-        np.log((np.maximum(f, 1.0) ** -exponent)[(f >= a) & (f < b)].mean())
-        for a, b in itertools.pairwise(bands)
-    ]
+    theory = np.maximum(f, 1.0) ** -exponent
+    expected = [np.log(theory[(f >= a) & (f < b)].mean()) for a, b in itertools.pairwise(bands)]
     np.testing.assert_allclose(np.diff(levels), np.diff(expected), atol=0.1)
     # the whole density, flat below 1 Hz, holds the rms
     lines = np.maximum(np.linspace(0, rate / 2, 400_001), 1.0) ** -exponent
@@ -647,16 +644,6 @@ def test_quantisation_rounds_exactly():
     assert (found - torque).var() == pytest.approx(0.25**2 / 12, rel=0.03)
 
 
-def test_quantisation_leaves_a_comb_in_the_histogram():
-    """The characteristic function at one wave per step is 1 for codes and 0 for a smooth distribution."""
-    torque = np.random.default_rng(1).normal(22, 3, 20_000)
-    comb = [
-        abs(np.mean(np.exp(2j * np.pi * t / 0.05))) for t in (torque, torque_of(Quantisation(0.05), torque))
-    ]
-    assert comb[0] < 4 / math.sqrt(20_000)
-    assert comb[1] == pytest.approx(1, abs=1e-9)
-
-
 def test_quantisation_clips_at_its_range():
     ramp = np.linspace(-12, 12, 2401)
     assert np.unique(torque_of(Quantisation(1.0, 8.0), ramp)).tolist() == list(range(-8, 8))
@@ -664,28 +651,11 @@ def test_quantisation_clips_at_its_range():
     assert torque_of(Quantisation(0.1, 0.3), ramp).max() == pytest.approx(0.2)
 
 
-def test_cam_run_out_shows_once_per_input_turn():
-    """With unequal pins; equal ones look alike from every angle."""
-    turns, rng = 15, np.random.default_rng(4)
-    unequal = STEEL.replace(wheel_runouts=(), pin_radial_errors=rng.normal(0, 1e-5, 16))
-    for plain, shows in ((unequal, True), (STEEL.replace(wheel_runouts=()), False)):
-        gearbox = gearbox_of(CamRunOut(20e-6), plain, seed=1)
-        np.testing.assert_allclose(np.abs(gearbox.cam_errors), 20e-6, rtol=1e-12)
-        torque = simulate(gearbox, duration=0.5 + turns * 0.12, sampling_rate=12_800).torque_in
-        line = 2 * np.abs(np.fft.rfft(torque[-round(turns * 0.12 * 12_800) :])) / (turns * 0.12 * 12_800)
-        assert (line[15] > 1e-4) == shows
-        assert max(line[14], line[16]) < 1e-5
-
-
 def test_friction_and_pitch_errors_add_to_the_gearbox():
     rubbing = STEEL.replace(sleeve_friction=0.01, sleeve_static_friction=0.03, output_bearing_torque=0.1)
     found = gearbox_of(SleeveFriction(0.05, stribeck=0.02, viscous=3.0, journal=0.01), rubbing)
-    assert found == rubbing.replace(
-        sleeve_friction=0.01 + 0.05,
-        sleeve_static_friction=0.03 + 0.05 + 0.02,
-        sleeve_viscous_friction=3.0,
-        journal_friction=0.01,
-    )
+    assert (found.sleeve_friction, found.sleeve_static_friction) == (0.01 + 0.05, 0.03 + 0.05 + 0.02)
+    assert (found.sleeve_viscous_friction, found.journal_friction) == (3.0, 0.01)
     found = gearbox_of(BearingFriction(0.2, viscous=0.05), rubbing)
     assert found == rubbing.replace(output_bearing_torque=0.1 + 0.2, output_bearing_viscosity=0.05)
     errors = np.array([gearbox_of(LobePitchErrors(5e-6), seed=seed).lobe_pitch_errors for seed in range(50)])
@@ -743,23 +713,13 @@ def test_stick_slip_is_a_sawtooth_of_the_stated_rate_amplitude_and_no_mean():
 def test_rattle_is_separate_blows_of_alternating_sign():
     rattle = Rattle(4.0, 20.0, blow_s=0.004)
     load = rattle.load_fluctuation(STEEL, 100.0, np.random.default_rng(5))(np.arange(0, 100, 1e-4))
-    at = (
-        np.flatnonzero((np.abs(load[1:-1]) > np.abs(load[:-2])) & (np.abs(load[1:-1]) >= np.abs(load[2:])))
-        + 1
-    )
-    peaks = load[at]
+    size = np.abs(load)
+    peaks = load[1:-1][(size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])]
     assert np.all(peaks[1:] * peaks[:-1] < 0)
     assert len(peaks) == pytest.approx(100 / (1 / 20 + 0.004), rel=0.06)
     assert np.mean(np.abs(peaks)) == pytest.approx(4.0, rel=0.1)
     # A triangle fills half of its base.
     assert np.mean(np.abs(load)) == pytest.approx(len(peaks) / 100 * 4.0 * 0.002, rel=0.1)
-
-
-def test_longer_runs_begin_like_shorter_ones():
-    time = np.linspace(0, 1, 500)
-    for effect in (StickSlip(), Rattle(), WarmUp()):
-        short, long = (effect.load_fluctuation(STEEL, s, np.random.default_rng(1))(time) for s in (1.0, 9.0))
-        np.testing.assert_array_equal(short, long)
 
 
 def test_clipping_is_that_of_a_converter_without_steps():
@@ -795,7 +755,3 @@ def test_enough_samples_stay_when_blocks_are_cut_out(seed):
     effect = LostSamples(random.uniform(0.001, 0.5), random.uniform(1, 3000), fill="cut")
     n = int(random.integers(1, 5000))
     assert len(torque_of(effect, np.zeros(effect.samples_needed(n)), seed)) >= n
-    with pytest.raises(
-        ValueError, match="fill of lost_samples must be one of 'hold', 'zero', 'cut', got 'x'"
-    ):
-        LostSamples(fill="x").check()

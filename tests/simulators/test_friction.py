@@ -10,25 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reference_tools import (
-    SPEED,
-    Kernel,
-    State,
-    kernel_state,
-    random_lobes,
-    reference_of,
-    simulate_with,
-)
+from reference_tools import SPEED, Kernel, State, kernel_state, random_lobes, reference_of, simulate_with
 from rubbing_gearbox import RubbingGearbox
 
-from cyclofeat.simulators import (
-    CycloidalGearbox,
-    GearboxLocked,
-    LobeDefects,
-    SimulationRun,
-    Solver,
-    simulate,
-)
+from cyclofeat.simulators import CycloidalGearbox, GearboxLocked, LobeDefects, SimulationRun, Solver, simulate
 from cyclofeat.simulators._chatter import friction_rates
 
 STEEL = CycloidalGearbox.steel()
@@ -119,18 +104,15 @@ def test_kernel_agrees_with_rubbing_bodies() -> None:
         got = at_state(Kernel(gearbox, defects), full_state(oracle, state, spins), state)
         force = max(got["external_force"].max(), got["internal_force"].max(), 1.0)
         torque = force * gearbox.pin_circle_radius
-        for name, found, unit in (
-            ("theta_acceleration", got["theta_acceleration"], torque / gearbox.wheel_inertia),
-            ("psi_acceleration", got["psi_acceleration"], torque / gearbox.output_inertia),
-            (
-                "spin_acceleration",
-                got["spin_acceleration"],
-                force * gearbox.pin_radius / gearbox.sleeve_inertia,
-            ),
-            ("input_torque", got["input_torque"], torque),
-            ("output_torque", got["output_torque"], torque),
-        ):
-            assert np.abs(found - getattr(expected, name)).max() < 1e-9 * unit, name
+        units = {
+            "theta_acceleration": torque / gearbox.wheel_inertia,
+            "psi_acceleration": torque / gearbox.output_inertia,
+            "spin_acceleration": force * gearbox.pin_radius / gearbox.sleeve_inertia,
+            "input_torque": torque,
+            "output_torque": torque,
+        }
+        for name, unit in units.items():
+            assert np.abs(got[name] - getattr(expected, name)).max() < 1e-9 * unit, name
         assert max(expected.sleeve_power, expected.journal_power, expected.bearing_power) < 0
         loaded += got["external_force"].max() > 20
     assert loaded > 80
@@ -141,9 +123,8 @@ def test_kernel_agrees_with_rubbing_bodies() -> None:
 
 @functools.cache
 def run(gearbox: CycloidalGearbox, defects: LobeDefects = HEALTHY, duration: float = 0.5) -> SimulationRun:
-    return simulate_with(
-        gearbox, defects, duration=duration, sampling_rate=1e5, decimation="pick", forces=True
-    )
+    options: dict[str, Any] = {"sampling_rate": 1e5, "decimation": "pick", "forces": True}
+    return simulate_with(gearbox, defects, duration=duration, **options)
 
 
 def mean_of_turns(values: np.ndarray, n_turns: int = 2) -> float:
@@ -211,9 +192,8 @@ def sliding_power(gearbox: CycloidalGearbox) -> float:
     Virtual work: forces of the frictionless gearbox times sliding speeds, from the record alone.
     """
     frictionless = gearbox.replace(sleeve_friction=0.0)
-    record = simulate_with(
-        frictionless, duration=0.5, sampling_rate=5e3, decimation="pick", forces=True, points=True
-    )
+    options: dict[str, Any] = {"sampling_rate": 5e3, "decimation": "pick", "forces": True, "points": True}
+    record = simulate_with(frictionless, duration=0.5, **options)
     assert record.output_angle is not None
     turns = slice(-2 * TURN // 20, None)
     phi = record.input_angle[turns, None, None]
@@ -237,9 +217,8 @@ def test_input_torque_rises_by_the_work_of_sliding() -> None:
     base = mean_of_turns(run(CONSERVATIVE).torque_in)
     rests = []
     for coefficient in (0.004, 0.002):
-        held = CONSERVATIVE.replace(
-            sleeve_friction=coefficient, sleeve_inertia=1e6, friction_transition_speed=1e-3
-        )
+        heavy = CONSERVATIVE.replace(sleeve_inertia=1e6, friction_transition_speed=1e-3)
+        held = heavy.replace(sleeve_friction=coefficient)
         rise = mean_of_turns(run(held).torque_in) - base
         rests.append(rise * SPEED / sliding_power(held) - 1)
     assert abs(rests[1]) < 0.003
@@ -279,8 +258,7 @@ def test_bearings_oppose_the_rotation(direction: int) -> None:
 def test_brake_sees_no_friction_of_the_output_bearing() -> None:
     """It lies between gearbox and meter, so the meter shows the load."""
     braked = STEEL.with_brake(0.02, 1e4, 0.05).replace(output_bearing_torque=1.5)
-    found = simulate_with(braked, duration=0.8, sampling_rate=1e5, decimation="pick")
-    assert mean_of_turns(found.torque_out, 4) == pytest.approx(22, abs=0.1)
+    assert mean_of_turns(run(braked, duration=0.8).torque_out, 4) == pytest.approx(22, abs=0.1)
 
 
 @pytest.mark.slow
@@ -296,18 +274,8 @@ def test_brake_sees_no_friction_of_the_output_bearing() -> None:
 def test_stable_for_seven_worn_lobes_at_the_default_transition_speed(friction: dict[str, float]) -> None:
     """Half the step gives the same: the friction does not chatter."""
     gearbox = STEEL.replace(**friction)
-    coarse, fine = (
-        simulate_with(
-            gearbox,
-            LobeDefects.worn(7),
-            duration=0.45,
-            dt=dt,
-            sampling_rate=1e4,
-            decimation="pick",
-            forces=True,
-        )
-        for dt in (1e-5, 5e-6)
-    )
+    options: dict[str, Any] = {"duration": 0.45, "sampling_rate": 1e4, "decimation": "pick", "forces": True}
+    coarse, fine = (simulate_with(gearbox, LobeDefects.worn(7), dt=dt, **options) for dt in (1e-5, 5e-6))
     settled = slice(3000, None)
     assert coarse.torque_out[settled].mean() == pytest.approx(22, abs=0.05)
     for name in ("torque_out", "torque_in"):
@@ -388,16 +356,10 @@ def test_a_bearing_that_turns_does_not_chatter() -> None:
 
 
 def with_removed_lobes(lobes: int | tuple[int, ...], **friction: float) -> SimulationRun:
-    return simulate_with(
-        STEEL.replace(**friction),
-        LobeDefects.removed(lobes),
-        duration=0.35,
-        dt=5e-6,  # short enough for the blow after a slip: at 1e-5 s friction of 0.3 would chatter in it
-        sampling_rate=1e4,
-        decimation="pick",
-        forces=True,
-        start_angle=-np.pi,
-    )
+    # The step is short enough for the blow after a slip: at 1e-5 s friction of 0.3 would chatter in it.
+    options: dict[str, Any] = {"dt": 5e-6, "sampling_rate": 1e4, "decimation": "pick", "forces": True}
+    gearbox, defects = STEEL.replace(**friction), LobeDefects.removed(lobes)
+    return simulate_with(gearbox, defects, duration=0.35, start_angle=-np.pi, **options)
 
 
 @pytest.mark.parametrize("dt", [1e-5, 2.5e-6])
@@ -417,11 +379,7 @@ def test_friction_wedges_a_gearbox_that_lacks_seven_lobes_of_both_wheels(dt: flo
 @pytest.mark.slow
 def test_it_slips_where_friction_is_low_or_sleeves_spin() -> None:
     """Frictionless as in the papers, at 0.1, and at 0.3 on free axles."""
-    for friction in (
-        {},
-        {"sleeve_friction": 0.1, "journal_friction": 0.1},
-        {"sleeve_friction": 0.3},
-    ):
+    for friction in ({}, {"sleeve_friction": 0.1, "journal_friction": 0.1}, {"sleeve_friction": 0.3}):
         run = with_removed_lobes(7, **friction)
         assert run.output_angle is not None
         behind = run.output_angle + run.input_angle / 15

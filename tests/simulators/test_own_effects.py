@@ -103,15 +103,9 @@ def test_the_place_follows_from_the_hook_where_it_can() -> None:
     assert OfBoth.place == "geometry"  # as its parent's
     assert OfGearbox().needs_simulation()
 
-    class Everything(Effect):
-        def change_gearbox(self, gearbox, random):  # type: ignore[no-untyped-def]
-            return gearbox
-
-        def change_torque(self, torque, sampling_rate, random, context=None):  # type: ignore[no-untyped-def]
-            return torque
-
+    everything = type("Everything", (Effect,), {"change_gearbox": print, "change_torque": print})
     with pytest.raises(ValueError, match="place of Everything must be stated, one of nominal, geometry"):
-        register_effect(Everything)
+        register_effect(everything)
 
 
 def effect(name: str = "Mine", **members: Any) -> Any:
@@ -119,15 +113,7 @@ def effect(name: str = "Mine", **members: Any) -> Any:
     return type(name, (Effect,), hook | members)
 
 
-def no_default(self: Any, size: float) -> None:
-    self.size = size
-
-
 def forgetful(self: Any, size: float = 1.0) -> None:
-    pass
-
-
-def any_arguments(self: Any, **sizes: float) -> None:
     pass
 
 
@@ -148,9 +134,9 @@ def any_arguments(self: Any, **sizes: float) -> None:
             effect(parameters={"size": EffectParameter("1", 0, 1, prior=norm(9, 1))}),
             "prior of size of Mine must lie between 0 and 1, where norm",
         ),
-        (effect(__init__=no_default), r"Mine.__init__ must have a default for 'size': Mine"),
+        (effect(__init__=lambda self, size: None), r"Mine.__init__ must have a default for 'size': Mine"),
         (effect(__init__=forgetful), "Mine.__init__ must store size under the same name"),
-        (effect(__init__=any_arguments), r"Mine.__init__ must name its arguments, got \*sizes"),
+        (effect(__init__=lambda self, **sizes: None), r"Mine.__init__ must name its arguments, got \*sizes"),
     ],
     ids=str,
 )  # fmt: skip
@@ -236,7 +222,6 @@ def test_a_file_is_run_once_and_anew_when_it_changed(lash: Any, tmp_path: Path) 
     [
         ("x = 1\ny = (\n", r"mine.py, line 2: SyntaxError: '\(' was never closed"),
         ("\n\nx = 1 / 0\n", "mine.py, line 3: ZeroDivisionError: division by zero"),
-        ("def f():\n    return 1 / 0\n\n\nf()\n", "mine.py, line 2: ZeroDivisionError"),
         ("import nothing_of_that_name\n", "mine.py, line 1: ModuleNotFoundError: No module named 'nothing"),
         ("x = 1\n", "mine.py: defines no subclass of Effect"),
         (
@@ -245,7 +230,7 @@ def test_a_file_is_run_once_and_anew_when_it_changed(lash: Any, tmp_path: Path) 
         ),
         (TEXT.replace("GearLash", "Hum"), "mine.py, line 9: effect_id of Hum must be a name of its own"),
     ],
-    ids=range(7),
+    ids=range(6),
 )
 def test_files_that_cannot_be_are_named_with_their_line(text: str, message: str, tmp_path: Path) -> None:
     path = tmp_path / "mine.py"
