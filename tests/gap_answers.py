@@ -50,16 +50,13 @@ REMAINDER = Remainder(
 )
 
 
-def compared(beaten: Any = None, **alternatives: Any) -> tuple[ProofRow, ...]:
+def compared(**alternatives: Any) -> tuple[ProofRow, ...]:
     """Rows of a proof: for each alternative its shares over all, seen and unseen counts."""
     return tuple(
-        ProofRow(
-            name, condition, grr, grr - 0.05, grr + 0.04,
-            beaten=(beaten or {}).get((name, condition), math.nan),
-        )
+        ProofRow(name, condition, grr, grr - 0.05, grr + 0.04)
         for name, ratios in alternatives.items()
         for condition, grr in zip(("all", "seen", "unseen"), ratios, strict=False)
-    )  # fmt: skip
+    )
 
 
 def proof_of(rows: Any = None, condition: Condition | None = FIRST) -> Proof:
@@ -69,11 +66,7 @@ def proof_of(rows: Any = None, condition: Condition | None = FIRST) -> Proof:
         for family in ("spectrum", "overall")
     ]
     if rows is None:
-        of_box = zip(("all", "seen", "unseen"), (0.99, 0.3, 1.0), strict=True)
-        rows = compared(
-            {("equaliser", condition): share for condition, share in of_box},
-            after=(0.91, 0.93, 0.88), nothing=(0, 0, 0), equaliser=(0.74, 0.95, 0.41), oracle=(0.97,) * 3,
-        )  # fmt: skip
+        rows = compared(after=(0.91, 0.93, 0.88), nothing=(0, 0, 0))
     return Proof(tuple(rows), tuple(distances), 6, condition)
 
 

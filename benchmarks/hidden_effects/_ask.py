@@ -11,14 +11,17 @@ from typing import Any
 import joblib
 import numpy as np
 
+from benchmarks._black_boxes import BLACK_BOXES
 from benchmarks.hidden_effects._answers import FORMAT
 from benchmarks.hidden_effects._folders import read_set
 from benchmarks.hidden_effects._machine import SAMPLING_RATE
 from benchmarks.hidden_effects._sets import definitions
 from benchmarks.hidden_effects._visible import effects_of
-from cyclofeat.gap import GapSettings, find_gap
+from cyclofeat.gap import Comparison, Condition, GapSettings, MeasuredRig, find_gap
 from cyclofeat.gap.posterior import EffectPosterior, answer_of
+from cyclofeat.gap.proof.prove import Alternative, prove_all
 from cyclofeat.gap.simulations import Memory
+from cyclofeat.gap.summaries import MeasuredTurns
 from cyclofeat.gap.world import Session
 from cyclofeat.simulators import Rig
 
@@ -79,11 +82,35 @@ def names_of(posterior: EffectPosterior, sessions: Sequence[Session]) -> list[di
 
 
 def whole_answer(
-    name: str, folder: Path, posterior: EffectPosterior, settings: GapSettings
+    name: str, folder: Path, posterior: EffectPosterior, settings: GapSettings, boxes: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Result of the whole workflow on a set; where the library has all effects, with the oracle's proof."""
+    """Result of the whole workflow on a set; its proof compares the oracle and black boxes too.
+
+    The oracle, the true rig, is left out where the library lacks an effect of the set.
+    """
     truth = definitions()[name]
-    oracle = Rig().with_added(*effects_of(truth).values()) if truth.kind != "outside" else None
     fit, held_out = read_set(name, folder)
-    settings = dataclasses.replace(settings, oracle=oracle)
-    return find_gap(fit, held_out or None, posterior=posterior, settings=settings).to_dict()
+    result = find_gap(fit, held_out or None, posterior=posterior, settings=settings)
+    plain = result.to_dict()
+    if result.proof:
+        oracle = Rig().with_added(*effects_of(truth).values()) if truth.kind != "outside" else None
+        world = posterior.world
+        fitted = MeasuredRig.of(fit, world.rig, world.sampling_rate, quantity=world.quantity)
+        held = MeasuredRig.of(
+            held_out, world.rig, world.sampling_rate, quantity=world.quantity, conditions=fitted.conditions
+        )
+
+        def others(comparison: Comparison, turns: MeasuredTurns | None) -> dict[str, Alternative]:
+            made: dict[str, Alternative] = {}
+            if turns is not None:  # else a black box has nothing to learn from
+                for box in boxes:
+                    made[box] = BLACK_BOXES[box](settings.n_report).fit(comparison, turns).records
+            if oracle is not None:
+                made["oracle"] = Condition.of(comparison).set_on(oracle)
+            return made
+
+        proofs = prove_all(fitted, held, result.rig, world, settings, others=others)
+        plain["proof"] = [
+            dataclasses.asdict(proof.condition) | {"closed": proof.to_dict()} for proof in proofs
+        ]
+    return plain

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks._black_boxes import BLACK_BOXES
 from benchmarks._markdown import table, wilson
 from benchmarks.hidden_effects._answers import UNRESOLVED, Answer, grouped
 from benchmarks.hidden_effects._sets import KINDS, STANDARD, definitions, effect_names
@@ -15,7 +16,6 @@ from cyclofeat.gap.posterior import calibration_error
 
 _CONFIDENT = 0.9
 _FEWEST = 10  # intervals of one parameter from which its coverage is stated
-BLACK_BOXES = ("equaliser", "gaussian_process")
 
 
 @dataclass(frozen=True)

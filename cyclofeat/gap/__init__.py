@@ -32,16 +32,16 @@ from cyclofeat.gap._result import (
     Size,
     VisibleFrom,
 )
-from cyclofeat.gap._settings import GapSettings, Windows
+from cyclofeat.gap._settings import GapSettings
 from cyclofeat.gap._where import Where, WhereRow, where_of
 from cyclofeat.gap._workflow import find_gap
 from cyclofeat.gap.check import CheckedEffect, GapCheck, check_recordings
 from cyclofeat.gap.comparison import MAY_DIFFER, Comparison
 from cyclofeat.gap.loops import LoopGap, LoopModel, LoopSmoother, find_loop_gap, loop_shape
-from cyclofeat.gap.proof import DistanceRow, Proof, ProofRow, prove
+from cyclofeat.gap.proof.prove import DistanceRow, Proof, ProofRow, prove
 from cyclofeat.gap.published import PublishedGap, PublishedSettings, find_published_gap
 from cyclofeat.gap.simulations import Bank, Population
-from cyclofeat.gap.summaries import Cell, Conditions, Measured, PhaseMap, summarise
+from cyclofeat.gap.summaries import Cell, Conditions, MeasuredTurns, PhaseMap, summarise
 from cyclofeat.gap.where import LocatedGap, Row, locate, locate_all
 
 __all__ = [
@@ -62,8 +62,8 @@ __all__ = [
     "LoopGap",
     "LoopModel",
     "LoopSmoother",
-    "Measured",
     "MeasuredRig",
+    "MeasuredTurns",
     "NextMeasurement",
     "Overlay",
     "PhaseMap",
@@ -79,7 +79,6 @@ __all__ = [
     "VisibleFrom",
     "Where",
     "WhereRow",
-    "Windows",
     "check_recordings",
     "compare_recordings",
     "find_gap",

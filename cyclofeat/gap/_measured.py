@@ -16,10 +16,10 @@ from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.checks import check_type, positive
 from cyclofeat._base.quantities import TORQUES, factor_to_output
 from cyclofeat.gap._doubts import doubts_of
-from cyclofeat.gap._settings import GapSettings, Windows
+from cyclofeat.gap._settings import GapSettings
 from cyclofeat.gap.comparison import Comparison
 from cyclofeat.gap.simulations import Bank
-from cyclofeat.gap.summaries import Conditions
+from cyclofeat.gap.summaries import Conditions, MeasuredTurns
 from cyclofeat.gap.world import FLOOR, Session, World, turn_samples
 from cyclofeat.recordings import Recording, Windower
 from cyclofeat.recordings.recording import common_n_lobes, common_quantity
@@ -154,8 +154,8 @@ class MeasuredRig:
         ... )
         >>> [condition.text for condition in measured.conditions]
         ['500 RPM, 22 Nm', '500 RPM, 22 Nm, reverse']
-        >>> measured.windows(measured.conditions[0]).X.shape
-        (2, 46080)
+        >>> len(measured.at(measured.conditions[0]))
+        2
         """
         given = tuple(recordings)
         if not given:
@@ -237,8 +237,8 @@ class MeasuredRig:
             has_tachometer=self.has_tachometer and other.has_tachometer,
         )
 
-    def windows(self, condition: Condition) -> Windows:
-        """Return windows of one output turn at a condition, with all that is known of them.
+    def turns(self, comparison: Comparison) -> MeasuredTurns:
+        """Return the recordings at a comparison's condition, cut to output turns.
 
         The torque is multiplied by the direction: positive for a load that brakes.
 
@@ -247,6 +247,7 @@ class MeasuredRig:
         ValueError
             If a recording is shorter than an output turn, or constant over one.
         """
+        condition = Condition.of(comparison)
         recordings = self.at(condition)
         cut = Windower(input_speed_hz=condition.speed_rpm / 60, reduction=self.n_lobes).windows(recordings)
         angle = None
@@ -256,7 +257,7 @@ class MeasuredRig:
             n = cut.X.shape[1]
             angle = np.array([of_input[i][k : k + n] for i, k in zip(cut.recording, starts, strict=True)])
         y = cut.y if self.has_counts else None
-        return Windows(cut.X * condition.direction, y, cut.recording, angle)
+        return comparison.measured(cut.X * condition.direction, y, cut.recording, angle)
 
     def world(self, world: World) -> World:
         """Return a world of the recordings' quantity and rate whose speeds, loads and counts hold theirs.
@@ -300,22 +301,19 @@ class MeasuredRig:
             cache=settings.cache,
         )
 
-    def bank(self, condition: Condition) -> Bank:
-        """Return the first output turn of each recording of a condition, in the place of simulated ones.
+    def bank(self, comparison: Comparison) -> Bank:
+        """Return the first output turn of each recording at a comparison's condition, as if simulated.
 
         Counts are 0 where they are not known, and speeds nominal without a tachometer.
         """
-        recordings, windows = self.at(condition), self.windows(condition)
-        first = np.unique(np.asarray(windows.groups), return_index=True)[1]
-        n = len(first)
-        speeds = np.full(n, condition.speed_rpm / 60)
-        if windows.angle is not None:
-            speeds = mean_speed(np.asarray(windows.angle)[first], self.sampling_rate)
+        condition, turns = Condition.of(comparison), self.turns(comparison)
+        first = np.unique(turns.of_window, return_index=True)[1]
+        nominal = np.full(len(first), condition.speed_rpm / 60)
         return Bank(
-            X=np.asarray(windows.X)[first].astype(np.float32),
-            counts=np.zeros(n, dtype=np.int64) if windows.y is None else np.asarray(windows.y)[first],
-            speeds=speeds,
-            assemblies=_assemblies(recordings),
+            X=turns.windows[first],
+            counts=turns.counts_or_zeros,
+            speeds=nominal if turns.speeds is None else turns.speeds[first],
+            assemblies=_assemblies(self.at(condition)),
         )
 
     def session(self, *, one_assembly: bool = False) -> Session:

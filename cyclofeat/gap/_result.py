@@ -17,7 +17,7 @@ from cyclofeat.gap._measured import Condition
 from cyclofeat.gap._overlays import Overlay
 from cyclofeat.gap._where import Where
 from cyclofeat.gap.posterior import UNSEEN
-from cyclofeat.gap.proof import Proof
+from cyclofeat.gap.proof.prove import Proof
 from cyclofeat.gap.summaries import Cell
 from cyclofeat.simulators import Effect, Rig
 

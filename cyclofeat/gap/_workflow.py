@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable, Iterable, Sequence
 
@@ -14,9 +13,14 @@ from cyclofeat.gap._result import FoundEffect, GapResult, Remainder, RemainderRo
 from cyclofeat.gap._settings import GapSettings
 from cyclofeat.gap._where import where_of
 from cyclofeat.gap.confirm import Confirmed, confirm, draw_effects, simulate_possible
-from cyclofeat.gap.posterior import ABSENT, EffectPosterior, answer_of, load_posterior, named_effects
-from cyclofeat.gap.proof import Proof, prove
-from cyclofeat.gap.simulations import as_rig
+from cyclofeat.gap.posterior import (
+    ABSENT,
+    EffectPosterior,
+    answer_of,
+    load_posterior,
+    named_effects,
+)
+from cyclofeat.gap.proof.prove import Proof, prove_all
 from cyclofeat.gap.where import LocatedGap, locate_all
 from cyclofeat.gap.world import Session, World
 from cyclofeat.recordings import Recording
@@ -89,7 +93,7 @@ def find_gap(
     )
     named = named_effects(presence)
     confirmed = confirm(
-        posterior, session, named, possible=possible.sessions, n_sessions=settings.n_sessions,
+        posterior, session, named, possible=possible.sessions,
         random_state=settings.random_state, n_jobs=settings.n_jobs, progress=say,
     )  # fmt: skip
     corrected = corrected_rig(located, world.rig, confirmed.effects)
@@ -98,7 +102,7 @@ def find_gap(
     proof: tuple[Proof, ...] = ()
     if held is not None and named:
         say("judging on recordings held out")
-        proof = _proof(rig, held, corrected, world, settings)
+        proof = prove_all(rig, held, corrected, world, settings)
     return GapResult(
         where=tuple(where_of(one, pictures=settings.pictures) for one in located),
         rig=corrected,
@@ -185,29 +189,3 @@ def _overlays(located: Sequence[LocatedGap], corrected: Rig, settings: GapSettin
         bank = after.bank_like(one.measured)
         found += overlays(one.comparison, one.measured.windows, one.bank.X, bank.X)
     return tuple(found)
-
-
-def _proof(
-    rig: MeasuredRig, held: MeasuredRig, corrected: Rig, world: World, settings: GapSettings
-) -> tuple[Proof, ...]:
-    """Judge the corrected model at each condition held out.
-
-    At a condition without fitted recordings only the model as it was is an alternative: the others would have
-    nothing to learn from. A user's simulator has no contacts to retune.
-    """
-    rig, held = rig.known_as(held), held.known_as(rig)
-    proofs = []
-    for condition in held.conditions:
-        judged = held.windows(condition)
-        seen = condition in rig.conditions
-        left_out = () if world.rig.simulator is None else ("retuned",)
-        baselines = [one for one in settings.baselines if one not in left_out] if seen else ("nothing",)
-        alternatives = dataclasses.replace(settings, baselines=baselines)
-        oracle = {} if settings.oracle is None else {"oracle": condition.set_on(as_rig(settings.oracle))}
-        proofs.append(
-            prove(
-                held.comparison(condition, world, settings), condition.set_on(corrected),
-                rig.windows(condition) if seen else judged, judged, settings=alternatives, others=oracle,
-            )
-        )  # fmt: skip
-    return tuple(proofs)

@@ -28,7 +28,7 @@ from cyclofeat.gap.simulations import (
 from cyclofeat.gap.summaries import (
     SPEED_TOLERANCE,
     Conditions,
-    Measured,
+    MeasuredTurns,
     mixed,
     read_measured,
     summarise,
@@ -235,7 +235,7 @@ class Comparison:
             "bank", self.population.text, wanted, n, n_assemblies, state,
         )  # fmt: skip
 
-    def bank_like(self, measured: Measured) -> Bank:
+    def bank_like(self, measured: MeasuredTurns) -> Bank:
         """Simulate ``n_bank`` recordings with the counts of measured ones in about their shares."""
         return self.bank(
             self.n_bank, None if measured.counts is None else mixed(measured.counts, self.n_bank)
@@ -258,7 +258,7 @@ class Comparison:
         y: ArrayLike | None = None,
         groups: ArrayLike | None = None,
         angle: ArrayLike | None = None,
-    ) -> Measured:
+    ) -> MeasuredTurns:
         """Check measured recordings and cut them to whole output turns.
 
         Parameters

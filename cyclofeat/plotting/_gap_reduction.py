@@ -34,9 +34,9 @@ class GapReductionDisplay(Display):
     Examples
     --------
     >>> from cyclofeat.gap import ProofRow
-    >>> rows = [ProofRow("after", "all", 0.9, 0.8, 0.95), ProofRow("retuned", "all", 0.2, 0.1, 0.3)]
+    >>> rows = [ProofRow("after", "all", 0.9, 0.8, 0.95), ProofRow("nothing", "all", 0.0, 0.0, 0.0)]
     >>> GapReductionDisplay(rows).plot().drawn_
-    [('after', 'all', 90.0), ('retuned', 'all', 20.0)]
+    [('after', 'all', 90.0), ('nothing', 'all', 0.0)]
     """
 
     drawn_: list[tuple[str, str, float]]

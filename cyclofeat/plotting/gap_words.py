@@ -49,10 +49,6 @@ OURS = "after"  # the correction itself among the alternatives
 _ALTERNATIVES = {
     OURS: "named effects added",
     "nothing": "nothing changed",
-    "retuned": "contacts retuned only",
-    "equaliser": "equaliser and shaped noise (black box)",
-    "gaussian_process": "Gaussian process (black box)",
-    "placebo": "best wrong effect",
     "oracle": "the true simulator",
 }
 VERDICTS = {

@@ -14,22 +14,9 @@ from cyclofeat.report._gap_numbers import percent_text, range_text
 if TYPE_CHECKING:
     from cyclofeat.gap import Proof, ProofRow
 
-_EXPLAINED = {
-    "nothing": "the model as it was: 0 % by definition.",
-    "retuned": "stiffness and damping of the contacts fitted again, without a new effect. What this closes "
-    "needs no new physics.",
-    "equaliser": "a filter and shaped noise behind the model, fitted to the spectrum. It knows no cause; it "
-    "may do well on the conditions it was fitted to.",
-    "gaussian_process": "a smooth curve through the difference of the spectra, added to the model's. It "
-    "knows no cause either.",
-    "placebo": "the best of the effects that are not look-alikes, fitted with the same effort: what any "
-    "added effect closes.",
-    "oracle": "the simulator that made these recordings: the largest share that can be closed.",
-}
-
 
 def summarise_reduction(proof: Proof) -> dict[str, Any]:
-    """Share of the gap closed on recordings held out at one condition, beside that of each alternative."""
+    """Return the share of the gap closed on recordings held out at one condition."""
     ours = proof.result
     rows = proof.rows
     if not any(row.condition == "unseen" for row in rows):  # then all counts were seen
@@ -55,10 +42,10 @@ def summarise_reduction(proof: Proof) -> dict[str, Any]:
         drawn = draw_picture(
             lambda ax, _: display.plot(ax),
             (8.0, 1.5 + 0.55 * n),
-            "Share of the gap closed by each alternative, with its range",
+            "Share of the gap that the correction closes, with its range",
         )
     return {
-        "sentences": [*sentences, *_compare_with_best(finite)],
+        "sentences": sentences,
         **_comparison_table(rows),
         "distances": _distance_rows(proof),
         "picture": drawn,
@@ -81,35 +68,6 @@ def _by_condition(rows: Sequence[ProofRow]) -> list[str]:
     return sentences
 
 
-def _compare_with_best(rows: Sequence[ProofRow]) -> list[str]:
-    """Compare the correction with the best alternative, and say where one does better."""
-    sentences = []
-    for condition, words in (
-        ("all", "Of the alternatives"),
-        ("seen", "With counts seen in the fit,"),
-        ("unseen", "With counts never seen in the fit,"),
-    ):
-        here = [row for row in rows if row.condition == condition]
-        ours = [row for row in here if row.alternative == OURS]
-        others = [row for row in here if row.alternative not in (OURS, "oracle", "nothing")]
-        if not ours or not others:
-            continue
-        best = max(others, key=lambda row: row.grr)
-        worse = best.grr < ours[0].grr
-        if condition == "seen" and worse:
-            continue
-        verb = "comes nearest" if worse else "does better"
-        text = f"{words} \N{LEFT DOUBLE QUOTATION MARK}{alternative_name(best.alternative)}"
-        text += f"\N{RIGHT DOUBLE QUOTATION MARK} {verb}"
-        text += f", with {percent_text(best.grr)} against {percent_text(ours[0].grr)}"
-        if math.isfinite(best.beaten):
-            text += (
-                f" (the correction is nearer in {percent_text(best.beaten)} of resampled sets of recordings)"
-            )
-        sentences.append(f"{text}.")
-    return sentences
-
-
 def _comparison_table(rows: Sequence[ProofRow]) -> dict[str, Any]:
     conditions = [name for name in CONDITIONS if any(row.condition == name for row in rows)]
     table = []
@@ -121,12 +79,7 @@ def _comparison_table(rows: Sequence[ProofRow]) -> dict[str, Any]:
                 {"value": percent_text(of[0].grr), "range": range_text(of[0].low, of[0].high)} if of else None
             )
         table.append({"name": alternative_name(alternative), "cells": cells})
-    named = [row.alternative for row in rows]
-    return {
-        "rows": table,
-        "conditions": [CONDITIONS[name] for name in conditions],
-        "explained": [(alternative_name(name), text) for name, text in _EXPLAINED.items() if name in named],
-    }
+    return {"rows": table, "conditions": [CONDITIONS[name] for name in conditions]}
 
 
 def _distance_rows(proof: Proof) -> list[dict[str, Any]]:

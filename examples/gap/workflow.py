@@ -35,8 +35,8 @@ recordings = [
         random_state=int(load),
     )
 ]
-fitted, held_out = hold_out(recordings, 0.4)
-result = find_gap(fitted, held_out, settings=GapSettings(baselines=("nothing", "equaliser"), n_jobs=-1))
+fitted, held_out = hold_out(recordings, 0.4, random_state=0)
+result = find_gap(fitted, held_out, settings=GapSettings(random_state=0, n_jobs=-1))
 
 # %%
 # What is missing, and how much better the corrected model is

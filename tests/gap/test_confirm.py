@@ -201,9 +201,7 @@ def recordings(*effects, loads=(22.0,), n=6, seed=0, quantity="output_torque"):
     return made
 
 
-SETTINGS = GapSettings(
-    n_bank=12, n_after=12, n_report=12, n_sessions=32, n_permutations=499, baselines=("nothing",)
-)
+SETTINGS = GapSettings(n_bank=12, n_after=12, n_report=12, n_permutations=499, random_state=0)
 
 
 @pytest.mark.slow

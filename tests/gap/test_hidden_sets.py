@@ -17,9 +17,7 @@ from cyclofeat.gap.posterior import load_posterior
 pytestmark = pytest.mark.slow  # tests/gap/test_confirm.py goes the whole way on a small world
 
 SETS = ("set_00acf5d6", "set_82e7b299", "set_24cd4a2b", "set_2dbea1c0", "set_9d431f15", "set_515d2d0a")
-SETTINGS = GapSettings(
-    baselines=("nothing",), pictures=False, n_bank=40, n_report=24, n_sessions=32, n_permutations=499
-)
+SETTINGS = GapSettings(pictures=False, n_bank=40, n_report=24, n_permutations=499, random_state=0)
 
 
 @pytest.fixture(scope="module")

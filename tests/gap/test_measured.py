@@ -17,6 +17,7 @@ from cyclofeat.gap import (
     GapResult,
     GapSettings,
     MeasuredRig,
+    MeasuredTurns,
     compare_recordings,
     hold_out,
     locate,
@@ -99,7 +100,7 @@ def test_what_cannot_be_used_is_refused_by_name() -> None:
     with pytest.raises(TypeError, match="recordings must"):
         MeasuredRig.of([NOISE[0]], MODEL)
     short_one = MeasuredRig.of([made().part(0, 1.8)], MODEL)
-    assert np.shape(short_one.windows(short_one.conditions[0]).X) == (1, 23_040)
+    assert turns_at(short_one, short_one.conditions[0]).windows.shape == (1, 23_040)
     with pytest.raises(ValueError, match=r"'r0'.* is too short: an output turn and 3 % more, 1\.8\d* s"):
         short_one.session()
 
@@ -127,25 +128,28 @@ def test_torque_on_the_input_counts_times_the_reduction_and_is_the_simulated_qua
 # Windows, sessions and comparisons
 
 
-def test_windows_hold_what_all_recordings_state() -> None:
+def turns_at(rig: MeasuredRig, condition: Condition) -> MeasuredTurns:
+    return rig.turns(rig.comparison(condition, World(), GapSettings()))
+
+
+def test_turns_hold_what_all_recordings_state() -> None:
     """Torque positive for a load that brakes, angle of the input although the tachometer was on a disc."""
     angle = 2 * np.pi * 500 / 60 * np.arange(30_000) / 12_800
     known = {"defect_count": 3, "angle": -angle / 15, "angle_of": "disc"}
     recordings = [made(i=0, **known), made(i=1, **known | {"defect_count": 0})]
     recordings[1] = recordings[1].replace(torque=-recordings[1].torque)
     rig = MeasuredRig.of(recordings, MODEL)
-    forward, reverse = (rig.windows(condition) for condition in rig.conditions)
-    assert np.array_equal(forward.X, NOISE[:1, :23_040])
-    assert np.array_equal(reverse.X, NOISE[1:2, :23_040])
-    assert (forward.y.tolist(), reverse.y.tolist()) == ([3], [0])
-    assert np.ptp(forward.angle) == pytest.approx(angle[23_039], rel=1e-9)
+    forward, reverse = (turns_at(rig, condition) for condition in rig.conditions)
+    assert np.array_equal(forward.windows, NOISE[:1, :23_040].astype(np.float32))
+    assert np.array_equal(reverse.windows, NOISE[1:2, :23_040].astype(np.float32))
+    assert (forward.counts.tolist(), reverse.counts.tolist()) == ([3], [0])
+    assert forward.speeds == pytest.approx(500 / 60, rel=1e-9)
     session = rig.session()
     assert session.counts.tolist() == [3, 0]
     assert session.speeds_rpm == pytest.approx([500, 500])
     assert session.conditions.tolist() == [[500, 22, 1], [500, 22, -1]]
     one_lacks = MeasuredRig.of([*recordings, made(i=2)], MODEL)
-    assert one_lacks.windows(rig.conditions[0]).data.keys() == {"y", "groups", "angle"}
-    assert one_lacks.windows(rig.conditions[0]).y is None
+    assert turns_at(one_lacks, rig.conditions[0]).counts is None
     assert one_lacks.session().counts is one_lacks.session().speeds_rpm is None
     assert not rig.known_as(one_lacks).has_counts
     assert rig.known_as(rig).has_tachometer
@@ -167,7 +171,7 @@ def test_a_comparison_has_the_model_at_the_condition_and_the_world_s_floor() -> 
     assert (round(gearbox.input_speed * 30 / np.pi, 9), gearbox.load_torque) == (400, 12)
     assert comparison.direction == -1
     assert (comparison.n_bank, comparison.random_state, comparison.defect_counts) == (31, 5, (0, 4))
-    assert comparison.n_samples == np.shape(rig.windows(rig.conditions[0]).X)[1]
+    assert rig.turns(comparison).windows.shape == (1, comparison.n_samples)
     simulated = comparison.population.rig.effects
     assert [effect.effect_id for effect in simulated].count("noise") == 1
     assert FLOOR[1] in simulated
@@ -299,10 +303,8 @@ def test_one_condition_that_disagrees_is_found_at_the_adjusted_p(simulations: Pa
     assert result.verdict == "disagree"
     assert result.p == 2 * found[0].p <= settings.alpha
     # As of each condition by itself.
-    windows, comparison = rig.windows(rig.conditions[0]), rig.comparison(rig.conditions[0], WORLD, settings)
-    by_itself = locate(
-        comparison, comparison.measured(windows.X, **windows.data), alpha=0.025, n_permutations=998
-    )
+    comparison = rig.comparison(rig.conditions[0], WORLD, settings)
+    by_itself = locate(comparison, rig.turns(comparison), alpha=0.025, n_permutations=998)
     assert by_itself.family_p == found[0].family_p
     with pytest.raises(ValueError, match="at least 2 recordings of one condition.*got 1 at 1 conditions"):
         locate_all(rig.part([0]), WORLD, settings)

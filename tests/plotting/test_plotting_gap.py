@@ -240,8 +240,8 @@ def test_phase_has_means_spreads_and_the_difference():
 COMPARISON = [
     ProofRow(name, condition, grr, grr - 0.1, grr + 0.05)
     for name, condition, grr in (
-        ("after", "all", 0.9), ("after", "unseen", 0.8), ("equaliser", "all", 0.7),
-        ("equaliser", "unseen", -3.0), ("placebo", "all", np.nan),
+        ("after", "all", 0.9), ("after", "unseen", 0.8), ("oracle", "all", 0.7),
+        ("oracle", "unseen", -3.0), ("nothing", "all", np.nan),
     )
 ]  # fmt: skip
 
@@ -249,10 +249,10 @@ COMPARISON = [
 def test_reduction_draws_every_finite_ratio_and_says_those_beyond_its_edge():
     display = GapReductionDisplay(COMPARISON).plot()
     assert len(display.drawn_) == 4
-    assert ("equaliser", "unseen", pytest.approx(-300)) in display.drawn_
+    assert ("oracle", "unseen", pytest.approx(-300)) in display.drawn_
     assert all_texts(display) == "-300 %"
     labels = [label.get_text() for label in display.ax_.get_yticklabels()]
-    assert labels == ["named effects added", "equaliser and shaped noise (black box)"]
+    assert labels == ["named effects added", "the true simulator"]
     legend = [text.get_text() for text in display.ax_.get_legend().get_texts()]
     assert legend == ["all recordings held out", "counts never seen in the fit"]
     dots = {

@@ -91,8 +91,7 @@ def test_all_is_stated(parsed, result):
         "400 RPM, 12 Nm, reverse",
         "the correction closed 91 % of the gap (range 86 to 95 %)",
         "93 % with counts of worn lobes seen in the fit and 88 % with counts never seen in the fit",
-        "with 74 % against 91 % (the correction is nearer in 99 % of resampled sets of recordings)",
-        "the true simulator 97 %",
+        "nothing changed 0 %",
         "spectrum in third octaves 4.25 1.50 1.12",
         "One record was clipped.",
         "computing time 83 s",
@@ -215,7 +214,7 @@ def test_without_hold_out_it_says_how_to_get_a_ratio(result, bare, tmp_path):
 
 
 def test_an_undefined_ratio_has_its_reason(result, bare, tmp_path):
-    rows = compared(after=(math.nan,) * 3, equaliser=(math.nan,) * 3)
+    rows = compared(after=(math.nan,) * 3, nothing=(math.nan,) * 3)
     rows = (dataclasses.replace(rows[0], undefined="there is no gap to close."), *rows[1:])
     text = bare(dataclasses.replace(result, proof=(proof_of(rows),)), tmp_path)
     assert "No share of the gap can be stated: there is no gap to close." in text
@@ -237,17 +236,15 @@ def test_one_proof_states_its_range(result, bare, tmp_path):
 
 
 def test_counts_that_were_all_seen_are_not_told_twice(result, bare, tmp_path):
-    rows = compared(after=(0.9, 0.9), equaliser=(0.95, 0.95))
+    rows = compared(after=(0.9, 0.9))
     text = bare(dataclasses.replace(result, proof=(proof_of(rows),)), tmp_path)
-    assert text.count("does better, with 95 % against 90 %") == 1
     assert "counts of worn lobes seen in the fit" not in text
 
 
 def test_a_gap_that_grew_is_not_called_closed(result, bare, tmp_path):
-    rows = compared(after=(-0.25, -0.2, -0.3), placebo=(0.1, 0.1, 0.1))
+    rows = compared(after=(-0.25, -0.2, -0.3))
     text = bare(dataclasses.replace(result, proof=(proof_of(rows),)), tmp_path)
     assert "the correction widened the gap by 25 % (range -30 to -21 %)" in text
-    assert "“best wrong effect” does better, with 10 % against -25 %" in text
 
 
 @pytest.mark.parametrize("verdict", ["equivalent", "unresolved"])

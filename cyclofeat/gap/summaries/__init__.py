@@ -1,7 +1,7 @@
 """Numbers by which recordings are compared.
 
 A recording is reduced to numbers, the cells, which form families (:func:`summarise`). Measured windows are
-checked, cut to whole output turns and collected by recording (:class:`Measured`). Torque is folded over the
+checked, cut to output turns and collected by recording (:class:`MeasuredTurns`). Torque is folded over the
 turn for pictures (:func:`phase_maps`).
 """
 
@@ -22,7 +22,7 @@ from cyclofeat.gap.summaries._summarise import (
     summarise,
 )
 from cyclofeat.gap.summaries._windows import (
-    Measured,
+    MeasuredTurns,
     class_means,
     less_class_means,
     mixed,

@@ -21,7 +21,7 @@ _RIDGE = 0.05
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredTurns:
     """Measured recordings, checked and cut to whole output turns.
 
     Attributes
@@ -74,7 +74,7 @@ def read_measured(
     y: ArrayLike | None,
     groups: ArrayLike | None,
     angle: ArrayLike | None,
-) -> Measured:
+) -> MeasuredTurns:
     """Check measured recordings and cut them to whole output turns.
 
     Arguments as :meth:`cyclofeat.gap.Comparison.measured`. Raises ValueError if they do not belong together,
@@ -90,7 +90,7 @@ def read_measured(
     if angle is not None:
         speeds = checked_speeds(angle, windows.shape, n_samples, conditions.sampling_rate)
     # Same precision as simulated recordings: otherwise the share of distinct values would differ.
-    return Measured(windows[:, :n_samples].astype(np.float32), of_window, counts, speeds, conditions)
+    return MeasuredTurns(windows[:, :n_samples].astype(np.float32), of_window, counts, speeds, conditions)
 
 
 def recordings_of(

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 
-import numpy as np
-
 from cyclofeat.gap._measured import Condition, MeasuredRig
 from cyclofeat.gap._settings import GapSettings
 from cyclofeat.gap.where._locate import LocatedGap, locate
@@ -70,13 +68,13 @@ def _located(
     simulated: MeasuredRig | None,
 ) -> LocatedGap:
     """Compare the recordings of one condition."""
-    comparison, windows = measured.comparison(condition, world, settings), measured.windows(condition)
+    comparison = measured.comparison(condition, world, settings)
+    turns = measured.turns(comparison)
     bank = None
     if simulated is not None:
         comparison = comparison.replace(one_assembly=False)
-        bank = simulated.bank(condition)
-        bank = dataclasses.replace(bank, X=bank.X[:, : comparison.n_samples])
-        missing = set() if windows.y is None else set(np.unique(windows.y)) - set(bank.counts.tolist())
+        bank = simulated.bank(comparison)
+        missing = set() if turns.counts is None else set(turns.counts.tolist()) - set(bank.counts.tolist())
         if missing:
             raise ValueError(
                 f"simulated must hold each count of the measured recordings at {condition.text}, got none "
@@ -84,7 +82,7 @@ def _located(
             )
     return locate(
         comparison,
-        comparison.measured(windows.X, **windows.data),
+        turns,
         alpha=settings.alpha,
         n_permutations=settings.n_permutations,
         bank=bank,

@@ -17,7 +17,7 @@ from cyclofeat.gap.simulations import Bank
 from cyclofeat.gap.summaries import (
     FAMILIES,
     Cell,
-    Measured,
+    MeasuredTurns,
     PhaseMap,
     class_means,
     less_class_means,
@@ -77,7 +77,7 @@ class LocatedGap:
     Attributes
     ----------
     comparison : Comparison
-    measured : Measured
+    measured : MeasuredTurns
     bank : Bank
         Simulated recordings.
     simulated : ndarray, shape (n_bank, n_cells)
@@ -97,7 +97,7 @@ class LocatedGap:
     """
 
     comparison: Comparison
-    measured: Measured = field(repr=False)
+    measured: MeasuredTurns = field(repr=False)
     bank: Bank = field(repr=False)
     simulated: Float = field(repr=False)
     alpha: float
@@ -170,7 +170,7 @@ class LocatedGap:
 
 def locate(
     comparison: Comparison,
-    measured: Measured,
+    measured: MeasuredTurns,
     *,
     alpha: float = 0.05,
     n_permutations: int = 999,
@@ -192,7 +192,7 @@ def locate(
     comparison : Comparison
         With ``one_assembly=True`` the recordings count as fewer: by how many, 128 more simulated recordings
         tell, four of each assembly.
-    measured : Measured
+    measured : MeasuredTurns
         At least two recordings, of :meth:`Comparison.measured`. Where counts are known, the simulated
         recordings have the same ones, and the mean of each count is taken out.
     alpha : float, default=0.05

@@ -1,11 +1,10 @@
-"""Alternatives to the corrected model: other simulators, and black boxes."""
+"""Alternatives to the gap's corrected model: the model with retuned contacts, and black boxes behind it."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
 import warnings
-from collections.abc import Callable, Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -16,12 +15,18 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from cyclofeat.gap.comparison import Comparison
+from cyclofeat.gap.proof.prove import Counts, simulate_alternative
 from cyclofeat.gap.simulations import Bank
-from cyclofeat.gap.summaries import Measured, class_means, less_class_means, per_recording, smallest_spreads
+from cyclofeat.gap.summaries import (
+    MeasuredTurns,
+    class_means,
+    less_class_means,
+    per_recording,
+    smallest_spreads,
+)
 from cyclofeat.simulators import Rig, Scale, SimulationFailed
 
 Float = NDArray[np.float64]
-Counts = Sequence[int] | None
 
 _SEGMENT_S = 0.25  # length of a segment of the averaged spectra, which resolve the lines of lobes and shaft
 _MOST_GAIN = 2.0  # limit of the gain of the equaliser; power that is still missing is added as noise
@@ -30,31 +35,28 @@ _LOWEST_HZ = 6.0
 _RETUNED_CALLS, _RETUNED_SIMS = 30, 8
 _RETUNED_FROM = ((0.0, 0.0), (np.log(2), 0.0), (0.0, np.log(2)))  # logarithms of both factors
 _RETUNED_WITHIN = ((-4.0, 4.0), (-4.0, 4.0))
-_FEWEST_PER_COUNT = 4
 _POWER_FLOOR = 1e-18  # Nm^2/Hz
 
 
-class Simulated:
-    """Unchanged simulator: the model or another ``rig``; at least 4 recordings of each count."""
+class BlackBox:
+    """Base of the alternatives: the original model, with ``n_bank`` simulated recordings."""
 
-    def __init__(self, n_bank: int, rig: Any = None) -> None:
-        self.n_bank, self.rig = n_bank, rig
+    def __init__(self, n_bank: int) -> None:
+        self.n_bank = n_bank
 
-    def fit(self, comparison: Comparison, measured: Measured) -> Self:
-        """Nothing to fit."""
-        return self
+    def fit(self, comparison: Comparison, measured: MeasuredTurns) -> Self:
+        """Fit to measured recordings."""
+        raise NotImplementedError
 
     def records(self, comparison: Comparison, counts: Counts) -> Bank:
-        """Simulated recordings."""
-        n = max(self.n_bank, _FEWEST_PER_COUNT * len(counts or ()))
-        changed = comparison if self.rig is None else comparison.replace(rig=self.rig)
-        return changed.bank(n, counts)
+        """Return recordings of the fitted alternative."""
+        return simulate_alternative(comparison, counts, self.n_bank)
 
 
-class Retuned(Simulated):
+class Retuned(BlackBox):
     """Model with the stiffness and damping of all contacts fitted, as an engineer would try first."""
 
-    def fit(self, comparison: Comparison, measured: Measured) -> Self:
+    def fit(self, comparison: Comparison, measured: MeasuredTurns) -> Self:
         """Bring the mean summaries of few simulated recordings next to the measured ones.
 
         The recordings have the same random numbers whatever the factors (Nelder and Mead 1965).
@@ -80,8 +82,12 @@ class Retuned(Simulated):
             misfit, np.zeros(2), method="Nelder-Mead", bounds=_RETUNED_WITHIN,
             options={"maxfev": _RETUNED_CALLS, "initial_simplex": _RETUNED_FROM},
         )  # fmt: skip
-        self.rig = _with_contacts(comparison.rig, found.x)
+        self.rig_ = _with_contacts(comparison.rig, found.x)
         return self
+
+    def records(self, comparison: Comparison, counts: Counts) -> Bank:
+        """Return recordings of the model with the fitted contacts."""
+        return simulate_alternative(comparison.replace(rig=self.rig_), counts, self.n_bank)
 
 
 def _with_contacts(rig: Rig, logarithms: Float) -> Rig:
@@ -90,10 +96,10 @@ def _with_contacts(rig: Rig, logarithms: Float) -> Rig:
     return rig.with_added(Scale("contact_stiffness", stiffness), Scale("contact_damping", damping))
 
 
-class _Filtered(Simulated):
+class FilteredModel(BlackBox):
     """Black box that changes the records of the model."""
 
-    def fit(self, comparison: Comparison, measured: Measured) -> Self:
+    def fit(self, comparison: Comparison, measured: MeasuredTurns) -> Self:
         """Fit to the difference between averaged spectra and means, count by count where counts are known."""
         self.sampling_rate_ = comparison.sampling_rate
         self.by_count_ = measured.counts is not None
@@ -137,7 +143,7 @@ class _Filtered(Simulated):
         raise NotImplementedError
 
 
-class Equaliser(_Filtered):
+class Equaliser(FilteredModel):
     """FIR equaliser with shaped noise and an offset behind the model, the same for every count.
 
     |H|^2 is the ratio of the measured to the simulated averaged density, as the geometric mean over counts.
@@ -168,7 +174,7 @@ class Equaliser(_Filtered):
         return np.asarray(mean + self.offset_ + ripple + noise)
 
 
-class GaussianProcessGap(_Filtered):
+class GaussianProcessGap(FilteredModel):
     """Gaussian process of the spectrum's error, over log frequency and count, behind the model.
 
     This is the discrepancy model of Kennedy and O'Hagan (2001) for the level of the density in sixths of an
@@ -216,8 +222,7 @@ class GaussianProcessGap(_Filtered):
         return np.asarray(mean + offset + ripple)
 
 
-BASELINES: dict[str, Callable[[int], Simulated]] = {
-    "nothing": Simulated,
+BLACK_BOXES: dict[str, type[BlackBox]] = {
     "retuned": Retuned,
     "equaliser": Equaliser,
     "gaussian_process": GaussianProcessGap,

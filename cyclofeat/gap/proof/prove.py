@@ -1,20 +1,32 @@
-"""Reduction of the gap by each alternative on held-out recordings, from summaries alone."""
+"""Comparison of the corrected model with the original one on recordings held out."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.gap._measured import Condition
-from cyclofeat.gap.proof import _distance as distance
-from cyclofeat.gap.proof._distance import Part, Sample
+from cyclofeat.gap._measured import Condition, MeasuredRig
+from cyclofeat.gap._settings import GapSettings
+from cyclofeat.gap.comparison import Comparison
+from cyclofeat.gap.proof import distance
+from cyclofeat.gap.proof.distance import Part, Sample
+from cyclofeat.gap.simulations import Bank
+from cyclofeat.gap.summaries import MeasuredTurns, per_recording
+from cyclofeat.gap.world import World
+from cyclofeat.simulators import Rig
 
 Float = NDArray[np.float64]
+Counts = Sequence[int] | None
+# A rig to simulate, or a function that returns recordings of these counts (of any, where None).
+Alternative = Rig | Callable[[Comparison, Counts], Bank]
 
+_FEWEST_PER_COUNT = 4
 BEFORE, AFTER, FLOOR, OVERALL = "nothing", "after", "floor", "overall"
 
 _FEWEST = 4  # recordings below which their spread is too uncertain
@@ -61,9 +73,6 @@ class ProofRow:
         Interval of 90 %, by bootstrap over recordings.
     undefined : str
         Why the ratio is undefined; empty where it is not.
-    beaten : float
-        Share of bootstrap draws in which the corrected model is nearer to the recordings, ties counting half;
-        NaN for the corrected model itself.
     """
 
     alternative: str
@@ -72,7 +81,6 @@ class ProofRow:
     low: float
     high: float
     undefined: str = ""
-    beaten: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -110,6 +118,144 @@ class Proof:
         return plain
 
 
+def prove_all(
+    fitted: MeasuredRig,
+    held_out: MeasuredRig,
+    corrected: Rig,
+    world: World,
+    settings: GapSettings,
+    *,
+    others: Callable[[Comparison, MeasuredTurns | None], Mapping[str, Alternative]] | None = None,
+) -> tuple[Proof, ...]:
+    """Judge the corrected model at each condition held out.
+
+    Parameters
+    ----------
+    fitted, held_out : MeasuredRig
+    corrected : Rig
+        At any speed and load.
+    world : World
+        With the original model.
+    settings : GapSettings
+        ``n_report`` and those of the simulations are used.
+    others : callable, optional
+        Returns further alternatives at a condition, given its comparison and the recordings fitted there
+        (None without any).
+    """
+    fitted, held_out = fitted.known_as(held_out), held_out.known_as(fitted)
+    proofs = []
+    for condition in held_out.conditions:
+        comparison = held_out.comparison(condition, world, settings)
+        turns, of_fit = held_out.turns(comparison), None
+        if condition in fitted.conditions:
+            of_fit = fitted.turns(comparison)
+        proofs.append(
+            prove(
+                comparison, condition.set_on(corrected), turns,
+                fitted_counts=(of_fit or turns).counts, n_simulated=settings.n_report,
+                others=None if others is None else others(comparison, of_fit),
+            )
+        )  # fmt: skip
+    return tuple(proofs)
+
+
+def prove(
+    comparison: Comparison,
+    corrected: Rig,
+    held_out: MeasuredTurns,
+    *,
+    fitted_counts: NDArray[np.int64] | None = None,
+    n_simulated: int = 64,
+    others: Mapping[str, Alternative] | None = None,
+) -> Proof:
+    """Compare a corrected model and the original one with recordings held out.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        With the original model.
+    corrected : Rig
+    held_out : MeasuredTurns
+        Recordings that nothing was fitted to.
+    fitted_counts : ndarray of int, optional
+        Counts of the recordings that the correction was fitted to. Recordings of other counts are judged
+        separately. Default: all are judged together.
+    n_simulated : int, default=64
+        Simulated recordings of each alternative, all with the same random numbers; at least 4 of each count.
+    others : mapping from str to Rig or callable, optional
+        Further alternatives by name: ``"oracle"`` for the truth.
+
+    Raises
+    ------
+    ValueError
+        If all simulations of one count fail.
+
+    Notes
+    -----
+    Each recording is described by numbers in five families: log-spectrum (slow part, third octaves, floor),
+    orders (speed, lines of lobes and of the shaft), synchronous averages, amplitudes (mean, level,
+    Wasserstein distance of the standardised torque) and features. In each family
+
+    D_f^2 = sum_k w_k (a_0k^2 + a_1k^2) / s_k^2
+
+    over cells k. a_0 and a_1 are the constant and the linear part, over the counts, of the difference between
+    measured recordings and the simulated mean of their count. w_k gives all parts of a family equal weight.
+    s_k is the spread of measured recordings of one count. D is the mean over families, and
+
+    GRR = 1 - (D_after - D_floor) / (D_before - D_floor),
+
+    where D_floor is the distance between two halves of the measured recordings, scaled to the numbers of
+    recordings compared (:func:`cyclofeat.gap.proof.distance.floors` has the formula, also for counts with one
+    recording each). The ratio is undefined if D_before - D_floor is less than two standard errors, or with
+    fewer than 4 recordings. Errors and intervals come from random half-samples of the recordings of each
+    count (of each condition, for counts with fewer than 3 recordings), the same for all alternatives.
+
+    In tests with artificial summaries of 4 to 24 recordings, intervals of nominally 90 % contained the ratio
+    in 77 to 97 % of the cases. Of cases without a gap, 0 to 4 % got a ratio; with simulated recordings 3 to
+    8 %, and 20 % with 6 recordings of two counts and a bank of 5 each.
+
+    Examples
+    --------
+    >>> from cyclofeat.simulators import BrakeRotor, Hum, Noise
+    >>> rig = Rig(effects=[BrakeRotor(0.02, 1e4, 0.02), Noise(0.05)], name="R1")
+    >>> truth = rig.with_added(Hum(1.0))
+    >>> comparison = Comparison(sampling_rate=6400.0, rig=rig)
+    >>> bank = comparison.replace(rig=truth).bank(6, [0, 3], random_state=8)
+    >>> held_out = comparison.measured(bank.X, bank.counts)
+    >>> prove(comparison, truth, held_out, n_simulated=12).result.grr > 0.7
+    True
+    """
+    state = comparison.random_state
+    # Other random numbers than in the fit: an alternative must not profit from single simulations.
+    comparison = comparison.replace(random_state=state + 1)
+    values, parts = distance.proof_cells(held_out.windows, held_out.conditions, held_out.speeds)
+    wanted = None if held_out.counts is None else np.unique(held_out.counts).tolist()
+    alternatives: dict[str, Alternative] = {AFTER: corrected, BEFORE: comparison.rig} | dict(others or {})
+    simulated: dict[str, Sample] = {}
+    for name, alternative in alternatives.items():
+        if isinstance(alternative, Rig):
+            bank = simulate_alternative(comparison.replace(rig=alternative), wanted, n_simulated)
+        else:
+            bank = alternative(comparison, wanted)
+        missing = [] if wanted is None else sorted(set(wanted) - set(bank.counts.tolist()))
+        if missing:
+            raise ValueError(
+                f"n_report must be larger: all simulations of {name!r} with {missing[0]} worn lobes failed"
+            )
+        speeds = None if held_out.speeds is None else bank.speeds
+        counts = 0 * bank.counts if held_out.counts is None else bank.counts
+        simulated[name] = Sample(distance.proof_cells(bank.X, held_out.conditions, speeds)[0], counts)
+    rows = Sample(per_recording(values, held_out.of_window), held_out.counts_or_zeros)
+    seen = None if fitted_counts is None else np.isin(rows.counts, fitted_counts)
+    proof = score_alternatives(rows, simulated, parts, seen, random_state=state)
+    return dataclasses.replace(proof, condition=Condition.of(comparison))
+
+
+def simulate_alternative(comparison: Comparison, counts: Counts, n: int) -> Bank:
+    """Simulate n recordings, at least 4 of each count."""
+    return comparison.bank(max(n, _FEWEST_PER_COUNT * len(counts or ())), counts)
+
+
 def score_alternatives(
     measured: Sample,
     alternatives: dict[str, Sample],
@@ -119,7 +265,7 @@ def score_alternatives(
     n_draws: int = 400,
     random_state: int = 0,
 ) -> Proof:
-    """Distances, gap reduction and paired comparison of alternatives, from summaries.
+    """Return distances and gap reduction of alternatives, from summaries.
 
     Parameters
     ----------
@@ -176,14 +322,11 @@ def score_alternatives(
             floor_draws = distance.centred(moved, floor)
             reason = _no_gap(estimates[BEFORE], floor, float(np.std(draws[BEFORE] - floor_draws)))
         for name in alternatives:
-            ratio, low, high, beaten = (math.nan,) * 4
+            ratio, low, high = (math.nan,) * 3
             if not reason:
                 ratio = float(distance.gap_reduction(estimates[BEFORE], estimates[name], floor))
                 low, high = _interval(draws[BEFORE], draws[name], floor_draws)
-            if name != AFTER:
-                equal = draws[AFTER] == draws[name]
-                beaten = float(np.mean((draws[AFTER] < draws[name]) + 0.5 * equal))
-            rows.append(ProofRow(name, condition, ratio, low, high, reason, beaten))
+            rows.append(ProofRow(name, condition, ratio, low, high, reason))
     return Proof(tuple(rows), tuple(of_families), len(counts))
 
 

@@ -72,7 +72,7 @@ class Deviations:
     n_free: int
 
 
-def describe(
+def proof_cells(
     X: NDArray[Any], conditions: Conditions, speeds: Float | None = None
 ) -> tuple[Float, list[Part]]:
     """Return the numbers of each window for the distances, (n_windows, n_cells), and the part of each cell.
