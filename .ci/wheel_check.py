@@ -121,9 +121,9 @@ def check_gap() -> None:
     """A missing effect is named, and a loop shaped: both take much of numpy and scipy."""
     import numpy as np
 
-    from cyclofeat.gap import loop_shape
-    from cyclofeat.gap.posterior import load_posterior
-    from cyclofeat.gap.world import Session
+    from cyclofeat.gap import load_posterior
+    from cyclofeat.gap.loops.parts import loop_shape
+    from cyclofeat.gap.world.rigs import Session
     from cyclofeat.simulators import Hum, Noise, Rig
 
     rig = Rig(effects=[Hum(1.0), Noise(0.05)])

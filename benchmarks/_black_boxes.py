@@ -14,16 +14,11 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-from cyclofeat.gap.comparison import Comparison
+from cyclofeat.gap import Comparison
 from cyclofeat.gap.proof.prove import Counts, simulate_alternative
 from cyclofeat.gap.simulations import Bank
-from cyclofeat.gap.summaries import (
-    MeasuredTurns,
-    class_means,
-    less_class_means,
-    per_recording,
-    smallest_spreads,
-)
+from cyclofeat.gap.summaries.summarise import smallest_spreads
+from cyclofeat.gap.summaries.turns import MeasuredTurns, class_means, less_class_means, per_recording
 from cyclofeat.simulators import Rig, Scale, SimulationFailed
 
 Float = NDArray[np.float64]

@@ -20,10 +20,12 @@ from joblib import Parallel, delayed
 from benchmarks._markdown import line, table
 from cyclofeat.counting import make_lobe_counter
 from cyclofeat.datasets import make_rig_recordings
-from cyclofeat.gap import Bank, Comparison, MeasuredRig
-from cyclofeat.gap.confirm import confirm, draw_effects
-from cyclofeat.gap.posterior import EffectPosterior, load_posterior, named_effects
-from cyclofeat.gap.world import FLOOR
+from cyclofeat.gap import Comparison, EffectPosterior, load_posterior
+from cyclofeat.gap.confirm.confirm import confirm, draw_effects
+from cyclofeat.gap.measured import MeasuredRig
+from cyclofeat.gap.posterior.answers import named_effects
+from cyclofeat.gap.simulations import Bank
+from cyclofeat.gap.world.prior import FLOOR
 from cyclofeat.simulators import Effect, Rig
 
 COUNTS, TRAINED, JUDGED = range(8), 16, 128  # recordings of each count, and of all

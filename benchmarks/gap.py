@@ -41,9 +41,8 @@ from benchmarks.hidden_effects._table import (
     share_right,
 )
 from cyclofeat._base.files import write_whole
-from cyclofeat.gap import GapSettings
-from cyclofeat.gap.posterior import EffectPosterior, load_posterior
-from cyclofeat.gap.world import Session, World, prepare_world
+from cyclofeat.gap import EffectPosterior, GapSettings, World, load_posterior, prepare_world
+from cyclofeat.gap.world.rigs import Session
 
 PAGE = Path(__file__).with_name("gap.md")
 # Shares of the sets that the whole workflow is run on.

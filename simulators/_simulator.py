@@ -34,7 +34,7 @@ class Simulator(ABC):
     -----
     Files hold the name of the class and its fields: it must be defined before they are read, and two modules
     cannot both define one of that name. Where results
-    are kept (``cache``, :func:`cyclofeat.gap.world.prepare_world`), these identify the simulator: take
+    are kept (``cache``, :func:`cyclofeat.gap.prepare_world`), these identify the simulator: take
     another folder after a change of its code.
 
     Examples

@@ -13,7 +13,8 @@ import numba
 import pytest
 
 from cyclofeat.datasets import make_rig_recordings
-from cyclofeat.gap import Comparison, LocatedGap, locate
+from cyclofeat.gap import Comparison
+from cyclofeat.gap.where.locate import LocatedGap, locate
 from cyclofeat.simulators import BrakeRotor, CycloidalGearbox, Hum, Noise, Rig, simulate, simulate_many
 
 sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are no part of the package

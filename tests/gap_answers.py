@@ -8,22 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from cyclofeat.gap import (
-    Band,
-    Condition,
-    DistanceRow,
-    FoundEffect,
-    NextMeasurement,
-    Overlay,
-    Proof,
-    ProofRow,
-    Remainder,
-    RemainderRow,
-    Size,
-    VisibleFrom,
-    where_of,
-)
-from cyclofeat.gap._result import GapResult
+from cyclofeat.gap import Condition, GapResult
+from cyclofeat.gap.overlays import Band, Overlay
+from cyclofeat.gap.proof.prove import DistanceRow, Proof, ProofRow
+from cyclofeat.gap.result import FoundEffect, NextMeasurement, Remainder, RemainderRow, Size, VisibleFrom
+from cyclofeat.gap.where.conditions import where_of
 from cyclofeat.simulators import Gain, Hum, PinErrors, Rig
 
 FIRST, SECOND = Condition(500.0, 22.0), Condition(400.0, 12.0, -1)

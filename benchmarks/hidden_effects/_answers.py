@@ -12,7 +12,7 @@ from typing import Any
 
 from benchmarks.hidden_effects._sets import Definition, definitions, tie_groups
 from benchmarks.hidden_effects._visible import SIGMA, visible
-from cyclofeat.gap.posterior import UNSEEN
+from cyclofeat.gap.posterior.answers import UNSEEN
 
 FORMAT = "cyclofeat gap 2"
 PRESENT, ABSENT, UNRESOLVED = "present", "absent", "unresolved"

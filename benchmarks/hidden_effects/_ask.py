@@ -17,12 +17,13 @@ from benchmarks.hidden_effects._folders import read_set
 from benchmarks.hidden_effects._machine import SAMPLING_RATE
 from benchmarks.hidden_effects._sets import definitions
 from benchmarks.hidden_effects._visible import effects_of
-from cyclofeat.gap import Comparison, Condition, GapSettings, MeasuredRig, find_gap
-from cyclofeat.gap.posterior import EffectPosterior, answer_of
+from cyclofeat.gap import Comparison, Condition, EffectPosterior, GapSettings, find_gap
+from cyclofeat.gap.measured import MeasuredRig
+from cyclofeat.gap.posterior.answers import answer_of
 from cyclofeat.gap.proof.prove import Alternative, prove_all
 from cyclofeat.gap.simulations import Memory
-from cyclofeat.gap.summaries import MeasuredTurns
-from cyclofeat.gap.world import Session
+from cyclofeat.gap.summaries.turns import MeasuredTurns
+from cyclofeat.gap.world.rigs import Session
 from cyclofeat.simulators import Rig
 
 _CODE = ("gap/world", "gap/summaries")

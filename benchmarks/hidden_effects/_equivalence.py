@@ -14,11 +14,14 @@ from benchmarks.hidden_effects._folders import n_samples
 from benchmarks.hidden_effects._machine import SAMPLING_RATE, Machine, run
 from benchmarks.hidden_effects._sets import FIT, SEED, STANDARD, Planned
 from benchmarks.hidden_effects._visible import simulated_cells
-from cyclofeat.gap import Comparison, locate
+from cyclofeat.gap import Comparison
 from cyclofeat.gap.simulations import MAY_DIFFER
-from cyclofeat.gap.summaries import Conditions, class_means, less_class_means
-from cyclofeat.gap.where import family_p
-from cyclofeat.gap.world import FLOOR, recording_cells
+from cyclofeat.gap.summaries.summarise import Conditions
+from cyclofeat.gap.summaries.turns import class_means, less_class_means
+from cyclofeat.gap.where.locate import locate
+from cyclofeat.gap.where.permutation import family_p
+from cyclofeat.gap.world.cells import recording_cells
+from cyclofeat.gap.world.prior import FLOOR
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Solver, simulate
 
 Float = NDArray[np.float64]

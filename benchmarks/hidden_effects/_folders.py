@@ -19,8 +19,8 @@ from benchmarks.hidden_effects._effects import Hidden, Run, nuisance_and_seed, o
 from benchmarks.hidden_effects._machine import SAMPLING_RATE
 from benchmarks.hidden_effects._sets import FIT, HOLD, SEED, Definition, Planned, definitions
 from cyclofeat.datasets import read_folder
-from cyclofeat.gap.summaries import Conditions
-from cyclofeat.gap.world import turn_samples
+from cyclofeat.gap.summaries.summarise import Conditions
+from cyclofeat.gap.world.cells import turn_samples
 from cyclofeat.recordings import Recording
 
 _COLUMNS = ("file", "sampling_rate", "defect_count", "run", "assembly", "speed", "load", "source")

@@ -12,7 +12,7 @@ from benchmarks._black_boxes import BLACK_BOXES
 from benchmarks._markdown import table, wilson
 from benchmarks.hidden_effects._answers import UNRESOLVED, Answer, grouped
 from benchmarks.hidden_effects._sets import KINDS, STANDARD, definitions, effect_names
-from cyclofeat.gap.posterior import calibration_error
+from cyclofeat.gap.posterior.score import calibration_error
 
 _CONFIDENT = 0.9
 _FEWEST = 10  # intervals of one parameter from which its coverage is stated

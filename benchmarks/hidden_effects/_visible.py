@@ -23,9 +23,17 @@ from sklearn.model_selection import GroupKFold, cross_val_predict
 from benchmarks.hidden_effects._folders import n_samples
 from benchmarks.hidden_effects._machine import SAMPLING_RATE
 from benchmarks.hidden_effects._sets import FIT, HERE, Definition, Planned, definitions, set_names
-from cyclofeat.gap.simulations import KERNEL, MAY_DIFFER, NO_SUCH_RIG, SPARE, Population, with_may_differ
-from cyclofeat.gap.summaries import Conditions
-from cyclofeat.gap.world import FLOOR, recording_cells
+from cyclofeat.gap.simulations import (
+    KERNEL,
+    MAY_DIFFER,
+    NO_SUCH_RIG,
+    SPARE,
+    Population,
+    with_may_differ,
+)
+from cyclofeat.gap.summaries.summarise import Conditions
+from cyclofeat.gap.world.cells import recording_cells
+from cyclofeat.gap.world.prior import FLOOR
 from cyclofeat.simulators import Effect, Rig, known_effects
 from cyclofeat.simulators.machine import MachineRun
 from cyclofeat.simulators.sampling import sample_runs

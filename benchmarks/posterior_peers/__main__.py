@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 from sklearn.ensemble import ExtraTreesClassifier, ExtraTreesRegressor
 
 from benchmarks._markdown import table
-from cyclofeat.gap.posterior import EffectPosterior, calibration_error, gain_and_offset, load_posterior
-from cyclofeat.gap.world import Rigs, Session, World, prepare_world
+from cyclofeat.gap import EffectPosterior, World, load_posterior, prepare_world
+from cyclofeat.gap.posterior.calibration import gain_and_offset
+from cyclofeat.gap.posterior.score import calibration_error
+from cyclofeat.gap.world.rigs import Rigs, Session
 
 Float = NDArray[np.float64]
 

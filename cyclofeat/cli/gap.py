@@ -31,18 +31,10 @@ from cyclofeat.cli._rigs import add_effects
 from cyclofeat.plotting.gap_words import VERDICTS, cell_name, effect_name, mean_difference_words, p_words
 
 if TYPE_CHECKING:
-    from cyclofeat.gap import (
-        CheckedEffect,
-        Condition,
-        FoundEffect,
-        GapCheck,
-        GapResult,
-        GapSettings,
-        Proof,
-        Remainder,
-    )
-    from cyclofeat.gap.posterior import EffectPosterior
-    from cyclofeat.gap.world import World
+    from cyclofeat.gap import Condition, EffectPosterior, GapCheck, GapResult, GapSettings, World
+    from cyclofeat.gap.check import CheckedEffect
+    from cyclofeat.gap.proof.prove import Proof
+    from cyclofeat.gap.result import FoundEffect, Remainder
     from cyclofeat.recordings import Recording
     from cyclofeat.simulators import Rig
 
@@ -197,8 +189,7 @@ def prepare(arguments: argparse.Namespace) -> Prepared:
     missing = [name for name in _TRAINED_BY if importlib.util.find_spec(name) is None]
     if missing:
         raise ImportError(f"--prepare needs {' and '.join(missing)}: pip install {' '.join(missing)}")
-    from cyclofeat.gap.posterior import EffectPosterior
-    from cyclofeat.gap.world import prepare_world
+    from cyclofeat.gap import EffectPosterior, prepare_world
     from cyclofeat.simulators import Rig
 
     model = Rig() if arguments.simulator is None else Rig.from_json(arguments.simulator)
@@ -223,7 +214,7 @@ def prepare(arguments: argparse.Namespace) -> Prepared:
 
 def read_posterior(named: str | None) -> EffectPosterior:
     """Return the posterior of a file, or the one that comes with the package."""
-    from cyclofeat.gap.posterior import load_posterior
+    from cyclofeat.gap import load_posterior
 
     try:
         return load_posterior() if named in (None, PACKAGED) else load_posterior(named)
@@ -235,8 +226,8 @@ def read_posterior(named: str | None) -> EffectPosterior:
 
 def world_of(arguments: argparse.Namespace, model: Rig) -> World:
     """Return the world of the model, around the conditions of the recordings where there are some."""
-    from cyclofeat.gap import MeasuredRig
-    from cyclofeat.gap.world import World
+    from cyclofeat.gap import World
+    from cyclofeat.gap.measured import MeasuredRig
 
     quantity = arguments.quantity or World.quantity
     world = World(rig=model, quantity=quantity, random_state=arguments.seed)

@@ -1,95 +1,51 @@
 """Find where model and measurement disagree, name and size missing effects, and correct the model.
 
 =================  =========================================================================================
-room               question
+module             question
 =================  =========================================================================================
-``where``          Where do measured and simulated torque disagree? (:func:`locate`)
-``posterior``      Which effects are missing, all at once? (:class:`~cyclofeat.gap.posterior.EffectPosterior`)
-``world``          Which rigs could it be? (random rigs, from which the posterior learns)
-``confirm``        Would a rig with these effects have given these recordings? How large are they?
-``proof``          How far did the gap shrink on recordings held out? (:func:`prove`)
-``comparison``     Which model, which conditions? (:class:`Comparison`)
+``comparison``     Which model, which conditions, which settings? (:class:`Comparison`, :class:`GapSettings`)
+``measured``       Which recordings, at which speeds and loads? (``MeasuredRig``, :class:`Condition`)
 ``simulations``    What would the model alone have given? (:meth:`Comparison.bank`)
-``summaries``      Which numbers of a recording are compared? (:func:`summarise`)
-``_workflow``      All of it in turn (:func:`find_gap`)
+``summaries``      Which numbers of a recording are compared?
+``where``          Where do measured and simulated torque disagree?
+``world``          Which rigs could it be? (:class:`World`, :func:`prepare_world`)
+``posterior``      Which effects are missing, all at once? (:class:`EffectPosterior`)
+``confirm``        Would a rig with these effects have given these recordings? How large are they?
+``proof``          How far did the gap shrink on recordings held out?
+``check``          What could recordings reveal? (:func:`check_recordings`)
 =================  =========================================================================================
 
-:func:`find_gap` names everything that is missing at once, from recordings at one condition or several, and
-returns a :class:`GapResult`. :func:`find_published_gap` asks the same questions of published statistics,
+:func:`find_gap` asks all of them, of recordings at one condition or several, and returns a
+:class:`GapResult`. :func:`find_published_gap` asks the same questions of published statistics,
 :func:`find_loop_gap` of torque-deflection loops with the output held.
 """
 
-from cyclofeat.gap._compare import compare_recordings
-from cyclofeat.gap._hold_out import hold_out
-from cyclofeat.gap._measured import Condition, MeasuredRig
-from cyclofeat.gap._overlays import Band, Overlay, overlays
-from cyclofeat.gap._result import (
-    FoundEffect,
-    GapResult,
-    NextMeasurement,
-    Remainder,
-    RemainderRow,
-    Size,
-    VisibleFrom,
-)
-from cyclofeat.gap._settings import GapSettings
-from cyclofeat.gap._where import Where, WhereRow, where_of
-from cyclofeat.gap._workflow import find_gap
-from cyclofeat.gap.check import CheckedEffect, GapCheck, check_recordings
-from cyclofeat.gap.comparison import MAY_DIFFER, Comparison
-from cyclofeat.gap.loops import LoopGap, LoopModel, LoopSmoother, find_loop_gap, loop_shape
-from cyclofeat.gap.proof.prove import DistanceRow, Proof, ProofRow, prove
-from cyclofeat.gap.published import PublishedGap, PublishedSettings, find_published_gap
-from cyclofeat.gap.simulations import Bank, Population
-from cyclofeat.gap.summaries import Cell, Conditions, MeasuredTurns, PhaseMap, summarise
-from cyclofeat.gap.where import LocatedGap, Row, locate, locate_all
+from cyclofeat.gap._workflow import compare_recordings, find_gap, hold_out
+from cyclofeat.gap.check import GapCheck, check_recordings
+from cyclofeat.gap.comparison import Comparison, GapSettings
+from cyclofeat.gap.loops.loop_gap import LoopModel, find_loop_gap
+from cyclofeat.gap.measured import Condition
+from cyclofeat.gap.posterior.effect_posterior import EffectPosterior, load_posterior
+from cyclofeat.gap.published.published_gap import find_published_gap
+from cyclofeat.gap.result import GapResult
+from cyclofeat.gap.world.prepare import prepare_world
+from cyclofeat.gap.world.world import World
 
 __all__ = [
-    "MAY_DIFFER",
-    "Band",
-    "Bank",
-    "Cell",
-    "CheckedEffect",
     "Comparison",
     "Condition",
-    "Conditions",
-    "DistanceRow",
-    "FoundEffect",
+    "EffectPosterior",
     "GapCheck",
     "GapResult",
     "GapSettings",
-    "LocatedGap",
-    "LoopGap",
     "LoopModel",
-    "LoopSmoother",
-    "MeasuredRig",
-    "MeasuredTurns",
-    "NextMeasurement",
-    "Overlay",
-    "PhaseMap",
-    "Population",
-    "Proof",
-    "ProofRow",
-    "PublishedGap",
-    "PublishedSettings",
-    "Remainder",
-    "RemainderRow",
-    "Row",
-    "Size",
-    "VisibleFrom",
-    "Where",
-    "WhereRow",
+    "World",
     "check_recordings",
     "compare_recordings",
     "find_gap",
     "find_loop_gap",
     "find_published_gap",
     "hold_out",
-    "locate",
-    "locate_all",
-    "loop_shape",
-    "overlays",
-    "prove",
-    "summarise",
-    "where_of",
+    "load_posterior",
+    "prepare_world",
 ]

@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
-from cyclofeat.gap._measured import Condition, MeasuredRig
-from cyclofeat.gap._overlays import Overlay, overlays
-from cyclofeat.gap._result import FoundEffect, GapResult, Remainder, RemainderRow, Size, VisibleFrom
-from cyclofeat.gap._settings import GapSettings
-from cyclofeat.gap._where import where_of
-from cyclofeat.gap.confirm import Confirmed, confirm, draw_effects, simulate_possible
-from cyclofeat.gap.posterior import (
-    ABSENT,
-    EffectPosterior,
-    answer_of,
-    load_posterior,
-    named_effects,
-)
+from cyclofeat._base.arguments import ArgumentError
+from cyclofeat._base.checks import is_number
+from cyclofeat.gap.comparison import GapSettings
+from cyclofeat.gap.confirm.confirm import Confirmed, confirm, draw_effects
+from cyclofeat.gap.confirm.next_measurement import simulate_possible
+from cyclofeat.gap.measured import SAME_LOAD, SAME_SPEED, Condition, MeasuredRig, set_points
+from cyclofeat.gap.overlays import Overlay, overlays
+from cyclofeat.gap.posterior.answers import ABSENT, answer_of, named_effects
+from cyclofeat.gap.posterior.effect_posterior import EffectPosterior, load_posterior
 from cyclofeat.gap.proof.prove import Proof, prove_all
-from cyclofeat.gap.where import LocatedGap, locate_all
-from cyclofeat.gap.world import Session, World
+from cyclofeat.gap.result import FoundEffect, GapResult, Remainder, RemainderRow, Size, VisibleFrom
+from cyclofeat.gap.where.conditions import locate_all, where_of
+from cyclofeat.gap.where.locate import LocatedGap
+from cyclofeat.gap.world.rigs import Session
+from cyclofeat.gap.world.world import World
 from cyclofeat.recordings import Recording
+from cyclofeat.recordings.recording import common_n_lobes
 from cyclofeat.simulators import Effect, Rig
 from cyclofeat.simulators.effects.library import look_alikes
 
@@ -49,7 +50,7 @@ def find_gap(
         Other recordings of the rig, at these conditions or others, on which the corrected model is judged.
     posterior : EffectPosterior, optional
         Learned from simulated rigs of the model. Default: that of paper B's gearbox
-        (:func:`cyclofeat.gap.posterior.load_posterior`).
+        (:func:`load_posterior`).
     settings : GapSettings, optional
     progress : callable, optional
         Called with the name of each step.
@@ -61,16 +62,14 @@ def find_gap(
 
     Notes
     -----
-    1. Where: recordings and model are compared at each condition (:func:`cyclofeat.gap.locate`).
+    1. Where: recordings and model are compared at each condition.
     2. What: the posterior states the probability of each effect.
     3. What is possible: rigs drawn from this posterior are simulated, with further recordings, which tells
        what to measure next.
-    4. How large: sessions with the effects that are more probable than not (of look-alikes, that share their
-       probability, the most probable one) are simulated, their sizes fitted,
-       and what they leave unexplained is stated (:func:`cyclofeat.gap.confirm.confirm`). If something is
-       left, the sizes stay those of the posterior; open effects may explain it, or no effect does.
-    5. How sure: sets of effects with sizes are drawn from all that the recordings leave possible
-       (:func:`cyclofeat.gap.confirm.draw_effects`), to train on.
+    4. How large: sessions with the effects that are more probable than not (of look-alikes that share their
+       probability, the most probable one) are simulated and their sizes fitted. If chance does not explain
+       what they leave, the sizes stay those of the posterior; open effects may explain it, or no effect does.
+    5. How sure: sets of effects with sizes are drawn from all that the recordings leave possible.
     6. How much better: the corrected model is judged on recordings held out.
     """
     began = time.monotonic()
@@ -189,3 +188,194 @@ def _overlays(located: Sequence[LocatedGap], corrected: Rig, settings: GapSettin
         bank = after.bank_like(one.measured)
         found += overlays(one.comparison, one.measured.windows, one.bank.X, bank.X)
     return tuple(found)
+
+
+_FEW_SIMULATED = 40  # below it "disagree" is said too often where nothing differs
+
+
+def compare_recordings(
+    measured: Sequence[Recording], simulated: Sequence[Recording], *, settings: GapSettings | None = None
+) -> GapResult:
+    """Find where measured recordings differ from those of any simulator.
+
+    Nothing is named, as the simulator is not known. Conditions, counts and tachometers are used as far as
+    both sets state them.
+
+    Parameters
+    ----------
+    measured, simulated : sequence of Recording
+    settings : GapSettings, optional
+        ``alpha``, ``n_permutations``, ``pictures`` and ``random_state`` are used.
+
+    Returns
+    -------
+    GapResult
+        Without effects.
+
+    Raises
+    ------
+    ValueError
+        If the two sets have no condition in common at which each has two recordings, or do not fit together.
+
+    Notes
+    -----
+    In 60 comparisons each of 6 recordings without a difference and alpha = 0.05, "disagree" was said of 3 %
+    with 48 simulated recordings or more, of 17 % with 12 to 24 and of 65 % with 6: simulate 40 or more of
+    each condition.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> random, time = np.random.default_rng(0), np.arange(12_000) / 6400
+    >>> def recorded(hum_nm):
+    ...     torque = 22 + hum_nm * np.sin(100 * np.pi * time) + random.normal(0, 0.1, time.size)
+    ...     return Recording(torque, 6400, speed_rpm=500, load_nm=22)
+    >>> measured, simulated = [recorded(0.2) for _ in range(6)], [recorded(0) for _ in range(40)]
+    >>> compare_recordings(measured, simulated, settings=GapSettings(pictures=False)).verdict
+    'disagree'
+    """
+    began = time.monotonic()
+    settings = GapSettings() if settings is None else settings
+    given = [*measured, *simulated]
+    gearbox = Rig().gearbox.replace(n_pins=common_n_lobes(given) + 1)
+    rig = Rig(gearbox)
+    both = MeasuredRig.of(given, rig)
+    numbers = range(len(given))
+    parts = both.part(numbers[: len(measured)]), both.part(numbers[len(measured) :])
+    located = locate_all(parts[0], World(rig=rig), settings, simulated=parts[1])
+    pictures = settings.pictures
+    return GapResult(
+        where=tuple(where_of(one, pictures=pictures) for one in located),
+        rig=rig,
+        quantity=both.quantity,
+        overlays=tuple(
+            overlay
+            for one in located
+            if pictures
+            for overlay in overlays(one.comparison, one.measured.windows, one.bank.X)
+        ),
+        warnings=(*both.warnings, *parts[0].doubts, *_limits(*parts, located)),
+        seconds=time.monotonic() - began,
+    )
+
+
+def _limits(measured: MeasuredRig, simulated: MeasuredRig, located: Sequence[LocatedGap]) -> Iterator[str]:
+    """Yield a sentence on what these sets of recordings cannot tell."""
+    compared = [Condition.of(one.comparison) for one in located]
+    left_out = [condition.text for condition in measured.conditions if condition not in compared]
+    if left_out:
+        yield f"not compared, as each set needs two recordings there: {'; '.join(left_out)}"
+    fewest = min(len(one.bank.X) for one in located)
+    if fewest < _FEW_SIMULATED:
+        yield (
+            f"{fewest} simulated recordings of a condition: with fewer than {_FEW_SIMULATED} differences "
+            "look surer than they are"
+        )
+    if any(measured.of_one_assembly(condition) for condition in compared):
+        yield (
+            "all recordings of a condition are of one assembly: what is peculiar to it counts as a difference"
+        )
+
+
+_FEWEST = 3  # set-points, so that fitted ones lie on both sides of the one held out
+_SET_POINTS = {"speed": ("speed_rpm", "RPM", SAME_SPEED), "load": ("load_nm", "Nm", SAME_LOAD)}
+
+Parts = tuple[list[Recording], list[Recording]]
+
+
+def hold_out(recordings: Sequence[Recording], by: float | str, *, random_state: int = 0) -> Parts:
+    """Split recordings into those to fit and those to judge on.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    by : float, "speed" or "load"
+        A share between 0 and 1: assemblies are held out as a whole, of every count and condition about this
+        share. ``"speed"`` or ``"load"``: all recordings at the middle one of at least three speeds or loads,
+        so that what is fitted surrounds it.
+    random_state : int, default=0
+        Of a share.
+
+    Returns
+    -------
+    fitted, held_out : list of Recording
+
+    Raises
+    ------
+    ValueError
+        If ``by`` is something else, recordings state no speed or load, or there are too few of them.
+
+    Examples
+    --------
+    >>> recordings = [Recording([22.0, 22.1], 25_600, speed_rpm=speed) for speed in (400, 500, 500, 600)]
+    >>> fitted, held_out = hold_out(recordings, "speed")
+    >>> [recording.speed_rpm for recording in held_out]
+    [500.0, 500.0]
+    """
+    if by in _SET_POINTS:
+        held = _at_the_middle(recordings, str(by))
+    elif is_number(by) and 0 < float(by) < 1:
+        held = _share(recordings, float(by), random_state)
+    else:
+        raise ArgumentError(
+            "{argument} must be a share between 0 and 1, speed or load, got {got}", argument="by", got=by
+        )
+    parts = [[one for i, one in enumerate(recordings) if (i in held) == inside] for inside in (False, True)]
+    return parts[0], parts[1]
+
+
+def _at_the_middle(recordings: Sequence[Recording], by: str) -> set[int]:
+    """Return the recordings at the middle speed or load."""
+    label, unit, share = _SET_POINTS[by]
+    stated = [getattr(recording, label) for recording in recordings]
+    if None in stated:
+        raise ArgumentError(
+            "{argument} {by} needs {label} of every recording, {n} of {total} state none", argument="by",
+            by=by, label=label, n=stated.count(None), total=len(stated),
+        )  # fmt: skip
+    of_recording = set_points(np.abs(stated), share)
+    found = np.unique(of_recording)
+    if found.size < _FEWEST:
+        raise ArgumentError(
+            "{argument} {by} needs recordings at {fewest} {by}s or more, so that fitted ones lie on both "
+            "sides, got {n}: {got} {unit}", argument="by", by=by, fewest=_FEWEST, n=found.size,
+            got=", ".join(f"{value:g}" for value in found), unit=unit,
+        )  # fmt: skip
+    return set(np.flatnonzero(of_recording == found[found.size // 2]).tolist())
+
+
+def _share(recordings: Sequence[Recording], share: float, random_state: int) -> set[int]:
+    """Return a share of the assemblies of every count and condition."""
+    known = all(recording.assembly is not None for recording in recordings)
+    assemblies: dict[Any, list[int]] = {}
+    for i, recording in enumerate(recordings):
+        assemblies.setdefault(recording.assembly if known else i, []).append(i)
+    strata: dict[Any, list[list[int]]] = {}
+    kinds = _kinds(recordings)
+    members = list(assemblies.values())
+    for k in np.random.default_rng(random_state).permutation(len(members)):
+        # Both parts hold the same classes and conditions.
+        stratum = frozenset(kinds[i] for i in members[k])
+        strata.setdefault(stratum, []).append(members[k])
+    order = [assembly for of_one_kind in strata.values() for assembly in of_one_kind]
+    held = {i for k in range(int(share * len(order))) for i in order[int(k / share)]}
+    if not held or len(held) == len(recordings):
+        raise ArgumentError(
+            "{argument} {share} leaves {left} of {n} recordings to fit, of {assemblies} assemblies each held "
+            "out as a whole: more are needed", argument="by", share=f"{share:g}",
+            left=len(recordings) - len(held), n=len(recordings), assemblies=len(assemblies),
+        )  # fmt: skip
+    return held
+
+
+def _kinds(recordings: Sequence[Recording]) -> list[tuple[Any, ...]]:
+    """Return the count and the condition of each recording; without a set-point that not all state."""
+    columns: list[Sequence[Any]] = [
+        [recording.defect_count for recording in recordings],
+        [recording.torque.mean() < 0 for recording in recordings],
+    ]
+    for label, _, share in _SET_POINTS.values():
+        stated = [getattr(recording, label) for recording in recordings]
+        if None not in stated:
+            columns.append(set_points(np.abs(stated), share).tolist())
+    return list(zip(*columns, strict=True))

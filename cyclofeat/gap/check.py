@@ -15,26 +15,20 @@ from cyclofeat._base import svg
 from cyclofeat._base.card import card
 from cyclofeat._base.checks import check_type, whole
 from cyclofeat._base.frames import frame
-from cyclofeat.gap._measured import Condition, MeasuredRig
-from cyclofeat.gap._result import EffectRows, NextMeasurement, finite
-from cyclofeat.gap.confirm import FurtherRecordings, simulate_prior
-from cyclofeat.gap.posterior import (
-    EffectPosterior,
-    PosteriorScore,
-    detection_limit,
-    ends,
-    load_posterior,
-    score_posterior,
-    strengths_of,
-)
-from cyclofeat.gap.world import Rigs, Session, World
+from cyclofeat.gap.confirm.next_measurement import FurtherRecordings
+from cyclofeat.gap.confirm.sessions import simulate_prior
+from cyclofeat.gap.measured import Condition, MeasuredRig
+from cyclofeat.gap.posterior.effect_posterior import EffectPosterior, load_posterior
+from cyclofeat.gap.posterior.score import PosteriorScore, score_posterior
+from cyclofeat.gap.posterior.strengths import detection_limit, ends, strengths_of
+from cyclofeat.gap.result import EffectRows, NextMeasurement, finite
+from cyclofeat.gap.world.rigs import Rigs, Session
+from cyclofeat.gap.world.world import World
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Effect
 
 if TYPE_CHECKING:
     import pandas as pd
-
-__all__ = ["CheckedEffect", "GapCheck", "check_recordings"]
 
 Float = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -194,7 +188,7 @@ def check_recordings(
         Recordings that were made, or the condition of each one that is planned: those are taken to be of
         known counts of worn lobes, all that the posterior knows in turn, without a tachometer.
     posterior : EffectPosterior, optional
-        Default: that of paper B's gearbox (:func:`cyclofeat.gap.posterior.load_posterior`).
+        Default: that of paper B's gearbox (:func:`cyclofeat.gap.load_posterior`).
     n_rigs : int, default=240
         With 32 effects, some 20 rigs have each of them.
     random_state, n_jobs : int

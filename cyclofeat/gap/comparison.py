@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cyclofeat._base import checks
 from cyclofeat._base.checks import flag, is_number, one_of, positive, whole
 from cyclofeat._base.checks import n_jobs as checked_jobs
 from cyclofeat._base.quantities import TORQUES
@@ -25,17 +26,9 @@ from cyclofeat.gap.simulations import (
     simulate_bank,
     with_may_differ,
 )
-from cyclofeat.gap.summaries import (
-    SPEED_TOLERANCE,
-    Conditions,
-    MeasuredTurns,
-    mixed,
-    read_measured,
-    summarise,
-)
+from cyclofeat.gap.summaries.summarise import SPEED_TOLERANCE, Conditions, summarise
+from cyclofeat.gap.summaries.turns import MeasuredTurns, mixed, read_measured
 from cyclofeat.simulators import Effect, LobeDefects, Rig
-
-__all__ = ["MAY_DIFFER", "Comparison"]
 
 Float = NDArray[np.float64]
 T = TypeVar("T")
@@ -293,3 +286,58 @@ def _checked_counts(counts: Any) -> tuple[int, ...]:
     if not values or not all(is_number(c) and float(c).is_integer() and c >= 0 for c in values):
         raise ValueError(f"defect_counts must hold whole numbers from 0, got {counts!r}")
     return tuple(int(count) for count in values)
+
+
+@dataclass(frozen=True)
+class GapSettings:
+    """Settings of :func:`find_gap`.
+
+    Attributes
+    ----------
+    alpha : float
+        Chance of a false "disagree".
+    pictures : bool
+        Whether to fold torque over the turn and to test all numbers at once, as the page shows them.
+    n_after, n_report : int
+        Simulated recordings of the corrected model in the overlays, and of each model that is judged by the
+        recordings held out.
+    n_permutations : int
+        Relabellings of the comparison.
+    n_bank : int
+        Simulated recordings that those of each condition are compared with.
+    random_state, n_jobs : int
+        Of all simulations; number of worker processes.
+    cache : path or None
+        Folder in which simulations are kept.
+    one_assembly : bool
+        Whether all recordings are of one gearbox that was not taken apart between them.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If a value is out of range.
+    """
+
+    alpha: float = 0.03
+    pictures: bool = True
+    n_after: int = 96
+    n_report: int = 64
+    n_permutations: int = 999
+    n_bank: int = 200
+    random_state: int = 0
+    n_jobs: int = 1
+    cache: str | os.PathLike[str] | None = None
+    one_assembly: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0 < checks.number("alpha", self.alpha) < 1:
+            raise ValueError(f"alpha must be between 0 and 1, got {self.alpha!r}")
+        least = {
+            "n_after": 10,
+            "n_report": 10,
+            "n_permutations": 19,
+            "n_bank": 10,
+            "random_state": 0,
+        }
+        for name, low in least.items():
+            checks.whole(name, getattr(self, name), low)

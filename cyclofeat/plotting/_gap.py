@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
-    from cyclofeat.gap import Where, WhereRow
-    from cyclofeat.gap._result import GapResult
+    from cyclofeat.gap import GapResult
+    from cyclofeat.gap.where.conditions import Where, WhereRow
 
 Kind = Literal["families", "spectrum", "orders", "phase"]
 KINDS: tuple[Kind, ...] = ("families", "spectrum", "orders", "phase")

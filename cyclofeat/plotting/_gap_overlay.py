@@ -10,7 +10,8 @@ from cyclofeat.plotting.drawing import Display, axes_for, legend_above, one_of_r
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from cyclofeat.gap import GapResult, Overlay
+    from cyclofeat.gap import GapResult
+    from cyclofeat.gap.overlays import Overlay
 
 OverlayKind = Literal["spectrum", "orders", "distribution"]
 

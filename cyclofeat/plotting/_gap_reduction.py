@@ -13,8 +13,8 @@ from cyclofeat.plotting.gap_words import CONDITIONS, alternative_name
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from cyclofeat.gap import ProofRow
-    from cyclofeat.gap._result import GapResult
+    from cyclofeat.gap import GapResult
+    from cyclofeat.gap.proof.prove import ProofRow
 
 _GRR_FLOOR = -100.0  # percent: smaller values are drawn there and stated in words
 

@@ -6,7 +6,8 @@ import re
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # the gap loads the simulator: a picture of a result does not need it
-    from cyclofeat.gap import Cell, Row
+    from cyclofeat.gap.summaries.summarise import Cell
+    from cyclofeat.gap.where.locate import Row
 
 __all__ = [
     "CONDITIONS",

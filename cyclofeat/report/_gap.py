@@ -25,7 +25,8 @@ from cyclofeat.report._plot import Axis, Line, Plot
 if TYPE_CHECKING:
     import os
 
-    from cyclofeat.gap import GapResult, Overlay
+    from cyclofeat.gap import GapResult
+    from cyclofeat.gap.overlays import Overlay
 
 _FEW = 5  # recordings, below which exact tests hardly reject
 _BESIDE_ANOTHER = (5.2, 3.4)  # inches of a picture that has another one beside it

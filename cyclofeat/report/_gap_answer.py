@@ -12,7 +12,8 @@ from cyclofeat.report._gap_numbers import percent_text, quantity_text, range_tex
 from cyclofeat.report._page import keep_together, probability_text
 
 if TYPE_CHECKING:
-    from cyclofeat.gap import FoundEffect, GapResult, Remainder, Size
+    from cyclofeat.gap import GapResult
+    from cyclofeat.gap.result import FoundEffect, Remainder, Size
 
 
 def the_answer(result: GapResult, word: str) -> dict[str, Any]:

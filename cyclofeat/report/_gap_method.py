@@ -10,7 +10,8 @@ from cyclofeat.plotting.gap_words import p_words
 from cyclofeat.report._page import versions_line
 
 if TYPE_CHECKING:
-    from cyclofeat.gap import GapResult, Where
+    from cyclofeat.gap import GapResult
+    from cyclofeat.gap.where.conditions import Where
 
 
 def method_rows(result: GapResult) -> list[tuple[str, str]]:

@@ -12,7 +12,7 @@ from cyclofeat.report._figures import draw_picture
 from cyclofeat.report._gap_numbers import percent_text, range_text
 
 if TYPE_CHECKING:
-    from cyclofeat.gap import Proof, ProofRow
+    from cyclofeat.gap.proof.prove import Proof, ProofRow
 
 
 def summarise_reduction(proof: Proof) -> dict[str, Any]:

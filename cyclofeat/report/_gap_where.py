@@ -21,7 +21,7 @@ from cyclofeat.report._gap_numbers import rounded_text, signed_text
 from cyclofeat.report._page import keep_together
 
 if TYPE_CHECKING:
-    from cyclofeat.gap import Where, WhereRow
+    from cyclofeat.gap.where.conditions import Where, WhereRow
 
 _N_CLEAREST = 8
 _SIMULATED_PER_RECORDING = 10  # when the number of recordings that agreement takes is estimated

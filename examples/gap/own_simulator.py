@@ -19,9 +19,7 @@ from scipy import signal
 from scipy.stats import loguniform
 
 from cyclofeat.datasets import make_rig_recordings
-from cyclofeat.gap import GapSettings, find_gap, hold_out
-from cyclofeat.gap.posterior import EffectPosterior
-from cyclofeat.gap.world import World, prepare_world
+from cyclofeat.gap import EffectPosterior, GapSettings, World, find_gap, hold_out, prepare_world
 from cyclofeat.simulators import (
     Drift,
     Effect,

@@ -15,7 +15,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from cyclofeat.datasets import load_jelmerv_cycloidal
-from cyclofeat.gap import LoopModel, LoopSmoother, find_loop_gap, loop_shape
+from cyclofeat.gap import LoopModel, find_loop_gap
+from cyclofeat.gap.loops.loop_gap import LoopSmoother
+from cyclofeat.gap.loops.parts import loop_shape
 
 loops = {(loop.kind, loop.design, loop.state): loop for loop in load_jelmerv_cycloidal().loops}
 DESIGNS = ("baseline", "split_pinwheel", "conic_disk")

@@ -19,7 +19,8 @@ import numpy as np
 from cyclofeat import Windower
 from cyclofeat.counting import make_lobe_counter
 from cyclofeat.datasets import make_rig_recordings
-from cyclofeat.gap import MAY_DIFFER, GapSettings, find_gap, hold_out
+from cyclofeat.gap import GapSettings, find_gap, hold_out
+from cyclofeat.gap.comparison import MAY_DIFFER
 from cyclofeat.plotting import GapOverlayDisplay, GapReductionDisplay
 from cyclofeat.simulators import BrakeRotor, Drift, Hum, Noise, Rig
 

@@ -7,7 +7,8 @@ import pytest
 from scipy import signal
 
 from benchmarks import _black_boxes
-from cyclofeat.gap import Comparison, prove
+from cyclofeat.gap import Comparison
+from cyclofeat.gap.proof.prove import prove
 from cyclofeat.simulators import (
     BrakeRotor,
     CycloidalGearbox,

@@ -9,7 +9,7 @@ import pytest
 from gap_answers import REMAINDER, answered, compared, proof_of
 
 from cyclofeat.cli.gap import gap_lines
-from cyclofeat.gap import FoundEffect
+from cyclofeat.gap.result import FoundEffect
 from cyclofeat.simulators import Gain
 
 

@@ -21,7 +21,7 @@ CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 OFFENCES = [
     ("floors", "signal/welch.py", "from cyclofeat.recordings import Recording", "recordings"),
     ("floors", "signal/welch.py", "import cyclofeat.features", "features"),
-    ("floors", "recordings/_windower.py", "from cyclofeat.gap import locate", "gap"),
+    ("floors", "recordings/_windower.py", "from cyclofeat.gap import find_gap", "gap"),
     ("floors", "counting/__init__.py", "def later():\n    import cyclofeat.plotting", "plotting"),
     ("floors", "_base/files.py", "import cyclofeat.signal", "signal"),
     ("floors", "gap/__init__.py", "from cyclofeat.report import write_gap_report", "report"),

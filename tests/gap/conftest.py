@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 from short_records import GEARBOX, SPEED, Recorder, short
 
-from cyclofeat.gap import Bank
-from cyclofeat.gap.simulations import as_rig
+from cyclofeat.gap.simulations import Bank, as_rig
 from cyclofeat.simulators import CycloidalGearbox, Effect, Rig
 
 

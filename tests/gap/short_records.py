@@ -6,7 +6,8 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from cyclofeat.gap import Bank, Comparison
+from cyclofeat.gap import Comparison
+from cyclofeat.gap.simulations import Bank
 from cyclofeat.simulators import BrakeRotor, CycloidalGearbox, Noise, Rig
 
 # One turn of the output at three times the usual speed takes a third of the time to simulate.

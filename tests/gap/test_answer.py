@@ -8,7 +8,7 @@ import json
 import pytest
 from gap_answers import EFFECTS, REMAINDER, answered, compared, proof_of
 
-from cyclofeat.gap import FoundEffect, Size
+from cyclofeat.gap.result import FoundEffect, Size
 from cyclofeat.simulators import Hum
 
 

@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 from scipy.special import expit, logit
 
-import cyclofeat.gap.posterior
+import cyclofeat.gap
 from cyclofeat.cli import main
-from cyclofeat.gap import CheckedEffect, Condition, GapCheck, NextMeasurement, check_recordings
-from cyclofeat.gap.posterior import PosteriorScore, detection_limit
-from cyclofeat.gap.world import Session, World
+from cyclofeat.gap import Condition, GapCheck, World, check_recordings
+from cyclofeat.gap.check import CheckedEffect
+from cyclofeat.gap.posterior.score import PosteriorScore
+from cyclofeat.gap.posterior.strengths import detection_limit
+from cyclofeat.gap.result import NextMeasurement
+from cyclofeat.gap.world.rigs import Session
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Gain, Noise, Offset
 from cyclofeat.simulators.effects import TorqueMeterLowPass
@@ -179,7 +182,7 @@ def asked(monkeypatch):
 
     posterior = SimpleNamespace(world=World(), names_=("hum",))
     monkeypatch.setattr(cyclofeat.gap, "check_recordings", check)
-    monkeypatch.setattr(cyclofeat.gap.posterior, "load_posterior", lambda *_: posterior)
+    monkeypatch.setattr(cyclofeat.gap, "load_posterior", lambda *_: posterior)
     return given
 
 

@@ -9,20 +9,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cyclofeat.gap import GapSettings, MeasuredRig, find_gap
-from cyclofeat.gap.confirm import (
-    Confirmed,
-    Gaussian,
-    confirm,
-    draw_effects,
-    simulate_possible,
-    simulate_sessions,
-    size_posterior,
-    unexplained,
-)
-from cyclofeat.gap.confirm._confirm import farther
-from cyclofeat.gap.posterior import EffectPosterior, load_posterior, named_effects
-from cyclofeat.gap.world import FLOOR, Session, World, prepare_world
+from cyclofeat.gap import EffectPosterior, GapSettings, World, find_gap, load_posterior, prepare_world
+from cyclofeat.gap.confirm.confirm import Confirmed, confirm, draw_effects, farther
+from cyclofeat.gap.confirm.next_measurement import simulate_possible
+from cyclofeat.gap.confirm.sessions import simulate_sessions
+from cyclofeat.gap.confirm.sizes import Gaussian, size_posterior, unexplained
+from cyclofeat.gap.measured import MeasuredRig
+from cyclofeat.gap.posterior.answers import named_effects
+from cyclofeat.gap.world.prior import FLOOR
+from cyclofeat.gap.world.rigs import Session
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Drift, Gain, Hum, Noise, Offset, Rig, Scale
 from cyclofeat.simulators.effects import ShaftLine, SleeveFriction

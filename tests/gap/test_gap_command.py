@@ -14,12 +14,8 @@ import numpy as np
 import pytest
 
 import cyclofeat.gap
-import cyclofeat.gap.posterior
-import cyclofeat.gap.world
 from cyclofeat.cli import main
-from cyclofeat.gap import compare_recordings
-from cyclofeat.gap.posterior import EffectPosterior
-from cyclofeat.gap.world import World
+from cyclofeat.gap import EffectPosterior, World, compare_recordings
 from cyclofeat.simulators import Hum, Noise, Rig
 
 RATE = 6400.0
@@ -72,7 +68,7 @@ def learned(monkeypatch: pytest.MonkeyPatch) -> None:
     def load(path: Any = "packaged") -> SimpleNamespace:
         return SimpleNamespace(names_=("noise", "hum"), world=World(rig=Rig(effects=[Noise(0.1)])), path=path)
 
-    monkeypatch.setattr(cyclofeat.gap.posterior, "load_posterior", load)
+    monkeypatch.setattr(cyclofeat.gap, "load_posterior", load)
 
 
 @pytest.fixture
@@ -205,7 +201,7 @@ def prepared(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         Path(path).write_bytes(b"posterior")
         return Path(path)
 
-    monkeypatch.setattr(cyclofeat.gap.world, "prepare_world", simulate)
+    monkeypatch.setattr(cyclofeat.gap, "prepare_world", simulate)
     monkeypatch.setattr(EffectPosterior, "fit", fit)
     monkeypatch.setattr(EffectPosterior, "save", save)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: name)

@@ -31,9 +31,11 @@ from benchmarks.hidden_effects import (
 )
 from benchmarks.hidden_effects.__main__ import main
 from benchmarks.hidden_effects._machine import Machine, run
-from cyclofeat.gap.confirm import confirm
-from cyclofeat.gap.posterior import load_posterior, named_effects
-from cyclofeat.gap.world import FLOOR, Session, World
+from cyclofeat.gap import World, load_posterior
+from cyclofeat.gap.confirm.confirm import confirm
+from cyclofeat.gap.posterior.answers import named_effects
+from cyclofeat.gap.world.prior import FLOOR
+from cyclofeat.gap.world.rigs import Session
 from cyclofeat.simulators import (
     CycloidalGearbox,
     Drift,

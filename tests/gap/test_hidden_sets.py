@@ -11,8 +11,7 @@ import pytest
 from benchmarks.hidden_effects._answers import answers
 from benchmarks.hidden_effects._ask import whole_answer
 from benchmarks.hidden_effects._folders import generate
-from cyclofeat.gap import GapSettings
-from cyclofeat.gap.posterior import load_posterior
+from cyclofeat.gap import GapSettings, load_posterior
 
 pytestmark = pytest.mark.slow  # tests/gap/test_confirm.py goes the whole way on a small world
 

@@ -12,9 +12,18 @@ import pytest
 from scipy import stats
 from short_records import BASE, N_SAMPLES, RATE, short
 
-from cyclofeat.gap import Bank, Comparison, Conditions, LocatedGap, locate, summarise
-from cyclofeat.gap.summaries import FAMILIES, Cell
-from cyclofeat.gap.where import SPREADS, TOGETHER, Permuted, family_p, holm, statistics_by_family
+from cyclofeat.gap import Comparison
+from cyclofeat.gap.simulations import Bank
+from cyclofeat.gap.summaries.summarise import FAMILIES, Cell, Conditions, summarise
+from cyclofeat.gap.where.locate import LocatedGap, locate
+from cyclofeat.gap.where.permutation import (
+    SPREADS,
+    TOGETHER,
+    Permuted,
+    family_p,
+    holm,
+    statistics_by_family,
+)
 from cyclofeat.simulators import (
     Drift,
     Effect,

@@ -7,16 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cyclofeat.gap.loops import (
-    LOOP_EFFECTS,
-    LoopModel,
-    LoopSmoother,
-    contact_deflection,
-    elastic_torque,
-    find_loop_gap,
-    loop_shape,
-    relative_error,
-)
+from cyclofeat.gap import LoopModel, find_loop_gap
+from cyclofeat.gap.loops.loop_gap import LOOP_EFFECTS, LoopSmoother
+from cyclofeat.gap.loops.parts import contact_deflection, elastic_torque, loop_shape, relative_error
 from cyclofeat.simulators import CycloidalGearbox, torque_deflection
 
 DRIVE = CycloidalGearbox.printed_14_pin()

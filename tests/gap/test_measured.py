@@ -12,18 +12,13 @@ import numpy as np
 import pytest
 from short_records import GEARBOX, N_SAMPLES, RATE, short
 
-from cyclofeat.gap import (
-    Condition,
-    GapResult,
-    GapSettings,
-    MeasuredRig,
-    MeasuredTurns,
-    compare_recordings,
-    hold_out,
-    locate,
-    locate_all,
-)
-from cyclofeat.gap.world import FLOOR, World, turn_samples
+from cyclofeat.gap import Condition, GapResult, GapSettings, World, compare_recordings, hold_out
+from cyclofeat.gap.measured import MeasuredRig
+from cyclofeat.gap.summaries.turns import MeasuredTurns
+from cyclofeat.gap.where.conditions import locate_all
+from cyclofeat.gap.where.locate import locate
+from cyclofeat.gap.world.cells import turn_samples
+from cyclofeat.gap.world.prior import FLOOR
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Gain, Hum, Noise, Offset, Rig
 

@@ -12,10 +12,10 @@ from scipy.stats import uniform
 from short_records import BASE, RATE, short
 
 import cyclofeat.gap
-from cyclofeat.gap import Comparison, LocatedGap, locate
+from cyclofeat.gap import Comparison
 from cyclofeat.gap.comparison import SIMULATED_BY
-from cyclofeat.gap.summaries import Cell
-from cyclofeat.gap.where import SpeedAndLoad, intraclass_correlation, widening
+from cyclofeat.gap.summaries.summarise import Cell
+from cyclofeat.gap.where.locate import LocatedGap, SpeedAndLoad, intraclass_correlation, locate, widening
 from cyclofeat.simulators import Clearance, CycloidalGearbox, Offset, PinErrors, Rig
 
 CELLS = [

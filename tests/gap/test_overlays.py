@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cyclofeat.gap import Comparison, Condition, Overlay, overlays
+from cyclofeat.gap import Comparison, Condition
+from cyclofeat.gap.overlays import Overlay, overlays
 
 RATE, SPEED = 6400.0, 500 / 60
 TIME = np.arange(round(1.8 * RATE)) / RATE

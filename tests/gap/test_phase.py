@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cyclofeat.gap import Comparison, locate
-from cyclofeat.gap.summaries import Conditions, _phase, phase_maps
-from cyclofeat.gap.where import _locate
+from cyclofeat.gap import Comparison
+from cyclofeat.gap.summaries import phase as _phase
+from cyclofeat.gap.summaries.phase import phase_maps
+from cyclofeat.gap.summaries.summarise import Conditions
+from cyclofeat.gap.where import locate as _locate
+from cyclofeat.gap.where.locate import locate
 from cyclofeat.signal.orders import estimate_input_speed
 
 RATE, SPEED, N_LOBES = 6400.0, 500 / 60, 15

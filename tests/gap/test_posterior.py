@@ -12,16 +12,17 @@ from scipy.stats import multivariate_t
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 
-from cyclofeat.gap.posterior import (
-    EffectPosterior,
-    calibration_error,
+from cyclofeat.gap import EffectPosterior, World, load_posterior
+from cyclofeat.gap.posterior.calibration import (
+    cause_logits,
     gain_and_offset,
-    load_posterior,
-    score_posterior,
+    mean_coefficients,
+    of_mean,
+    quantiles_of,
+    spread_power,
 )
-from cyclofeat.gap.posterior._calibration import mean_coefficients, of_mean, quantiles_of, spread_power
-from cyclofeat.gap.posterior._mean_torque import cause_logits
-from cyclofeat.gap.world import Rigs, Session, World
+from cyclofeat.gap.posterior.score import calibration_error, score_posterior
+from cyclofeat.gap.world.rigs import Rigs, Session
 from cyclofeat.simulators import Gain, Hum, Offset
 
 CELLS = ("speed: input speed by the mesh lines", "amplitudes: mean", "hum", "noise", "other")

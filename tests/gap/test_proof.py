@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cyclofeat.gap import Bank, Comparison, Proof, prove
+from cyclofeat.gap import Comparison
 from cyclofeat.gap.proof import distance
 from cyclofeat.gap.proof.distance import Part, Sample, Scale
-from cyclofeat.gap.proof.prove import score_alternatives
+from cyclofeat.gap.proof.prove import Proof, prove, score_alternatives
+from cyclofeat.gap.simulations import Bank
 from cyclofeat.simulators import BrakeRotor, CycloidalGearbox, Effect, Hum, Noise, Offset, Rig
 
 FS = 6400.0

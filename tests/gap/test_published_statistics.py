@@ -10,12 +10,13 @@ import pytest
 from scipy import stats
 
 from cyclofeat.datasets import load_published_tables
-from cyclofeat.gap import Comparison, PublishedSettings, find_published_gap
-from cyclofeat.gap.published import crps, sign_flip_p, to_statistics
-from cyclofeat.gap.published._gap import predicted
-from cyclofeat.gap.published._rigs import SimulatedRigs
-from cyclofeat.gap.published._search import Search
-from cyclofeat.simulators import CycloidalGearbox, Drift, Offset, Rig
+from cyclofeat.gap import Comparison, find_published_gap
+from cyclofeat.gap.published.published_gap import predicted
+from cyclofeat.gap.published.rigs import SimulatedRigs
+from cyclofeat.gap.published.scores import crps, sign_flip_p, to_statistics
+from cyclofeat.gap.published.search import Search
+from cyclofeat.gap.published.settings import PublishedSettings
+from cyclofeat.simulators import CycloidalGearbox, Offset, Rig
 
 SMALL = {"duration": 0.1, "n_draws": 2, "library": ["sensor_drift", "gain", "offset"]}
 PUBLISHED = load_published_tables()

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cyclofeat.gap import Cell, Conditions, summarise
-from cyclofeat.gap.summaries import SPEED_TOLERANCE
+from cyclofeat.gap.summaries.summarise import SPEED_TOLERANCE, Cell, Conditions, summarise
 from cyclofeat.signal.orders import estimate_input_speed
 
 SPEED = 500 / 60

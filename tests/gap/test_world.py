@@ -8,19 +8,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cyclofeat.gap import Conditions
-from cyclofeat.gap.world import (
-    DrawnMachine,
-    DrawnSession,
-    EffectPrior,
-    Rigs,
-    Session,
-    World,
-    prepare_world,
-    recording_cells,
-    simulate_drawn,
-    turn_samples,
-)
+from cyclofeat.gap import World, prepare_world
+from cyclofeat.gap.summaries.summarise import Conditions
+from cyclofeat.gap.world.cells import recording_cells, turn_samples
+from cyclofeat.gap.world.machine import DrawnMachine, simulate_drawn
+from cyclofeat.gap.world.prior import DrawnSession, EffectPrior
+from cyclofeat.gap.world.rigs import Rigs, Session
 from cyclofeat.simulators import (
     BrakeRotor,
     Drift,

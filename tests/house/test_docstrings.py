@@ -29,10 +29,10 @@ MAPPED = {
 # Their examples simulate or fit for a second and more, or compile a kernel that no other example needs.
 LONG = {
     "cyclofeat.counting.estimators.lobe_counter",
-    "cyclofeat.gap.loops._loops",
-    "cyclofeat.gap.proof._prove",
-    "cyclofeat.gap.published._gap",
-    "cyclofeat.gap.where._locate",
+    "cyclofeat.gap.loops.loop_gap",
+    "cyclofeat.gap.proof.prove",
+    "cyclofeat.gap.published.published_gap",
+    "cyclofeat.gap.where.locate",
     "cyclofeat.report._gap",
     "cyclofeat.simulators.held_output",
 }

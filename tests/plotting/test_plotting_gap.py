@@ -13,7 +13,10 @@ from matplotlib import pyplot as plt
 from matplotlib.colors import to_rgb
 from numpy.testing import assert_allclose
 
-from cyclofeat.gap import Cell, Condition, ProofRow, Where, WhereRow, where_of
+from cyclofeat.gap import Condition
+from cyclofeat.gap.proof.prove import ProofRow
+from cyclofeat.gap.summaries.summarise import Cell
+from cyclofeat.gap.where.conditions import Where, WhereRow, where_of
 from cyclofeat.plotting import GapDisplay, GapOverlayDisplay, GapReductionDisplay
 from cyclofeat.plotting.gap_words import cell_name, difference_words, in_words
 from cyclofeat.report._figures import _theme_colours

@@ -16,10 +16,10 @@ from gap_answers import EFFECTS, REMAINDER, GapResult, answered, compared, overl
 from numpy.testing import assert_allclose
 from pages import parse, without_scripts, words
 
-from cyclofeat.gap import FoundEffect, NextMeasurement, where_of
+from cyclofeat.gap.result import FoundEffect, NextMeasurement
+from cyclofeat.gap.where.conditions import where_of
 from cyclofeat.report import write_gap_report
 from cyclofeat.report._gap import summarise_gap
-from cyclofeat.report._gap_numbers import quantity_text, rounded_text
 from cyclofeat.report._gap_where import recordings_for_agreement
 from cyclofeat.simulators import Rig
 

@@ -15,8 +15,7 @@ import pytest
 from scipy.stats import loguniform
 
 from cyclofeat.datasets import make_rig_recordings
-from cyclofeat.gap import Comparison
-from cyclofeat.gap.world import World, prepare_world
+from cyclofeat.gap import Comparison, World, prepare_world
 from cyclofeat.simulators import (
     CycloidalGearbox,
     Drift,

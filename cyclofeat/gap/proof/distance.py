@@ -10,14 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from cyclofeat.gap.summaries import (
-    RESOLUTION_NM,
-    Conditions,
-    class_means,
-    less_class_means,
-    level,
-    summarise,
-)
+from cyclofeat.gap.summaries.summarise import RESOLUTION_NM, Conditions, level, summarise
+from cyclofeat.gap.summaries.turns import class_means, less_class_means
 
 Float = NDArray[np.float64]
 Int = NDArray[np.intp]
@@ -77,7 +71,7 @@ def proof_cells(
 ) -> tuple[Float, list[Part]]:
     """Return the numbers of each window for the distances, (n_windows, n_cells), and the part of each cell.
 
-    They are those of :func:`cyclofeat.gap.summarise`, with other amplitudes: the mean in Nm, the level of the
+    They are those of ``summarise``, with other amplitudes: the mean in Nm, the level of the
     ripple in dB and the quantile function of the standardised torque. The squared difference of two averaged
     quantile functions, averaged over the shares, is the squared Wasserstein distance of second order between
     the distributions' barycentres.

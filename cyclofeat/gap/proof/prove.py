@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.gap._measured import Condition, MeasuredRig
-from cyclofeat.gap._settings import GapSettings
-from cyclofeat.gap.comparison import Comparison
+from cyclofeat.gap.comparison import Comparison, GapSettings
+from cyclofeat.gap.measured import Condition, MeasuredRig
 from cyclofeat.gap.proof import distance
 from cyclofeat.gap.proof.distance import Part, Sample
 from cyclofeat.gap.simulations import Bank
-from cyclofeat.gap.summaries import MeasuredTurns, per_recording
-from cyclofeat.gap.world import World
+from cyclofeat.gap.summaries.turns import MeasuredTurns, per_recording
+from cyclofeat.gap.world.world import World
 from cyclofeat.simulators import Rig
 
 Float = NDArray[np.float64]
@@ -205,7 +204,7 @@ def prove(
     GRR = 1 - (D_after - D_floor) / (D_before - D_floor),
 
     where D_floor is the distance between two halves of the measured recordings, scaled to the numbers of
-    recordings compared (:func:`cyclofeat.gap.proof.distance.floors` has the formula, also for counts with one
+    recordings compared (``distance.floors`` has the formula, also for counts with one
     recording each). The ratio is undefined if D_before - D_floor is less than two standard errors, or with
     fewer than 4 recordings. Errors and intervals come from random half-samples of the recordings of each
     count (of each condition, for counts with fewer than 3 recordings), the same for all alternatives.
@@ -230,7 +229,7 @@ def prove(
     comparison = comparison.replace(random_state=state + 1)
     values, parts = distance.proof_cells(held_out.windows, held_out.conditions, held_out.speeds)
     wanted = None if held_out.counts is None else np.unique(held_out.counts).tolist()
-    alternatives: dict[str, Alternative] = {AFTER: corrected, BEFORE: comparison.rig} | dict(others or {})
+    alternatives: dict[str, Alternative] = {AFTER: corrected, BEFORE: comparison.rig, **(others or {})}
     simulated: dict[str, Sample] = {}
     for name, alternative in alternatives.items():
         if isinstance(alternative, Rig):

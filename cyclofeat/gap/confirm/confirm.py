@@ -1,0 +1,278 @@
+"""Confirmation by simulation: sizes of the named effects, and what they leave unexplained."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from cyclofeat.gap.confirm.sessions import MOST_RECORDINGS, at_most, simulate_sessions, sized
+from cyclofeat.gap.confirm.sizes import SMALLEST, Gaussian, Unexplained, size_posterior, unexplained
+from cyclofeat.gap.posterior.answers import ABSENT, PRESENT
+from cyclofeat.gap.posterior.effect_posterior import EffectPosterior
+from cyclofeat.gap.world.prior import TOLERANCES
+from cyclofeat.gap.world.rigs import Session
+from cyclofeat.simulators import Effect
+from cyclofeat.simulators.effects.library import look_alikes
+
+Float = NDArray[np.float64]
+
+# Rounds of simulation, and the spread of the simulated sizes over that of what is believed of them, which may
+# be off.
+_ROUNDS, _WIDER = 2, 1.5
+_PRIOR_DRAWS = 400
+_REJECTED = 0.02  # p of what is left, below which something else is missing
+_NOT_OPEN = 0.05  # p of it with open effects besides, below which these do not explain it
+# Sessions at the very sizes, and the factor by which the posterior's sizes must lie nearer to be kept.
+_TRIED, _CLEARLY = 24, 2.0
+
+
+@dataclass(frozen=True)
+class Confirmed:
+    """Effects with the sizes that simulation confirms.
+
+    Attributes
+    ----------
+    effects : tuple of Effect
+        With the most probable sizes.
+    names : tuple of str
+        Of their sizes, as in :attr:`World.size_names`.
+    sizes : Gaussian
+        Their joint distribution, on the scale of their fit.
+    low, middle, high : ndarray, shape (n_sizes,)
+        0.05, 0.5 and 0.95 quantile, in the parameter's unit.
+    remainder : Unexplained
+        What they leave.
+    accepted : bool
+        Whether chance explains what they leave. If not, something else is missing too, and the sizes are
+        those of the posterior, which allow for it: fitted ones would make up for what is missing.
+    difference : ndarray, shape (n_cells,)
+        Mean of each summary less that of the simulated sessions, in its unit.
+    open : bool
+        Whether they leave more than chance does, but no more than effects that are open would.
+    fitted : bool
+        Whether the sizes are the fitted ones. If not although accepted, sessions with the fitted sizes lie
+        farther from the measured one than those with the posterior's sizes, which are kept.
+    """
+
+    effects: tuple[Effect, ...]
+    names: tuple[str, ...]
+    sizes: Gaussian = field(repr=False)
+    low: Float = field(repr=False)
+    middle: Float = field(repr=False)
+    high: Float = field(repr=False)
+    remainder: Unexplained
+    accepted: bool
+    difference: Float = field(repr=False)
+    open: bool = False
+    fitted: bool = True
+
+
+def confirm(
+    posterior: EffectPosterior,
+    session: Session,
+    named: Sequence[str],
+    *,
+    possible: Sequence[Session] = (),
+    n_sessions: int = 96,
+    random_state: int = 0,
+    n_jobs: int = 1,
+    progress: Callable[[str], object] | None = None,
+) -> Confirmed:
+    """Simulate sessions like a measured one with the named effects, and fit their sizes.
+
+    Twice: with sizes from the posterior, then around those that fit. How much recordings differ anyway is
+    fitted as well, so that a rig that is better made than the world states is not taken for another one.
+
+    The fit is linear. Where an effect sets in suddenly, like a limit near the mean torque, it may be far off.
+    So sessions are simulated with the very sizes of the fit and of the posterior, and the posterior's sizes
+    are kept if theirs lie clearly nearer to the measured one.
+
+    Parameters
+    ----------
+    posterior : EffectPosterior
+    session : Session
+        Of more than 12 recordings, 12 are used.
+    named : sequence of str
+        Effects that the rig has.
+    possible : sequence of Session
+        Simulated sessions like this one that have each effect as often as it is probable: they tell whether
+        effects that are open would explain what is left.
+    n_sessions : int, default=96
+        Simulated each time.
+    random_state, n_jobs : int
+    progress : callable, optional
+        Called with the name of each step.
+    """
+    world = posterior.world
+    shown = at_most(session, MOST_RECORDINGS)
+    effects = tuple(effect for effect in world.effects or () if effect.effect_id in named)
+    names = tuple(f"{effect.effect_id}.{name}" for effect in effects for name in effect.vector_names())
+    columns = [world.size_names.index(name) for name in names]
+    observed = posterior.deviations(shown), posterior.standardised_sizes([shown])[0, columns]
+    prior = _prior(effects)
+    middle, spread = posterior.size_distribution(shown, names)
+    # The last of the sizes is the tolerances' factor.
+    believed = Gaussian(np.r_[middle, prior.mean[-1]], np.diag(np.r_[spread**2, prior.covariance[-1, -1]]))
+    before = believed.without_last()
+    n_rounds, wider = (_ROUNDS, _WIDER) if names else (1, 1.0)
+    for round_ in range(n_rounds):
+        if progress is not None:
+            progress(f"simulating the named effects, {round_ + 1} of {n_rounds}")
+        drawn = Gaussian(believed.mean, believed.covariance * wider**2)
+        simulated = simulate_sessions(
+            world, shown, functools.partial(_drawn, effects, drawn.without_last()), n_sessions,
+            tolerance=functools.partial(_drawn_tolerance, drawn),
+            random_state=random_state + round_, n_jobs=n_jobs,
+        )  # fmt: skip
+        sizes = np.column_stack([simulated.sizes[:, columns], simulated.tolerances])
+        features = _features(posterior, simulated.sessions)
+        estimates = posterior.standardised_sizes(simulated.sessions)[:, columns]
+        believed, fitted, fit = size_posterior(
+            sizes, features, estimates, (_feature(observed[0]), observed[1]), prior
+        )
+    others = None
+    if possible:
+        summaries = _features(posterior, possible)
+        others = summaries, fit(summaries, posterior.standardised_sizes(possible)[:, columns])
+    remainder = unexplained(features, sizes, fitted, _feature(observed[0]), believed.mean, others)
+    accepted = remainder.p >= _REJECTED
+
+    def tried(sizes: Gaussian) -> Float:
+        made = simulate_sessions(
+            world, shown, lambda _: sized(effects, sizes.mean), _TRIED, tolerance=lambda _: tolerance,
+            random_state=random_state + n_rounds, n_jobs=n_jobs,
+        )  # fmt: skip
+        return _features(posterior, made.sessions)
+
+    after, tolerance = believed.without_last(), float(np.clip(believed.mean[-1], *TOLERANCES))
+    kept = accepted and not (names and farther(_feature(observed[0]), tried(after), tried(before)))
+    final = after if kept else before
+    reach = stats.norm.ppf(0.95) * final.spread
+    ends = (final.mean - reach, final.mean, final.mean + reach)
+    low, middle, high = (_in_units(effects, end) for end in ends)
+    simulated_mean = np.mean([one.values.mean(axis=0) for one in simulated.sessions], axis=0)
+    difference = shown.values.mean(axis=0) - simulated_mean
+    return Confirmed(
+        sized(effects, final.mean), names, final, low, middle, high, remainder, accepted, difference,
+        not accepted and remainder.p_open >= _NOT_OPEN, kept,
+    )  # fmt: skip
+
+
+def _drawn(effects: Sequence[Effect], sizes: Gaussian, random: np.random.Generator) -> tuple[Effect, ...]:
+    """Return effects with drawn sizes."""
+    return sized(effects, sizes.draw(random))
+
+
+def _drawn_tolerance(sizes: Gaussian, random: np.random.Generator) -> float:
+    return float(np.clip(random.normal(sizes.mean[-1], sizes.spread[-1]), *TOLERANCES))
+
+
+def farther(observed: Float, simulated: Float, other: Float) -> bool:
+    """Whether simulated summaries lie clearly farther from observed ones than others do.
+
+    By the mean square of the distances from their means, in spreads of one session about them.
+
+    Parameters
+    ----------
+    observed : ndarray, shape (n_summaries,)
+    simulated, other : ndarray, shape (n_sessions, n_summaries)
+    """
+    spread = np.hypot(np.sqrt((simulated.var(axis=0) + other.var(axis=0)) / 2), SMALLEST)
+    far, near = (
+        float(np.mean(((observed - some.mean(axis=0)) / spread) ** 2)) for some in (simulated, other)
+    )
+    return far > _CLEARLY * near
+
+
+def _prior(effects: Sequence[Effect]) -> Gaussian:
+    """Mean and covariance of the sizes, and of the tolerances' factor, before any recording."""
+    random = np.random.default_rng(0)
+    table = np.array(
+        [
+            [
+                *(value for effect in effects for value in effect.draw_parameters(random).to_vector()),
+                random.uniform(*TOLERANCES),
+            ]
+            for _ in range(_PRIOR_DRAWS)
+        ]
+    )
+    return Gaussian(table.mean(axis=0), np.diag(table.var(axis=0) + 1e-12))
+
+
+def _in_units(effects: Sequence[Effect], sizes: Float) -> Float:
+    values = [getattr(effect, name) for effect in sized(effects, sizes) for name in effect.vector_names()]
+    return np.array(values, dtype=float)
+
+
+def _features(posterior: EffectPosterior, sessions: Sequence[Session]) -> Float:
+    return np.array([_feature(posterior.deviations(session)) for session in sessions])
+
+
+def _feature(deviations: Float) -> Float:
+    """Mean of the deviations over recordings, and the logarithm of the spread of the first half of them."""
+    spread = deviations[:, : deviations.shape[1] // 2].std(axis=0)
+    return np.concatenate([deviations.mean(axis=0), np.log(spread + 0.1)])
+
+
+def draw_effects(
+    posterior: EffectPosterior, session: Session, confirmed: Confirmed, n_draws: int, *, random_state: int = 0
+) -> tuple[tuple[Effect, ...], ...]:
+    """Draw sets of missing effects, with sizes, from what the recordings leave possible.
+
+    An effect is present with its probability: always from ``PRESENT`` on, never up to ``ABSENT``. Those of
+    different groups of look-alikes are independent; those of a group occur together only as often as their
+    probabilities, where they add up to more than 1, make necessary. Sizes of confirmed effects are drawn from
+    their joint distribution, those of others each from its own.
+
+    Parameters
+    ----------
+    posterior : EffectPosterior
+    session : Session
+    confirmed : Confirmed
+        Of that session.
+    n_draws : int
+    random_state : int
+
+    Returns
+    -------
+    tuple of tuple of Effect
+        One set for each draw.
+    """
+    random = np.random.default_rng(random_state)
+    possible = {name: p for name, p in posterior.presence(session).items() if p > ABSENT}
+    known = {effect.effect_id for effect in confirmed.effects}
+    others = tuple(
+        effect for effect in posterior.world.effects or () if effect.effect_id in possible.keys() - known
+    )
+    names = [f"{effect.effect_id}.{name}" for effect in others for name in effect.vector_names()]
+    middle, spread = posterior.size_distribution(session, names)
+    of_others = Gaussian(middle, np.diag(spread**2))
+    drawn = []
+    for _ in range(n_draws):
+        every = sized(confirmed.effects, confirmed.sizes.draw(random)), sized(others, of_others.draw(random))
+        present = _present(possible, random)
+        drawn.append(tuple(effect for part in every for effect in part if effect.effect_id in present))
+    return tuple(drawn)
+
+
+def _present(probabilities: Mapping[str, float], random: np.random.Generator) -> set[str]:
+    """Draw the effects that are present."""
+    groups = look_alikes()
+    tied = {name for group in groups for name in group}
+    present = set()
+    for group in (*groups, *((name,) for name in probabilities if name not in tied)):
+        # Systematic sampling (Madow 1949): the effects lie end to end, each as long as it is probable, and
+        # every point one apart from a random first one picks the effect that it falls on.
+        end, first = 0.0, random.random()
+        for name in group:
+            p = probabilities.get(name, 0.0)
+            begin, end = end, end + (1.0 if p >= PRESENT else p)
+            if math.ceil(end - first) > math.ceil(begin - first):
+                present.add(name)
+    return present

@@ -1,0 +1,188 @@
+"""The next measurement: conditions whose recordings would settle most of what is unresolved."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat.gap.confirm.sessions import MOST_RECORDINGS, at_most, part_of, simulate_sessions, sized
+from cyclofeat.gap.posterior.effect_posterior import EffectPosterior
+from cyclofeat.gap.result import NextMeasurement
+from cyclofeat.gap.world.rigs import Session, present_effects
+from cyclofeat.gap.world.world import World
+from cyclofeat.simulators import Effect
+
+Float = NDArray[np.float64]
+
+_PER_CANDIDATE = 4  # further recordings
+_DRAWS, _RIGS_PER_MACHINE = 32, 4
+_SURE = 1.0  # standard errors that a gain must exceed
+_OPEN = 0.02  # probability from which, and below whose complement, an effect is open
+_LOAD_RATIO, _SPEED_RATIO = 2.0, 1.25
+_SEPARATED = 0.1  # bits that an effect must gain to count as settled
+_LEAST = 1e-6  # probability
+
+
+@dataclass(frozen=True)
+class Possible:
+    """Simulated sessions of rigs that the recordings leave possible, with further recordings.
+
+    Attributes
+    ----------
+    further : FurtherRecordings
+    simulated : list of Session
+        Like ``further.session``.
+    present : ndarray of bool, shape (n_sessions, n_effects)
+        Which effects their rigs have.
+    """
+
+    further: FurtherRecordings
+    simulated: list[Session] = field(repr=False)
+    present: NDArray[np.bool_] = field(repr=False)
+
+    @property
+    def sessions(self) -> list[Session]:
+        """The sessions without the further recordings."""
+        return [part_of(one, np.arange(self.further.n_before)) for one in self.simulated]
+
+    def next_measurements(self, posterior: EffectPosterior) -> tuple[NextMeasurement, ...]:
+        """Rank further recordings by the information that they are expected to give.
+
+        The posterior answers with and without them. The gain is how much more probability it then gives to
+        what the rigs have and lack, each effect by itself, as the mean of the logarithm (Lindley 1956). A
+        posterior that only grows surer of wrong answers gains nothing.
+
+        Returns
+        -------
+        tuple of NextMeasurement
+            Those that give anything, the most informative first; empty where nothing is open.
+        """
+        return self.further.rank(posterior, self.simulated, self.present, n_errors=_SURE)
+
+
+def simulate_possible(
+    posterior: EffectPosterior, session: Session, *, random_state: int = 0, n_jobs: int = 1
+) -> Possible:
+    """Simulate rigs drawn from the posterior: each effect is there as often as it is probable.
+
+    Parameters
+    ----------
+    posterior : EffectPosterior
+    session : Session
+        Of more than 12 recordings, 12 are used.
+    random_state, n_jobs : int
+
+    Returns
+    -------
+    Possible
+        Without sessions where no effect is open.
+    """
+    world, session = posterior.world, at_most(session, MOST_RECORDINGS)
+    presence = posterior.predict_proba([session])[0]
+    further = FurtherRecordings(session, world)
+    if not np.any((presence > _OPEN) & (presence < 1 - _OPEN)):
+        return Possible(further, [], np.empty((0, presence.size), dtype=bool))
+    sizes = posterior.size_distribution(session, world.size_names)
+    simulated = simulate_sessions(
+        world, further.session, lambda random: _drawn(world, presence, sizes, random), _DRAWS,
+        n_rigs_per_machine=_RIGS_PER_MACHINE, random_state=random_state, n_jobs=n_jobs,
+    )  # fmt: skip
+    present = present_effects(simulated.sizes, world.size_names, world.names)
+    return Possible(further, simulated.sessions, present)
+
+
+class FurtherRecordings:
+    """Recordings that could be made besides those of a session.
+
+    At another load, another speed, in reverse, and more of the same; speeds and loads are those of the world.
+
+    Attributes
+    ----------
+    session : Session
+        With all these recordings, whose summaries are still to be simulated.
+    n_before : int
+        Number of its recordings that are not further ones; they come first.
+    """
+
+    def __init__(self, session: Session, world: World) -> None:
+        self._names, self.n_before = world.names, len(session.values)
+        candidates = _candidates(session, world)
+        self._what = [what for what, _ in candidates]
+        rows = np.r_[np.arange(self.n_before), np.arange(len(candidates) * _PER_CANDIDATE) % self.n_before]
+        self.session = part_of(session, rows)
+        further = np.array([conditions for _, conditions in candidates])
+        self.session.conditions[self.n_before :] = np.repeat(further, _PER_CANDIDATE, axis=0)
+
+    def rank(
+        self,
+        posterior: EffectPosterior,
+        simulated: Sequence[Session],
+        present: NDArray[np.bool_],
+        *,
+        n_errors: float,
+    ) -> tuple[NextMeasurement, ...]:
+        """Rank them by the information that they give on simulated rigs.
+
+        Parameters
+        ----------
+        posterior : EffectPosterior
+        simulated : sequence of Session
+            Like ``session``.
+        present : ndarray of bool, shape (n_sessions, n_effects)
+            Which effects their rigs have.
+        n_errors : float
+            Standard errors that a gain must exceed.
+        """
+        if not simulated:
+            return ()
+
+        def information(rows: NDArray[np.intp]) -> Float:
+            """Return the logarithm of the probability of what is true, (n_sessions, n_effects), in bits."""
+            p = posterior.predict_proba([part_of(one, rows) for one in simulated])
+            bits = np.log2(np.clip(np.where(present, p, 1 - p), _LEAST, None))
+            return np.asarray(np.nan_to_num(bits))  # of effects that were not learned
+
+        as_before = np.arange(self.n_before)
+        before = information(as_before)
+        found: list[tuple[float, NextMeasurement]] = []
+        for k, what in enumerate(self._what):
+            added = self.n_before + k * _PER_CANDIDATE + np.arange(_PER_CANDIDATE)
+            rises = information(np.r_[as_before, added]) - before
+            gains, error = rises.mean(axis=0), rises.sum(axis=1).std() / np.sqrt(len(simulated))
+            settles = tuple(name for name, gain in zip(self._names, gains, strict=True) if gain > _SEPARATED)
+            gain = float(gains.sum())
+            if gain > max(_SEPARATED, n_errors * error):
+                found.append((gain, NextMeasurement(what, settles, gain)))
+        return tuple(one for _, one in sorted(found, key=lambda one: -one[0]))
+
+
+def _candidates(session: Session, world: World) -> list[tuple[str, tuple[float, float, float]]]:
+    """Further conditions inside the world."""
+    speed, load, direction = session.conditions[0].tolist()
+    loads = [load * ratio for ratio in (_LOAD_RATIO, 1 / _LOAD_RATIO)]
+    speeds = [speed * ratio for ratio in (_SPEED_RATIO, 1 / _SPEED_RATIO)]
+    found = [(f"{_PER_CANDIDATE} more recordings as before", (speed, load, direction))]
+    for other in (loads, speeds):
+        low, high = world.loads_nm if other is loads else world.speeds_rpm
+        inside = [value for value in other if low <= value <= high]
+        if inside and other is loads:
+            found.append((f"recordings at {inside[0]:.3g} Nm", (speed, inside[0], direction)))
+        elif inside:
+            found.append((f"recordings at {inside[0]:.4g} RPM", (inside[0], load, direction)))
+    if np.all(session.conditions[:, 2] == direction):
+        found.append(("recordings in reverse", (speed, load, -direction)))
+    return found
+
+
+def _drawn(
+    world: World, presence: Float, sizes: tuple[Float, Float], random: np.random.Generator
+) -> tuple[Effect, ...]:
+    """Draw effects by their probabilities, with sizes of these medians and standard deviations."""
+    there = dict(zip(world.names, random.random(presence.size) < np.nan_to_num(presence), strict=True))
+    drawn = [there[name.partition(".")[0]] for name in world.size_names]
+    effects = [effect for effect in world.effects or () if there[effect.effect_id]]
+    middle, spread = (values[drawn] for values in sizes)
+    return sized(effects, random.normal(middle, spread))

@@ -1,0 +1,223 @@
+"""Simulation of sessions like a measured one, with drawn sizes of given effects."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import joblib
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat._base.parallel import stopped_quietly
+from cyclofeat.gap.world.machine import FEWEST_RECORDINGS, DrawnMachine, simulate_drawn
+from cyclofeat.gap.world.prior import DrawnSession
+from cyclofeat.gap.world.rigs import Rigs, Session
+from cyclofeat.gap.world.world import World
+from cyclofeat.simulators import Effect, SimulationFailed
+
+Float = NDArray[np.float64]
+# Effects on the gearbox, effects on the torque signal of each rig, factor on what differs anyway.
+DrawnRigs = tuple[tuple[Effect, ...], list[tuple[Effect, ...]], float]
+
+MOST_RECORDINGS = 12  # of a session, that are simulated
+_RIGS_PER_MACHINE = 2  # with different effects on the torque signal
+_MACHINES_AT_ONCE = 4
+
+
+@dataclass(frozen=True)
+class SimulatedSessions:
+    """Simulated sessions.
+
+    Attributes
+    ----------
+    sessions : list of Session
+    sizes : ndarray, shape (n_sessions, n_sizes)
+        Parameters of the effects, in the world's order and on the scale of their fit.
+    tolerances : ndarray, shape (n_sessions,)
+        What differs between recordings anyway, over what the world states.
+    """
+
+    sessions: list[Session] = field(repr=False)
+    sizes: Float = field(repr=False)
+    tolerances: Float = field(repr=False)
+
+
+def simulate_sessions(
+    world: World,
+    template: Session,
+    draw: Callable[[np.random.Generator], Sequence[Effect]],
+    n_sessions: int,
+    *,
+    tolerance: Callable[[np.random.Generator], float] | None = None,
+    n_rigs_per_machine: int = _RIGS_PER_MACHINE,
+    random_state: int = 0,
+    n_jobs: int = 1,
+) -> SimulatedSessions:
+    """Simulate sessions with the conditions of another; some at a time share the runs of a machine.
+
+    Parameters
+    ----------
+    world : World
+    template : Session
+        Whose conditions, assemblies, counts and tachometer they have; unknown counts are drawn.
+    draw : callable
+        Returns effects with random sizes; of those that share a machine, the first's effects on the gearbox
+        are used.
+    n_sessions : int
+    tolerance : callable, optional
+        Returns a random factor on all that differs between recordings anyway. Default: always 1.
+    n_rigs_per_machine : int, default=2
+        Sessions that share a machine, with other effects on the torque signal.
+    random_state, n_jobs : int
+    """
+
+    def rigs(random: np.random.Generator) -> DrawnRigs:
+        drawn = [draw(random) for _ in range(n_rigs_per_machine)]
+        in_machine = tuple(effect for effect in drawn[0] if effect.needs_simulation())
+        on_torque = [tuple(one for one in rig if not one.needs_simulation()) for rig in drawn]
+        return in_machine, on_torque, 1.0 if tolerance is None else tolerance(random)
+
+    n_machines = -(-n_sessions // n_rigs_per_machine)
+    machines = _machines(world, template, rigs, n_machines, random_state)
+    sessions, sizes, tolerances = [], [], []
+    for columns, machine in zip(_simulated(world, machines, n_jobs), machines, strict=True):
+        for values, counts, speeds, drawn in zip(
+            columns["values"], columns["counts"], columns["speeds"], columns["sizes"], strict=True
+        ):
+            if np.isfinite(values[:, 0]).all():
+                session = Session(
+                    values.astype(np.float64), template.conditions,
+                    None if template.counts is None else counts,
+                    None if template.speeds_rpm is None else speeds,
+                    template.assemblies,
+                )  # fmt: skip
+                sessions.append(session)
+                sizes.append(drawn)
+                tolerances.append(machine.session.tolerance)
+    return SimulatedSessions(
+        sessions[:n_sessions],
+        np.array(sizes[:n_sessions]).reshape(-1, len(world.size_names)),
+        np.array(tolerances[:n_sessions]),
+    )
+
+
+def simulate_prior(
+    world: World,
+    template: Session,
+    n_rigs: int,
+    *,
+    random_state: int = 0,
+    n_jobs: int = 1,
+    progress: Callable[[int, int], object] | None = None,
+) -> Rigs:
+    """Simulate sessions with the conditions of another, of rigs whose effects are drawn from the prior.
+
+    Parameters
+    ----------
+    world : World
+    template : Session
+        Whose conditions, assemblies and counts they have; unknown counts are drawn.
+    n_rigs : int
+        Two at a time share the runs of a machine.
+    random_state, n_jobs : int
+    progress : callable, optional
+        Called with the number of rigs done and ``n_rigs``.
+
+    Returns
+    -------
+    Rigs
+        Without those of which too many recordings failed.
+
+    Raises
+    ------
+    SimulationFailed
+        If all failed.
+    """
+
+    def rigs(random: np.random.Generator) -> DrawnRigs:
+        in_machine = world.prior.in_machine(random)
+        n = len(in_machine)
+        return in_machine, [world.prior.on_torque(n, random) for _ in range(_RIGS_PER_MACHINE)], 1.0
+
+    parts: list[dict[str, NDArray[Any]]] = []
+    n_machines = -(-n_rigs // _RIGS_PER_MACHINE)
+    for part in _simulated(world, _machines(world, template, rigs, n_machines, random_state), n_jobs):
+        parts.append(part)
+        if progress is not None:
+            progress(min(len(parts) * _RIGS_PER_MACHINE, n_rigs), n_rigs)
+    columns: dict[str, Any] = {
+        name: np.concatenate([part[name] for part in parts])[:n_rigs] for name in parts[0]
+    }
+    numbers = np.arange(n_rigs)
+    made = Rigs(
+        world.names, world.size_names, world.logarithmic, world.cells, numbers,
+        numbers // _RIGS_PER_MACHINE, world=world.to_dict(), **columns,
+    )  # fmt: skip
+    n_made = np.isfinite(made.values[:, :, 0]).sum(axis=1)
+    usable = made.of(n_made >= min(FEWEST_RECORDINGS, len(template.values)))
+    if not len(usable):
+        raise SimulationFailed(f"none of {n_rigs} simulated rigs gave enough recordings")
+    return usable
+
+
+def _machines(
+    world: World,
+    template: Session,
+    rigs: Callable[[np.random.Generator], DrawnRigs],
+    n_machines: int,
+    random_state: int,
+) -> list[DrawnMachine]:
+    """Draw machines with the conditions of a session, and what ``rigs`` draws."""
+    n = len(template.values)
+    speeds, loads, directions = template.conditions.T
+    assemblies = np.arange(n) if template.assemblies is None else template.assemblies
+    machines = []
+    for seed in np.random.SeedSequence(random_state).spawn(n_machines):
+        for_draws, *for_runs = seed.spawn(n + 1)
+        random = np.random.default_rng(for_draws)
+        counts = template.counts
+        if counts is None:
+            counts = random.choice(np.array(world.defect_counts), n)
+        in_machine, on_torque, tolerance = rigs(random)
+        session = DrawnSession(speeds, loads, directions.astype(np.int64), counts, assemblies, tolerance)
+        machines.append(DrawnMachine(in_machine, on_torque, session, for_runs))
+    return machines
+
+
+def _simulated(
+    world: World, machines: Sequence[DrawnMachine], n_jobs: int
+) -> Iterator[dict[str, NDArray[Any]]]:
+    """Yield the columns of the rigs of each machine."""
+    parts = [machines[k : k + _MACHINES_AT_ONCE] for k in range(0, len(machines), _MACHINES_AT_ONCE)]
+    calls = (joblib.delayed(simulate_drawn)(world, part) for part in parts)
+    with stopped_quietly(joblib.Parallel(n_jobs=n_jobs, return_as="generator")(calls)) as made:
+        for part in made:
+            yield from part
+
+
+def at_most(session: Session, most: int) -> Session:
+    """Return no more than so many recordings of a session, its conditions in turn."""
+    _, of_condition = np.unique(session.conditions, axis=0, return_inverse=True)
+    earlier = np.array([np.sum(of_condition[:k] == one) for k, one in enumerate(of_condition)])
+    return part_of(session, np.sort(np.argsort(earlier, kind="stable")[:most]))
+
+
+def part_of(session: Session, rows: NDArray[np.intp]) -> Session:
+    """Return some recordings of a session."""
+    return dataclasses.replace(
+        session, **{name: values[rows] for name, values in vars(session).items() if values is not None}
+    )
+
+
+def sized(effects: Sequence[Effect], sizes: Float) -> tuple[Effect, ...]:
+    """Return effects with sizes on the scale of their fit, held within their bounds."""
+    made, first = [], 0
+    for effect in effects:
+        low, high = effect.vector_bounds()
+        part = sizes[first : first + low.size]
+        first += low.size
+        made.append(effect.from_vector(np.clip(part, low, high)))
+    return tuple(made)

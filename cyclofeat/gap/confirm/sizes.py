@@ -1,0 +1,180 @@
+"""Sizes of effects by synthetic likelihood: summaries linear in the sizes, with Gaussian residuals.
+
+After Wood (2010), "Statistical inference for noisy nonlinear ecological dynamic systems", Nature 466, and
+Fearnhead and Prangle (2012), "Constructing summary statistics for approximate Bayesian computation", J. R.
+Stat. Soc. B 74: the summaries are estimates of the sizes themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+from sklearn.covariance import LedoitWolf
+from sklearn.linear_model import RidgeCV
+from sklearn.model_selection import KFold, cross_val_predict
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+
+Float = NDArray[np.float64]
+
+_FOLDS = 5
+_ALPHAS = np.logspace(0, 5, 11)
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """Distribution of sizes on the scale of their fit: mean (n_sizes,), covariance (n_sizes, n_sizes)."""
+
+    mean: Float
+    covariance: Float
+
+    @property
+    def spread(self) -> Float:
+        """Standard deviation of each size."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    def without_last(self) -> Gaussian:
+        """Return the distribution of all sizes but the last."""
+        return Gaussian(self.mean[:-1], self.covariance[:-1, :-1])
+
+    def draw(self, random: np.random.Generator) -> Float:
+        """Draw sizes."""
+        return np.asarray(
+            self.mean + np.linalg.cholesky(self.covariance) @ random.normal(size=self.mean.size)
+        )
+
+
+def size_posterior(
+    sizes: Float, features: Float, estimates: Float, observed: tuple[Float, Float], prior: Gaussian
+) -> tuple[Gaussian, Float, Callable[[Float, Float], Float]]:
+    """Return the posterior of sizes given one session's summaries.
+
+    Parameters
+    ----------
+    sizes : ndarray, shape (n_sessions, n_sizes)
+        Of the simulated sessions.
+    features : ndarray, shape (n_sessions, n_features)
+        Their summaries, from which a ridge regression estimates the sizes.
+    estimates : ndarray, shape (n_sessions, n_estimates)
+        Other estimates of their sizes.
+    observed : (ndarray, ndarray)
+        Features and estimates of the session in question, shapes (n_features,) and (n_estimates,).
+    prior : Gaussian
+        Of the sizes, before any recording.
+
+    Returns
+    -------
+    posterior : Gaussian
+    fitted : ndarray, shape (n_sessions, n_sizes)
+        Means of the posteriors of the simulated sessions.
+    fit : callable
+        Returns these means for the features and estimates of other sessions.
+    """
+    regression = make_pipeline(StandardScaler(), RidgeCV(_ALPHAS))
+    # A session must not estimate its own sizes: the residuals would be too small.
+    crossed = cross_val_predict(regression, features, sizes, cv=KFold(_FOLDS)).reshape(sizes.shape)
+    regression.fit(features, sizes)
+    statistics = np.hstack([crossed, estimates])
+    inputs = np.column_stack([np.ones(len(sizes)), sizes])
+    coefficients, *_ = np.linalg.lstsq(inputs, statistics, rcond=None)
+    residuals = statistics - inputs @ coefficients
+    scale = residuals.std(axis=0) + 1e-9
+    freedom = len(sizes) / max(len(sizes) - inputs.shape[1], 1)
+    precision = np.linalg.inv(LedoitWolf().fit(residuals / scale).covariance_ * freedom)
+    slopes = coefficients[1:] / scale
+    weighted = slopes @ precision
+    before = np.linalg.inv(prior.covariance)
+    covariance = np.linalg.inv(weighted @ slopes.T + before)
+
+    def mean(some: Float) -> Float:
+        found = (some - coefficients[0]) / scale @ weighted.T + before @ prior.mean
+        return np.asarray(found @ covariance)
+
+    def fit(features: Float, estimates: Float) -> Float:
+        own = regression.predict(features).reshape(len(features), -1)
+        return mean(np.hstack([own, estimates]))
+
+    of_observed = fit(*(part[None] for part in observed))[0]
+    return Gaussian(of_observed, covariance), mean(statistics), fit
+
+
+SMALLEST = 0.05  # differences far below the spread of a recording, which is about 1, have no consequence
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """Distance of a session from simulated ones of the corrected rig.
+
+    Attributes
+    ----------
+    p : float
+        Share of sessions of the corrected rig that lie as far.
+    p_open : float
+        Share of sessions with open effects besides that lie as far; NaN without any.
+    z : ndarray, shape (n_summaries,)
+        Difference in each summary, in standard deviations of a session.
+    """
+
+    p: float
+    p_open: float
+    z: Float
+
+
+def unexplained(
+    simulated: Float,
+    sizes: Float,
+    fitted: Float,
+    observed: Float,
+    size: Float,
+    others: tuple[Float, Float] | None = None,
+) -> Unexplained:
+    """Compare the summaries of a session with those of simulated sessions, each at its own fitted sizes.
+
+    Parameters
+    ----------
+    simulated : ndarray, shape (n_sessions, n_summaries)
+    sizes, fitted : ndarray, shape (n_sessions, n_sizes)
+        True sizes of the simulated sessions, and those fitted to them.
+    observed : ndarray, shape (n_summaries,)
+    size : ndarray, shape (n_sizes,)
+        Fitted to the observed session.
+    others : (ndarray, ndarray), optional
+        Summaries of simulated sessions that have open effects too, shape (n_others, n_summaries), and sizes
+        fitted to them, shape (n_others, n_sizes).
+
+    Returns
+    -------
+    Unexplained
+        Squared Mahalanobis distances have their covariance from other sessions, shrunk; the p is that of
+        Student's t in their logarithm.
+    """
+    inputs = np.column_stack([np.ones(len(sizes)), sizes])
+    coefficients, *_ = np.linalg.lstsq(inputs, simulated, rcond=None)
+
+    def residuals(some: Float, at: Float) -> Float:
+        return np.asarray(some - np.column_stack([np.ones(len(at)), at]) @ coefficients)
+
+    left, of_observed = residuals(simulated, fitted), residuals(observed[None], size[None])
+    of_others = np.empty((0, left.shape[1])) if others is None else residuals(*others)
+    centre, spread = left.mean(axis=0), np.hypot(left.std(axis=0, ddof=1), SMALLEST)
+    z, far = (of_observed - centre) / spread, np.vstack([of_observed, of_others])
+    left, far = left / spread, (far - centre) / spread
+    distances, of_folds = np.empty(len(left)), []
+    for rest, held in KFold(_FOLDS).split(left):
+        model = LedoitWolf().fit(left[rest])
+        distances[held] = model.mahalanobis(left[held])
+        of_folds.append(model.mahalanobis(far))
+    logs = np.log(np.mean(of_folds, axis=0))
+    return Unexplained(_tail(logs[0], np.log(distances)), _tail(logs[0], logs[1:]), z[0])
+
+
+def _tail(value: float, sample: Float) -> float:
+    """Return the chance of a value as large, by Student's t; NaN for a sample of fewer than two."""
+    if sample.size < 2:
+        return float("nan")
+    error = sample.std(ddof=1) * np.sqrt(1 + 1 / sample.size)
+    return float(stats.t.sf((value - sample.mean()) / error, sample.size - 1))

@@ -1,0 +1,498 @@
+"""Recordings of one rig: checked, sorted by condition, and in the shape that each stage of the gap takes."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import resample_poly
+
+from cyclofeat._base.arguments import ArgumentError
+from cyclofeat._base.checks import check_type, positive
+from cyclofeat._base.quantities import TORQUES, factor_to_output
+from cyclofeat.gap.comparison import Comparison, GapSettings
+from cyclofeat.gap.simulations import Bank
+from cyclofeat.gap.summaries.summarise import Conditions
+from cyclofeat.gap.summaries.turns import MeasuredTurns
+from cyclofeat.gap.world.cells import turn_samples
+from cyclofeat.gap.world.prior import FLOOR
+from cyclofeat.gap.world.rigs import Session
+from cyclofeat.gap.world.world import World
+from cyclofeat.recordings import Recording, Windower
+from cyclofeat.recordings.recording import common_n_lobes, common_quantity
+from cyclofeat.recordings.windower import recording_label
+from cyclofeat.signal.faults import runs
+from cyclofeat.signal.orders import mean_speed
+from cyclofeat.simulators import Rig
+
+Float = NDArray[np.float64]
+
+# Set-points that differ by less are one condition: shares of the speed and of the load.
+SAME_SPEED, SAME_LOAD = 0.005, 0.02
+_SAME_RATE = 1e-6  # two statements of one rate, as they come back from text files
+_LARGEST_RATIO = 50_000  # of rates: a clock's error by rounding it is at most 0.002 %
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Set-points of recordings.
+
+    Attributes
+    ----------
+    speed_rpm : float
+        Of the input shaft.
+    load_nm : float
+        Size of the load torque.
+    direction : {1, -1}
+        -1 in reverse, where the torque is negative.
+    """
+
+    speed_rpm: float
+    load_nm: float
+    direction: int = 1
+
+    @classmethod
+    def of(cls, comparison: Comparison) -> Condition:
+        """Return the condition of a comparison."""
+        speed_rpm = round(60 * comparison.conditions.input_speed_hz, 6)
+        return cls(speed_rpm, float(comparison.rig.gearbox.load_torque), comparison.direction)
+
+    def is_near(self, other: Condition) -> bool:
+        """Return True if the speeds lie within 0.5 %, the loads within 2 %, and the directions are equal."""
+        pairs = (self.speed_rpm, other.speed_rpm, SAME_SPEED), (self.load_nm, other.load_nm, SAME_LOAD)
+        return self.direction == other.direction and all(
+            math.isclose(mine, theirs, rel_tol=share) for mine, theirs, share in pairs
+        )
+
+    def set_on(self, rig: Rig) -> Rig:
+        """Return a rig that runs at the speed and load of the condition."""
+        gearbox = rig.gearbox.replace(input_speed=self.speed_rpm * np.pi / 30, load_torque=self.load_nm)
+        return rig.replace(gearbox=gearbox)
+
+    @property
+    def text(self) -> str:
+        """The condition in words."""
+        reverse = "" if self.direction > 0 else ", reverse"
+        return f"{self.speed_rpm:.4g} RPM, {self.load_nm:.3g} Nm{reverse}"
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredRig:
+    """Recordings of one rig, at one condition or at several.
+
+    Made by :meth:`of`.
+
+    Attributes
+    ----------
+    recordings : tuple of Recording
+        All at one sampling rate, with the torque referred to the output.
+    sampling_rate : float
+        In Hz.
+    quantity : {"output_torque", "input_torque"}
+        What was measured.
+    n_lobes : int
+        Lobes of a disc.
+    of_recording : tuple of Condition
+        Condition of each recording.
+    has_counts, has_tachometer : bool
+        Whether the counts of worn lobes, and the angle of a shaft, are used: all recordings state them.
+    warnings : tuple of str
+        What the recordings did not state or had to be changed in.
+    """
+
+    recordings: tuple[Recording, ...] = field(repr=False)
+    sampling_rate: float
+    quantity: str
+    n_lobes: int
+    of_recording: tuple[Condition, ...] = field(repr=False)
+    has_counts: bool
+    has_tachometer: bool
+    warnings: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        recordings: Iterable[Recording],
+        rig: Rig,
+        sampling_rate: float | None = None,
+        *,
+        quantity: str | None = None,
+        conditions: Sequence[Condition] = (),
+    ) -> MeasuredRig:
+        """Check recordings and sort them by condition.
+
+        Speeds within 0.5 % of each other, and loads within 2 %, are one set-point: their median. A recording
+        whose mean torque is negative ran in reverse.
+
+        Parameters
+        ----------
+        recordings : iterable of Recording
+            With ``speed_rpm``, and of discs with as many lobes as the model's.
+        rig : Rig
+            The model. Its load is that of recordings without ``load_nm``, with a warning.
+        sampling_rate : float, optional
+            Rate in Hz to which recordings with a higher one are resampled, with a warning. Default: the
+            lowest of the recordings.
+        quantity : {"output_torque", "input_torque"}, optional
+            The quantity that must have been measured. Default: either.
+        conditions : sequence of Condition, optional
+            Those of other recordings: a set-point within the same limits of one of theirs is that one.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If there are no recordings, one states no speed, quantities or discs differ or are not as wanted,
+            or a rate is below ``sampling_rate``.
+
+        Examples
+        --------
+        >>> torque = np.random.default_rng(0).normal(22, 0.1, 51_200)
+        >>> measured = MeasuredRig.of(
+        ...     [Recording(torque * side, 25_600, speed_rpm=500, load_nm=22) for side in (1, 1, -1)], Rig()
+        ... )
+        >>> [condition.text for condition in measured.conditions]
+        ['500 RPM, 22 Nm', '500 RPM, 22 Nm, reverse']
+        >>> len(measured.at(measured.conditions[0]))
+        2
+        """
+        given = tuple(recordings)
+        if not given:
+            raise ValueError("recordings must hold at least one recording, got none")
+        for recording in given:
+            check_type("recordings", recording, Recording)
+        measured = common_quantity(given)
+        if measured not in TORQUES:
+            raise ArgumentError(
+                "{argument} of the recordings must be {wanted}, got {got!r}",
+                argument="quantity", wanted=" or ".join(map(repr, TORQUES)), got=measured,
+            )  # fmt: skip
+        if quantity not in (None, measured):
+            raise ArgumentError(
+                "{argument} of the recordings must be {wanted!r}, from which the posterior was learned, got "
+                "{got!r}: prepare a posterior for {got!r}",
+                argument="quantity", wanted=quantity, got=measured,
+            )  # fmt: skip
+        n_lobes = common_n_lobes(given)
+        if n_lobes != rig.gearbox.n_lobes:
+            raise ArgumentError(
+                "the model's discs have {wanted} lobes, those of the recordings {got}: take the model of "
+                "their gearbox, or give {n_lobes:=}",
+                wanted=rig.gearbox.n_lobes, got=n_lobes,
+            )  # fmt: skip
+        at_output, of_input = _at_output(given, measured, n_lobes)
+        at_one_rate, warnings = _at_one_rate(at_output, sampling_rate)
+        of_recording, more = _conditions(at_one_rate, float(rig.gearbox.load_torque), conditions)
+        return cls(
+            recordings=at_one_rate,
+            sampling_rate=at_one_rate[0].sampling_rate,
+            quantity=measured,
+            n_lobes=n_lobes,
+            of_recording=of_recording,
+            has_counts=all(recording.defect_count is not None for recording in given),
+            has_tachometer=all(recording.angle is not None for recording in given),
+            warnings=(*of_input, *warnings, *more, *_few_assemblies(given)),
+        )
+
+    @property
+    def conditions(self) -> tuple[Condition, ...]:
+        """Distinct conditions: forward before reverse, then by speed and load."""
+        return tuple(sorted(set(self.of_recording), key=lambda at: (-at.direction, at.speed_rpm, at.load_nm)))
+
+    @property
+    def doubts(self) -> list[str]:
+        """A sentence on each property of the recordings that limits the conclusions."""
+        return doubts_of(
+            [one.torque for one in self.recordings],
+            has_counts=self.has_counts,
+            has_tachometer=self.has_tachometer,
+        )
+
+    def at(self, condition: Condition) -> tuple[Recording, ...]:
+        """Return the recordings of a condition."""
+        return tuple(
+            one for one, at in zip(self.recordings, self.of_recording, strict=True) if at == condition
+        )
+
+    def of_one_assembly(self, condition: Condition) -> bool:
+        """Return True if all of several recordings of a condition state the same assembly."""
+        recordings = self.at(condition)
+        assemblies = {recording.assembly for recording in recordings}
+        return len(recordings) > 1 and len(assemblies) == 1 and None not in assemblies
+
+    def part(self, numbers: Sequence[int]) -> MeasuredRig:
+        """Return some of the recordings, by their numbers from 0, with the same conditions."""
+        return dataclasses.replace(
+            self,
+            recordings=tuple(self.recordings[i] for i in numbers),
+            of_recording=tuple(self.of_recording[i] for i in numbers),
+        )
+
+    def known_as(self, other: MeasuredRig) -> MeasuredRig:
+        """Return a copy that uses counts and tachometer only where other recordings state them too."""
+        return dataclasses.replace(
+            self,
+            has_counts=self.has_counts and other.has_counts,
+            has_tachometer=self.has_tachometer and other.has_tachometer,
+        )
+
+    def turns(self, comparison: Comparison) -> MeasuredTurns:
+        """Return the recordings at a comparison's condition, cut to output turns.
+
+        The torque is multiplied by the direction: positive for a load that brakes.
+
+        Raises
+        ------
+        ValueError
+            If a recording is shorter than an output turn, or constant over one.
+        """
+        condition = Condition.of(comparison)
+        recordings = self.at(condition)
+        cut = Windower(input_speed_hz=condition.speed_rpm / 60, reduction=self.n_lobes).windows(recordings)
+        angle = None
+        if self.has_tachometer:
+            starts = np.round(cut.start_s * cut.sampling_rate).astype(int)
+            of_input = self._angles(recordings)
+            n = cut.X.shape[1]
+            angle = np.array([of_input[i][k : k + n] for i, k in zip(cut.recording, starts, strict=True)])
+        y = cut.y if self.has_counts else None
+        return comparison.measured(cut.X * condition.direction, y, cut.recording, angle)
+
+    def world(self, world: World) -> World:
+        """Return a world of the recordings' quantity and rate whose speeds, loads and counts hold theirs.
+
+        Speeds and loads reach 10 % further than the recordings; a rate above that of ``world`` stays its.
+        """
+        speeds, loads = (
+            np.array([getattr(at, name) for at in self.conditions]) for name in ("speed_rpm", "load_nm")
+        )
+        counts = [*world.defect_counts, *(one.defect_count or 0 for one in self.recordings)]
+        return dataclasses.replace(
+            world,
+            quantity=self.quantity,
+            sampling_rate=min(self.sampling_rate, world.sampling_rate),
+            speeds_rpm=(0.9 * speeds.min(), 1.1 * speeds.max()),
+            loads_nm=(0.9 * loads.min(), 1.1 * loads.max()),
+            defect_counts=sorted(set(counts)),
+        )
+
+    def comparison(self, condition: Condition, world: World, settings: GapSettings) -> Comparison:
+        """Return the comparison with the world's model at a condition.
+
+        What may differ anyway is what the world says, and the noise and drift that all its rigs have.
+        """
+        speed_hz = condition.speed_rpm / 60
+        return Comparison(
+            sampling_rate=self.sampling_rate,
+            rig=condition.set_on(world.rig),
+            duration=self.n_lobes / speed_hz,
+            input_speed_hz=speed_hz,
+            direction=condition.direction,
+            quantity=self.quantity,
+            may_differ=(*world.may_differ, *FLOOR),
+            defect_counts=world.defect_counts,
+            wheels=world.wheels,
+            tachometer=self.has_tachometer,
+            one_assembly=settings.one_assembly or self.of_one_assembly(condition),
+            n_bank=settings.n_bank,
+            random_state=settings.random_state,
+            n_jobs=settings.n_jobs,
+            cache=settings.cache,
+        )
+
+    def bank(self, comparison: Comparison) -> Bank:
+        """Return the first output turn of each recording at a comparison's condition, as if simulated.
+
+        Counts are 0 where they are not known, and speeds nominal without a tachometer.
+        """
+        condition, turns = Condition.of(comparison), self.turns(comparison)
+        first = np.unique(turns.of_window, return_index=True)[1]
+        nominal = np.full(len(first), condition.speed_rpm / 60)
+        return Bank(
+            X=turns.windows[first],
+            counts=turns.counts_or_zeros,
+            speeds=nominal if turns.speeds is None else turns.speeds[first],
+            assemblies=_assemblies(self.at(condition)),
+        )
+
+    def session(self, *, one_assembly: bool = False) -> Session:
+        """Return the summaries of the first output turn of each recording, for a posterior.
+
+        Parameters
+        ----------
+        one_assembly : bool
+            Whether all are of one assembly. Default: as the recordings state; an assembly each where one
+            states none.
+
+        Raises
+        ------
+        ValueError
+            If a recording is shorter than an output turn and 3 % more.
+        """
+        needed = []
+        for i, (one, at) in enumerate(zip(self.recordings, self.of_recording, strict=True)):
+            needed.append(turn_samples(Conditions(self.sampling_rate, at.speed_rpm / 60, self.n_lobes)))
+            if one.n_samples < needed[-1]:
+                raise ValueError(
+                    f"{recording_label(i, one)} is too short: an output turn and 3 % "
+                    f"more, {needed[-1] / self.sampling_rate:.4g} s at {at.speed_rpm:.4g} RPM, is needed, "
+                    f"got {one.duration:.4g} s"
+                )
+        speeds = None
+        if self.has_tachometer:
+            angles = self._angles(self.recordings)
+            turned = [mean_speed(a[:n], self.sampling_rate) for a, n in zip(angles, needed, strict=True)]
+            speeds = 60 * np.array(turned)
+        return Session.of(
+            [one.torque for one in self.recordings],
+            self.sampling_rate,
+            [(at.speed_rpm, at.load_nm, at.direction) for at in self.of_recording],
+            counts=[one.defect_count or 0 for one in self.recordings] if self.has_counts else None,
+            speeds_rpm=speeds,
+            assemblies=[0] * len(self.recordings) if one_assembly else _assemblies(self.recordings),
+            n_lobes=self.n_lobes,
+        )
+
+    def _angles(self, recordings: Iterable[Recording]) -> list[Float]:
+        """Angles of the input shaft; the tachometer may have been on a disc."""
+        angles = (recording.input_angle(self.n_lobes) for recording in recordings)
+        return [angle for angle in angles if angle is not None]
+
+
+def _at_output(
+    recordings: Sequence[Recording], quantity: str, n_lobes: int
+) -> tuple[Sequence[Recording], list[str]]:
+    """Return recordings with the torque referred to the output, and a warning where it was the input's."""
+    factor = factor_to_output(quantity, n_lobes)
+    if factor == 1:
+        return recordings, []
+    warning = f"input torque is multiplied by {factor}, the reduction: all torques are referred to the output"
+    return [recording.replace(torque=factor * recording.torque) for recording in recordings], [warning]
+
+
+def _at_one_rate(
+    recordings: Sequence[Recording], sampling_rate: float | None
+) -> tuple[tuple[Recording, ...], list[str]]:
+    """Return recordings at one rate, and a warning if some had to be resampled."""
+    rates = sorted({recording.sampling_rate for recording in recordings})
+    rate = rates[0] if sampling_rate is None else positive("sampling_rate", sampling_rate, "a number of Hz")
+    if rates[0] < rate * (1 - _SAME_RATE):
+        raise ValueError(
+            f"recordings must have {rate:g} Hz or more, the rate of the posterior's world, got "
+            f"{rates[0]:g} Hz: prepare a posterior for that rate"
+        )
+    faster = [one for one in rates if one > rate * (1 + _SAME_RATE)]
+    if not faster:
+        return tuple(recordings), []
+    n = sum(recording.sampling_rate in faster for recording in recordings)
+    warning = (
+        f"{n} of {len(recordings)} recordings were resampled from {', '.join(f'{one:g}' for one in faster)} "
+        f"to {rate:g} Hz: what lies above {rate / 2:g} Hz and the steps of their converter are not compared"
+    )
+    return tuple(_resampled(recording, rate) for recording in recordings), [warning]
+
+
+def _resampled(recording: Recording, rate: float) -> Recording:
+    """Return a recording at a lower rate; unchanged where it has that rate."""
+    before = recording.sampling_rate
+    if math.isclose(before, rate, rel_tol=_SAME_RATE):
+        return recording
+    ratio = (Fraction(rate) / Fraction(before)).limit_denominator(_LARGEST_RATIO)
+    n = int((recording.n_samples - 1) * ratio) + 1
+    # The mean is taken out: its gain differs by 0.07 % between the filter's phases, and it ends at the ends.
+    mean = recording.torque.mean()
+    torque = mean + resample_poly(recording.torque - mean, ratio.numerator, ratio.denominator)[:n]
+    angle = recording.angle
+    if angle is not None:
+        angle = np.interp(np.arange(n) / float(ratio), np.arange(angle.size), angle)
+    return recording.replace(torque=torque, angle=angle, sampling_rate=rate)
+
+
+def _conditions(
+    recordings: Sequence[Recording], load_nm: float, known: Sequence[Condition]
+) -> tuple[tuple[Condition, ...], list[str]]:
+    """Return the condition of each recording, and a warning if some state no load."""
+    speeds = [recording.speed_rpm for recording in recordings if recording.speed_rpm is not None]
+    if len(speeds) < len(recordings):
+        raise ArgumentError(
+            "{missing} of {n} recordings state no nominal speed: give {speed_rpm:=} (RPM)",
+            missing=len(recordings) - len(speeds), n=len(recordings),
+        )  # fmt: skip
+    loads = [load_nm if recording.load_nm is None else recording.load_nm for recording in recordings]
+    unstated = sum(recording.load_nm is None for recording in recordings)
+    warnings = []
+    if unstated:
+        warnings.append(
+            f"{unstated} of {len(recordings)} recordings state no load (load_nm): it is taken to be the "
+            f"model's, {load_nm:g} Nm"
+        )
+    at = zip(set_points(speeds, SAME_SPEED), set_points(np.abs(loads), SAME_LOAD), recordings, strict=True)
+    found = (
+        Condition(round(float(speed), 6), float(load), -1 if recording.torque.mean() < 0 else 1)
+        for speed, load, recording in at
+    )
+    return tuple(next(filter(one.is_near, known), one) for one in found), warnings
+
+
+def set_points(values: Sequence[float] | Float, share: float) -> Float:
+    """Return values with the median of those that lie within a share of the smallest of them."""
+    given = np.asarray(values, dtype=float)
+    snapped, left = np.empty_like(given), np.ones(given.size, dtype=bool)
+    while left.any():
+        same = left & (given <= given[left].min() * (1 + share))
+        snapped[same] = np.median(given[same])
+        left &= ~same
+    return snapped
+
+
+def _few_assemblies(recordings: Sequence[Recording]) -> list[str]:
+    """Return a warning if recordings of one assembly count as several."""
+    assemblies = {recording.assembly for recording in recordings}
+    if None in assemblies or not 1 < len(assemblies) < len(recordings):
+        return []
+    return [
+        f"{len(recordings)} recordings are of {len(assemblies)} assemblies, and each counts as one of its "
+        "own: differences may look surer than they are"
+    ]
+
+
+def _assemblies(recordings: Sequence[Recording]) -> NDArray[np.int64]:
+    """Return numbers of assemblies; a recording that states none has one of its own."""
+    names = [f"\n{i}" if one.assembly is None else str(one.assembly) for i, one in enumerate(recordings)]
+    return np.unique(names, return_inverse=True)[1].astype(np.int64)
+
+
+_FEW_RECORDINGS = 4
+_CLIPPED = 1e-3  # share of samples at one extreme value from which a recording counts as clipped
+_FLAT = 5  # samples on end
+
+
+def doubts_of(torques: Sequence[NDArray[Any]], *, has_counts: bool, has_tachometer: bool) -> list[str]:
+    """Return a sentence on each property of a rig's recordings that limits the conclusions."""
+    n = len(torques)
+    doubts = []
+    if n < _FEW_RECORDINGS:
+        doubts.append(
+            f"{n} recordings: how much they vary from one to the next is hardly known, and only large "
+            "differences are found"
+        )
+    if not has_counts:
+        doubts.append("the counts of worn lobes are not known: differences between classes hide smaller ones")
+    if not has_tachometer:
+        doubts.append(
+            "no tachometer: an error of the speed and one of the converter's clock cannot be told apart"
+        )
+    for extreme, word in ((np.max, "largest"), (np.min, "smallest")):
+        at_end = [torque == extreme(torque) for torque in torques]
+        clipped = sum(np.mean(flags) > _CLIPPED and runs(flags)[1].max() >= _FLAT for flags in at_end)
+        if clipped:
+            doubts.append(
+                f"{clipped} of {n} recordings seem clipped: they stay at their {word} value for samples on "
+                "end"
+            )
+    return doubts

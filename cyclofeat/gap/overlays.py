@@ -1,0 +1,169 @@
+"""Recordings, model and corrected model, summarised for pictures that lay them over each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.fft import rfft, rfftfreq
+from sklearn.utils.validation import check_array
+
+from cyclofeat.gap.comparison import Comparison
+from cyclofeat.gap.measured import Condition
+from cyclofeat.gap.summaries.summarise import RESOLUTION_NM, SPEED_TOLERANCE, Conditions
+from cyclofeat.signal.orders import estimate_input_speed, order_lines
+
+Float = NDArray[np.float64]
+
+KINDS = ("spectrum", "orders", "distribution")
+_BANDS_PER_OCTAVE = 12
+_HIGHEST_SHARE = 0.4  # of the sampling rate, up to which torque is shown
+_LAST_ORDER = 36  # holds two lines of the mesh of 15 lobes
+_BINS = 60
+_RANGE = (5, 95)  # percent
+
+
+@dataclass(frozen=True)
+class Band:
+    """Mean over recordings, and the range that holds nine in ten of them; each of shape (n,)."""
+
+    mean: Float
+    low: Float
+    high: Float
+
+
+@dataclass(frozen=True, eq=False)
+class Overlay:
+    """One picture's curves of recordings, model and corrected model at one condition.
+
+    Attributes
+    ----------
+    kind : {"spectrum", "orders", "distribution"}
+        rms in Nm by twelfth octaves; amplitudes in Nm of the lines of the output turn; density of the torque
+        in 1/Nm.
+    x : ndarray, shape (n,)
+        Frequency in Hz, order of the input shaft, or torque in Nm.
+    measured, model : Band
+    corrected : Band or None
+        None where nothing was added to the model.
+    condition : Condition
+    """
+
+    kind: str
+    x: Float = field(repr=False)
+    measured: Band = field(repr=False)
+    model: Band = field(repr=False)
+    corrected: Band | None = field(repr=False)
+    condition: Condition
+
+
+def overlays(
+    comparison: Comparison, measured: ArrayLike, model: ArrayLike, corrected: ArrayLike | None = None
+) -> tuple[Overlay, ...]:
+    """Summarise recordings, model and corrected model at one condition for pictures.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        It states the condition.
+    measured, model, corrected : array-like, shape (n_recordings, n_samples)
+        Torque in Nm, positive for a load that brakes. ``corrected`` is None where nothing was added.
+
+    Returns
+    -------
+    tuple of Overlay
+        Spectrum, orders, and distribution.
+
+    Raises
+    ------
+    ValueError
+        If torque is not finite or of other length in one of them.
+
+    Examples
+    --------
+    >>> from cyclofeat.gap import Comparison
+    >>> comparison = Comparison(sampling_rate=6400.0, defect_counts=[0])
+    >>> torque = comparison.bank(2).X
+    >>> spectrum, orders, distribution = overlays(comparison, torque, torque)
+    >>> strongest = orders.x[orders.measured.mean.argmax()]  # of the mesh, at 16 times the speed
+    >>> round(float(strongest), 2)
+    16.0
+    """
+    conditions = comparison.conditions
+    sets = {"measured": measured, "model": model, "corrected": corrected}
+    torque = {
+        name: check_array(X, dtype=np.float64, input_name=name) for name, X in sets.items() if X is not None
+    }
+    lengths = {name: X.shape[1] for name, X in torque.items()}
+    if len(set(lengths.values())) > 1:
+        raise ValueError(f"measured, model and corrected must be of equal length in samples, got {lengths}")
+    edges = np.linspace(*_common_range(torque), _BINS + 1)
+    bands, hz = _twelfths(conditions, lengths["measured"])
+    orders = np.arange(1, _n_lines(conditions) + 1) / conditions.n_lobes
+
+    def overlay(kind: str, x: Float, values: Callable[[Float], Float]) -> Overlay:
+        curves = dict.fromkeys(sets) | {name: _band(kind, values(X)) for name, X in torque.items()}
+        return Overlay(kind=kind, x=x, **curves, condition=Condition.of(comparison))  # type: ignore[arg-type]
+
+    return (
+        overlay("spectrum", hz, lambda X: _band_rms(X, bands)),
+        overlay("orders", orders, lambda X: _amplitudes(X, conditions, orders.size)),
+        overlay("distribution", (edges[1:] + edges[:-1]) / 2, lambda X: _densities(X, edges)),
+    )
+
+
+def _band(kind: str, values: Float) -> Band:
+    # Amplitudes range over decades: their mean is that of the levels.
+    mean = values.mean(axis=0) if kind == "distribution" else np.exp(np.log(values).mean(axis=0))
+    low, high = np.percentile(values, _RANGE, axis=0)
+    return Band(mean, low, high)
+
+
+def _common_range(torque: dict[str, Any]) -> tuple[float, float]:
+    """Least and greatest torque, without the outermost samples in 2,000."""
+    ends = np.array([np.percentile(X, [0.05, 99.95]) for X in torque.values()])
+    low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
+    return low, max(high, low + RESOLUTION_NM)
+
+
+def _twelfths(conditions: Conditions, n_samples: int) -> tuple[NDArray[np.intp], Float]:
+    """Band of each bin of the spectrum (-1: none), and the centres in Hz of those that hold a bin."""
+    rate = conditions.sampling_rate
+    hz = rfftfreq(n_samples, 1 / rate)
+    inside = (hz > 0) & (hz <= _HIGHEST_SHARE * rate)
+    number = np.full(hz.size, -1, dtype=np.intp)
+    bands, number[inside] = np.unique(
+        np.round(_BANDS_PER_OCTAVE * np.log2(hz[inside])), return_inverse=True
+    )  # fmt: skip
+    return number, 2 ** (bands / _BANDS_PER_OCTAVE)
+
+
+def _band_rms(X: Float, bands: NDArray[np.intp]) -> Float:
+    n = X.shape[1]
+    window = np.hanning(n)
+    ripple = (X - X.mean(axis=1, keepdims=True)) * window
+    power = 2 * np.abs(rfft(ripple, axis=1)) ** 2 / (n * np.sum(window**2))
+    # Less than the resolution is no difference.
+    power += 2 * RESOLUTION_NM**2 / n
+    shown = bands >= 0
+    return np.sqrt([np.bincount(bands[shown], row[shown]) for row in power])
+
+
+def _n_lines(conditions: Conditions) -> int:
+    """Lines of the output turn that are shown: up to ``_LAST_ORDER``, below half of the sampling rate."""
+    fastest = conditions.input_speed_hz * (1 + SPEED_TOLERANCE) / conditions.n_lobes
+    return min(_LAST_ORDER * conditions.n_lobes, int(_HIGHEST_SHARE * conditions.sampling_rate / fastest))
+
+
+def _amplitudes(X: Float, conditions: Conditions, n_lines: int) -> Float:
+    rate, nominal, n_lobes = conditions.sampling_rate, conditions.input_speed_hz, conditions.n_lobes
+    speeds = estimate_input_speed(X, rate, nominal, SPEED_TOLERANCE, comb="mesh", n_lobes=n_lobes)
+    lines = np.abs(order_lines(X, rate, speeds, n_lines, "output", n_lobes))
+    return np.asarray(np.hypot(lines, 2 * RESOLUTION_NM / np.sqrt(X.shape[1])))
+
+
+def _densities(X: Float, edges: Float) -> Float:
+    return np.array([np.histogram(x, edges)[0] / (x.size * (edges[1] - edges[0])) for x in X])

@@ -1,0 +1,476 @@
+"""Joint posterior of all missing effects, learned from simulated rigs."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import zipfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit
+from scipy.stats import norm
+from sklearn.base import BaseEstimator
+from sklearn.utils.validation import check_is_fitted
+
+from cyclofeat._base.checks import positive, whole
+from cyclofeat._base.files import write_whole
+from cyclofeat.gap.posterior.answers import NAMED, with_look_alikes
+from cyclofeat.gap.posterior.calibration import (
+    FEWEST_LEARNED,
+    QUANTILES,
+    mean_coefficients,
+    of_mean,
+    quantiles_of,
+    slopes_of,
+    spread_power,
+)
+from cyclofeat.gap.posterior.inputs import Inputs, Reference, inputs_of_sessions, recordings_of_rigs
+from cyclofeat.gap.posterior.network import (
+    Targets,
+    Trained,
+    network_outputs,
+    random_inputs,
+    split_outputs,
+    train_network,
+    with_outputs,
+)
+from cyclofeat.gap.posterior.strengths import (
+    detection_limit,
+    ends,
+    reach_beyond,
+    strengths_of,
+)
+from cyclofeat.gap.world.rigs import Rigs, Session
+from cyclofeat.gap.world.world import World
+from cyclofeat.simulators.effects import EffectParameter
+
+Float = NDArray[np.float64]
+
+DEFAULT = Path(__file__).with_name("default.npz")
+_FORMAT = "cyclofeat effect posterior 5"
+_CALIBRATING = 0.15  # share of the machines that calibrates probabilities and intervals
+_PLENTY = 1500  # machines that suffice for that
+_SEEN = 0.5  # share of the rigs with an effect of a size in which it is named, from which that size is seen
+_AT_A_TIME = 500
+_ARRAYS = (
+    "learned_", "sizes_learned_", "size_mean_", "size_spread_", "slopes_", "mean_coefficients_",
+    "size_quantiles_", "limits_",
+)  # fmt: skip
+_STATED = ("names_", "size_names_", "cells_", "logarithmic_", "world_", "n_rigs_", "spread_power_")
+
+
+@dataclass(eq=False, repr=False)
+class EffectPosterior(BaseEstimator):
+    """Probability of each effect and distribution of its size, given the recordings of a rig.
+
+    The summaries of recordings become deviations from those of a rig without missing effects at the same
+    speed, load and count. A network that takes them in any number and order learns the presence of each
+    effect and mean and spread of each size. Probabilities are calibrated, and intervals widened or narrowed,
+    on machines that the network has not seen.
+
+    Parameters
+    ----------
+    n_networks : int, default=2
+        Networks that differ in their random numbers; their answers are averaged.
+    epochs : int, default=40
+        In each, every rig is shown once, as a random session: 4 or more of its recordings, with counts and
+        tachometer or without. A dozen suffices with a ``start``.
+    learning_rate : float, optional
+        The largest of the training. By default 0.002, and 0.0003 with a ``start``: from fewer than some ten
+        thousand rigs, networks that go on faster forget more than they learn.
+    random_state : int, default=0
+
+    Attributes
+    ----------
+    names_, size_names_, cells_ : tuple of str
+        Of the rigs.
+    reference_ : Reference
+        Summaries without an effect.
+    networks_ : list of dict from str to ndarray
+        Trained.
+    learned_ : ndarray of bool, shape (n_effects,)
+        False for an effect that fewer than 20 machines have, or lack.
+    limits_ : ndarray, shape (n_effects,)
+        Strength of each effect's main parameter, its distance from neutral on the scale of its fit, from
+        which half of the rigs with the effect are named, itself or a look-alike; NaN where no strength
+        suffices.
+    spread_power_ : float
+        Power of the networks' spreads of sizes to which those of their errors are proportional.
+    n_rigs_ : int
+        Simulated rigs that it has learned from, those of what it started from included.
+
+    See Also
+    --------
+    cyclofeat.gap.prepare_world : Simulates the rigs.
+
+    Notes
+    -----
+    Training needs JAX and Optax (the extra ``prepare``); answers need numpy alone.
+
+    Probabilities and intervals hold on average over rigs of the world that it was fitted to, and for sessions
+    like those. Whether a rig is one of that world is not asked.
+    """
+
+    n_networks: int = 2
+    epochs: int = 40
+    learning_rate: float | None = None
+    random_state: int = 0
+
+    def fit(
+        self,
+        rigs: Rigs,
+        y: None = None,
+        *,
+        start: EffectPosterior | None = None,
+        progress: Callable[[int, int], object] | None = None,
+    ) -> EffectPosterior:
+        """Learn from simulated rigs.
+
+        Parameters
+        ----------
+        rigs : Rigs
+        y : None
+            Not used.
+        start : EffectPosterior, optional
+            Its networks go on learning, in the place of random ones: what they know of effects that both have
+            is kept, and fewer rigs suffice. Quantity, summaries and counts must be the same.
+        progress : callable, optional
+            Called after each epoch with the number done and their total.
+
+        Returns
+        -------
+        EffectPosterior
+
+        Raises
+        ------
+        ImportError
+            If JAX or Optax is not installed.
+        ValueError
+            If a parameter is invalid, there are too few rigs without an effect, or ``start`` has another
+            quantity, other summaries or counts, or fewer networks.
+        """
+        n_networks, epochs = whole("n_networks", self.n_networks, 1), whole("epochs", self.epochs, 1)
+        rate = self.learning_rate
+        if rate is not None:
+            rate = positive("learning_rate", rate)
+        self.names_, self.size_names_, self.cells_ = rigs.names, rigs.size_names, rigs.cells
+        self.logarithmic_, self.world_, self.n_rigs_ = rigs.logarithmic, rigs.world, len(rigs)
+        random = np.random.default_rng(self.random_state)
+        machines = np.unique(rigs.machines)
+        n_calibrating = min(max(round(_CALIBRATING * machines.size), 1), _PLENTY)
+        calibrating = random.permutation(machines)[:n_calibrating]
+        held = np.isin(rigs.machines, calibrating)
+        self.reference_ = Reference().fit(rigs)
+        self._standardise(rigs)
+        begun: list[Trained | None] = [None] * n_networks
+        if start is not None:
+            begun[:] = self._begun(start, random)
+            self.n_rigs_ += start.n_rigs_
+        made = recordings_of_rigs(rigs, self.reference_)
+        sizes = (rigs.sizes - self.size_mean_) / self.size_spread_
+        rows = np.flatnonzero(~held)
+
+        def done(network: int) -> Callable[[int, int], object] | None:
+            if progress is None:
+                return None
+            return lambda epoch, _: progress(network * epochs + epoch, n_networks * epochs)
+
+        self.networks_ = [
+            train_network(
+                made.of(rows), Targets(rigs.present[rows], sizes[rows]), self.reference_, epochs=epochs,
+                learning_rate=rate, random_state=self.random_state + k, start=begun[k], progress=done(k),
+            )
+            for k in range(n_networks)
+        ]  # fmt: skip
+        rows = np.flatnonzero(held)
+        self.spread_power_ = 1.0
+        inputs = random_inputs(made.of(rows), self.reference_, random)
+        logits, mean, spread = self._outputs(inputs)
+        self.slopes_ = slopes_of(logits, rigs.present[rows])
+        told = of_mean(logits, inputs.causes, self.names_)
+        self.mean_coefficients_ = mean_coefficients(told, rigs.present[rows], self.names_)
+        errors = sizes[rows] - mean
+        self.spread_power_ = spread_power(errors, spread)
+        self.size_quantiles_ = quantiles_of(errors / spread**self.spread_power_)
+        self.limits_ = self._limits(self._probabilities(logits, inputs.causes), rigs.sizes[rows])
+        return self
+
+    def _limits(self, probabilities: Float, sizes: Float) -> Float:
+        """Return the strengths from which effects are named, by rigs with these sizes."""
+        limits = np.full(len(self.names_), np.nan)
+        named = with_look_alikes(np.nan_to_num(probabilities), self.names_) > NAMED
+        for k, column, parameter in self._main_parameters():
+            there = np.isfinite(sizes[:, column])
+            strengths = strengths_of(parameter, sizes[there, column])
+            limits[k] = detection_limit(strengths, named[there, k], _SEEN)
+        return limits
+
+    def _main_parameters(self) -> list[tuple[int, int, EffectParameter]]:
+        """Column of each effect, column of its main parameter, and this parameter."""
+        if not self.world_:
+            return []
+        found = []
+        for effect in self.world.effects or ():
+            name = effect.main_parameter
+            column = self.size_names_.index(f"{effect.effect_id}.{name}")
+            found.append((self.names_.index(effect.effect_id), column, effect.parameters[name]))
+        return found
+
+    def _begun(self, start: EffectPosterior, random: np.random.Generator) -> list[Trained]:
+        """Return the networks of another posterior, with the outputs of this one; take over its scales."""
+        start.check_goes_on(self.cells_, self.reference_.counts_.tolist(), self.world_["quantity"])
+        if len(start.networks_) < self.n_networks:
+            raise ValueError(f"start must have {self.n_networks} networks, got {len(start.networks_)}")
+        places = {name: k for k, name in enumerate(start.names_)}
+        of_sizes = {name: k for k, name in enumerate(start.size_names_)}
+        sizes = np.array([of_sizes.get(name, -1) for name in self.size_names_])
+        known = sizes >= 0
+        self.size_mean_[known] = start.size_mean_[sizes[known]]
+        self.size_spread_[known] = start.size_spread_[sizes[known]]
+        n, n_sizes = len(start.names_), len(start.size_names_)
+        columns = np.concatenate(
+            [
+                [places.get(name, -1) for name in self.names_],
+                np.where(known, n + sizes, -1),
+                np.where(known, n + n_sizes + sizes, -1),
+            ]
+        )
+        return [with_outputs(weights, columns, random) for weights in start.networks_[: self.n_networks]]
+
+    def _standardise(self, rigs: Rigs) -> None:
+        present = rigs.present
+        n_with, n_without = (
+            np.array([np.unique(rigs.machines[having]).size for having in flags.T])
+            for flags in (present, ~present)
+        )
+        self.learned_ = (n_with >= FEWEST_LEARNED) & (n_without >= FEWEST_LEARNED)
+        there = np.isfinite(rigs.sizes)
+        sums = np.maximum(there.sum(axis=0), 1)
+        self.size_mean_ = np.nansum(rigs.sizes, axis=0) / sums
+        self.size_spread_ = np.sqrt(np.nansum((rigs.sizes - self.size_mean_) ** 2, axis=0) / sums) + 1e-9
+        owners = np.array([name.partition(".")[0] for name in self.size_names_])
+        self.sizes_learned_ = self.learned_[[self.names_.index(owner) for owner in owners]]
+
+    def check_goes_on(self, cells: Sequence[str], counts: Sequence[int], quantity: str) -> None:
+        """Raise ValueError unless it can go on learning from rigs with these properties."""
+        check_is_fitted(self, "networks_")
+        if (own := self.world_["quantity"]) != quantity:
+            raise ValueError(f"start must have learned from {quantity}, like the rigs, got one of {own}")
+        if tuple(cells) != tuple(self.cells_):
+            raise ValueError(
+                f"start must have the {len(cells)} summaries of the rigs, got one with {len(self.cells_)}, "
+                f"{len({*cells} & {*self.cells_})} of them the same: it needs equal lobes and sampling rates"
+            )
+        known = self.reference_.counts_.tolist()
+        if sorted(counts) != known:
+            raise ValueError(
+                f"start must have learned counts of {sorted(counts)}, like the rigs, got one of {known}"
+            )
+
+    @property
+    def world(self) -> World:
+        """World of the rigs that it has learned from; with its model."""
+        check_is_fitted(self, "networks_")
+        return World.from_dict(self.world_)
+
+    def predict_proba(self, sessions: Sequence[Session]) -> Float:
+        """Return the probability of each effect, shape (n_sessions, n_effects); NaN for one not learned."""
+        inputs = self._inputs(sessions)
+        return self._probabilities(self._outputs(inputs)[0], inputs.causes)
+
+    def _probabilities(self, logits: Float, causes: Float) -> Float:
+        calibrated = self.slopes_ * logits
+        known = np.isfinite(self.mean_coefficients_).all(axis=1)
+        weights, constants = self.mean_coefficients_[known, :-1], self.mean_coefficients_[known, -1]
+        calibrated[:, known] = of_mean(logits, causes, self.names_) @ weights.T + constants
+        return np.where(self.learned_, expit(calibrated), np.nan)
+
+    def predict_visible(self, sessions: Sequence[Session]) -> Float:
+        """Return the probability that each effect is there and large enough to be seen.
+
+        "Large enough" are sizes beyond ``limits_``: half of the simulated rigs that have the effect so large
+        are named.
+
+        Returns
+        -------
+        ndarray, shape (n_sessions, n_effects)
+            NaN for an effect that no size shows, or that was not learned.
+        """
+        inputs = self._inputs(sessions)
+        logits, mean, spread = self._outputs(inputs)
+        middle, width = self._on_scale_of_fit(mean, spread)
+        beyond = np.full(logits.shape, np.nan)
+        for k, column, parameter in self._main_parameters():
+            beyond[:, k] = reach_beyond(parameter, self.limits_[k], middle[:, column], width[:, column])
+        return np.asarray(self._probabilities(logits, inputs.causes) * beyond)
+
+    def visible_from(self) -> dict[str, tuple[str, float, float]]:
+        """Return the main parameter of each effect that is seen, and the values beyond which it is.
+
+        Returns
+        -------
+        dict from str to (str, float, float)
+            Name of the parameter, and the values below and above which half of the simulated rigs are named;
+            NaN on a side on which the effect grows no stronger. Without effects that no size shows.
+        """
+        check_is_fitted(self, "networks_")
+        return {
+            self.names_[k]: (self.size_names_[column].partition(".")[2], *ends(parameter, self.limits_[k]))
+            for k, column, parameter in self._main_parameters()
+            if np.isfinite(self.limits_[k])
+        }
+
+    def predict_quantiles(self, sessions: Sequence[Session]) -> Float:
+        """Return quantiles of each parameter if its effect is present, in the parameter's unit.
+
+        Returns
+        -------
+        ndarray, shape (n_sessions, n_sizes, 5)
+            0.05, 0.25, 0.5, 0.75 and 0.95 quantile; NaN for a parameter not learned.
+        """
+        _, mean, spread = self._outputs(self._inputs(sessions))
+        standardised = mean[:, :, None] + spread[:, :, None] * self.size_quantiles_
+        found = standardised * self.size_spread_[:, None] + self.size_mean_[:, None]
+        logarithmic = np.array(self.logarithmic_)[:, None]
+        quantiles = np.where(logarithmic, np.exp(np.where(logarithmic, found, 0.0)), found)
+        return np.where(self.sizes_learned_[:, None], quantiles, np.nan)
+
+    def standardised_sizes(self, sessions: Sequence[Session]) -> Float:
+        """Return the mean of each size if its effect is present, on a common scale, (n_sessions, n_sizes)."""
+        return self._outputs(self._inputs(sessions))[1]
+
+    def size_distribution(self, session: Session, names: Sequence[str]) -> tuple[Float, Float]:
+        """Return median and standard deviation of some sizes on the scale of their fit, each (n_names,)."""
+        columns = [self.size_names_.index(name) for name in names]
+        _, mean, spread = self._outputs(self._inputs([session]))
+        middle, width = self._on_scale_of_fit(mean, spread)
+        return middle[0, columns], width[0, columns]
+
+    def _on_scale_of_fit(self, mean: Float, spread: Float) -> tuple[Float, Float]:
+        """Return median and standard deviation of sizes from the outputs of the networks."""
+        low, _, middle, _, high = self.size_quantiles_.T
+        reach = (high - low) / (2 * norm.ppf(QUANTILES[-1]))
+        centre = (mean + spread * middle) * self.size_spread_ + self.size_mean_
+        return centre, spread * reach * self.size_spread_
+
+    def deviations(self, session: Session) -> Float:
+        """Return the summaries less those of a rig without effects, shape (n_recordings, 2 * n_cells).
+
+        First in units of their spread without effects, on a scale that is linear for small deviations and
+        logarithmic for large ones; then in units of the spread over all rigs.
+        """
+        self._check([session])
+        return self.reference_.deviations(session.values, session.conditions, session.counts)
+
+    def presence(self, session: Session) -> dict[str, float]:
+        """Return the probability of each effect."""
+        probabilities = self.predict_proba([session])[0].tolist()
+        return dict(zip(self.names_, probabilities, strict=True))
+
+    def sizes(self, session: Session) -> dict[str, Float]:
+        """Return the five quantiles of each parameter if its effect is present, in the parameter's unit."""
+        quantiles = self.predict_quantiles([session])[0]
+        return dict(zip(self.size_names_, quantiles, strict=True))
+
+    def _inputs(self, sessions: Sequence[Session]) -> Inputs:
+        self._check(sessions)
+        return inputs_of_sessions(sessions, self.reference_, self.cells_)
+
+    def _check(self, sessions: Sequence[Session]) -> None:
+        """Raise ValueError unless sessions are like those of the world."""
+        check_is_fitted(self, "networks_")
+        for session in sessions:
+            if not len(session.values) or session.values.shape[1] != len(self.cells_):
+                raise ValueError(
+                    f"session must hold recordings with the {len(self.cells_)} summaries of the world, got "
+                    f"shape {session.values.shape}"
+                )
+            self.reference_.check(session)
+
+    def _outputs(self, inputs: Inputs) -> tuple[Float, Float, Float]:
+        """Return logits, and mean and standard deviation of standardised sizes, of all networks together."""
+        parts = [_part(inputs, first) for first in range(0, len(inputs.shown), _AT_A_TIME)]
+        outputs = np.mean(
+            [
+                np.concatenate([network_outputs(np, weights, **part) for part in parts])
+                for weights in self.networks_
+            ],
+            axis=0, dtype=np.float64,
+        )  # fmt: skip
+        logits, mean, spread = split_outputs(np, outputs, len(self.names_))
+        return logits, mean, np.exp(self.spread_power_ * spread)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the posterior to a file (NPZ, no pickle); it appears whole or not at all.
+
+        Trained are rounded to 16 bits.
+
+        Parameters
+        ----------
+        path : path
+        """
+        check_is_fitted(self, "networks_")
+        stated = {name: getattr(self, name) for name in _STATED} | {"format": _FORMAT, **self.get_params()}
+        arrays = {name: getattr(self, name) for name in _ARRAYS}
+        arrays |= {f"reference.{name}": values for name, values in vars(self.reference_).items()}
+        for k, weights in enumerate(self.networks_):
+            arrays |= {f"network{k}.{name}": values.astype(np.float16) for name, values in weights.items()}
+        content = io.BytesIO()
+        np.savez_compressed(content, stated=np.array(json.dumps(stated)), **arrays)
+        return write_whole(Path(path), lambda stream: stream.write(content.getvalue()))
+
+
+def load_posterior(path: str | os.PathLike[str] = DEFAULT) -> EffectPosterior:
+    """Read a posterior that :meth:`EffectPosterior.save` wrote.
+
+    Parameters
+    ----------
+    path : path, optional
+        Default: the posterior of the default gearbox that comes with the package.
+
+    Returns
+    -------
+    EffectPosterior
+
+    Raises
+    ------
+    ValueError
+        If the file holds something else.
+    """
+    stored = io.BytesIO(Path(path).read_bytes())  # so that a broken file is closed
+    try:
+        with np.load(stored, allow_pickle=False) as file:
+            content = dict(file)
+        stated = json.loads(str(content.pop("stated")))
+        if stated.pop("format") != _FORMAT:
+            raise ValueError
+    except (ValueError, KeyError, AttributeError, TypeError, zipfile.BadZipFile, EOFError):
+        raise ValueError(
+            f"{path} holds no posterior of effects that this version reads; "
+            "cyclofeat gap --prepare FILE writes one"
+        ) from None
+    posterior = EffectPosterior(**{name: stated.pop(name) for name in EffectPosterior().get_params()})
+    for name, value in stated.items():
+        setattr(posterior, name, tuple(value) if isinstance(value, list) else value)
+    posterior.reference_ = Reference()
+    networks: dict[str, dict[str, Any]] = {}
+    for name, values in content.items():
+        place, dot, key = name.partition(".")
+        if not dot:
+            setattr(posterior, name, values)
+        elif place == "reference":
+            setattr(posterior.reference_, key, values)
+        else:
+            networks.setdefault(place, {})[key] = values.astype(np.float32)
+    posterior.networks_ = [networks[name] for name in sorted(networks)]
+    return posterior
+
+
+def _part(inputs: Inputs, first: int) -> dict[str, Any]:
+    return {name: values[first : first + _AT_A_TIME] for name, values in inputs.of_network.items()}

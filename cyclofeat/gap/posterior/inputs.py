@@ -1,0 +1,286 @@
+"""Summaries that recordings without a missing effect have at a speed, load and count."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.base import BaseEstimator
+from sklearn.linear_model import Ridge
+
+from cyclofeat.gap.posterior.calibration import cause_logits, gain_and_offset
+from cyclofeat.gap.summaries.turns import uncorrelating
+from cyclofeat.gap.world.rigs import Rigs, Session
+
+Float = NDArray[np.float64]
+
+_WAVES = 6  # lines in orders pass the bands in Hz as the speed changes
+_BEYOND = 0.03  # share by which a session may lie outside of the speeds and loads that were learned
+_FARTHEST = 8.0
+_SMALLEST_SHARE = 0.02  # least spread of a cell, as a share of its spread over all rigs
+
+
+def _ridge(inputs: Float, values: Float) -> Float:
+    """Coefficients of a ridge regression; the first column of the inputs, a constant, is not shrunk."""
+    model = Ridge(1.0).fit(inputs[:, 1:], values)
+    return np.vstack([model.intercept_, model.coef_.T])
+
+
+class Reference(BaseEstimator):
+    """Mean and spread of each summary of recordings without a missing effect, by condition and count.
+
+    Ridge regressions on speed, load and count, once with the count and once without it.
+
+    Attributes
+    ----------
+    spread_, overall_ : ndarray, shape (n_cells,)
+        Over such recordings, and over all rigs.
+    uncorrelating_ : ndarray, shape (n_cells, n_cells)
+        Matrix that makes the deviations of such recordings uncorrelated: combinations of summaries that
+        hardly vary show what no summary shows alone.
+    known_, unknown_ : ndarray, shape (n_inputs, n_cells)
+        Coefficients with the count and without it.
+    """
+
+    def fit(self, rigs: Rigs) -> Reference:
+        """Learn from the rigs without effects."""
+        healthy = rigs.of(np.flatnonzero(~rigs.present.any(axis=1)))
+        made = np.isfinite(healthy.values[:, :, 0])
+        if made.sum() < 100:
+            raise ValueError(
+                f"rigs must hold at least 100 recordings of rigs without an effect, got {made.sum()}"
+            )
+        self.speed_ = rigs.conditions[:, :, 0].min(), rigs.conditions[:, :, 0].max()
+        self.load_ = rigs.conditions[:, :, 1].min(), rigs.conditions[:, :, 1].max()
+        self.counts_ = np.unique(rigs.counts)
+        values = healthy.values[made].astype(np.float64)
+        conditions, counts = healthy.conditions[made], healthy.counts[made]
+        self.known_, self.unknown_ = (
+            _ridge(self._inputs(conditions, given), values) for given in (counts, None)
+        )
+        residuals = values - self._inputs(conditions, counts) @ self.known_
+        self.overall_ = np.nanstd(rigs.values, axis=(0, 1), dtype=np.float64) + 1e-6
+        self.spread_ = np.maximum(residuals.std(axis=0), _SMALLEST_SHARE * self.overall_) + 1e-6
+        self.uncorrelating_ = uncorrelating(np.arcsinh(residuals / self.spread_))
+        return self
+
+    def check(self, session: Session) -> None:
+        """Raise ValueError unless conditions and counts are like those of the rigs that it learned from."""
+        named = (("speeds in RPM", self.speed_), ("loads in Nm", self.load_))
+        for k, (what, (low, high)) in enumerate(named):
+            least, most = session.conditions[:, k].min(), session.conditions[:, k].max()
+            if not low * (1 - _BEYOND) <= least <= most <= high * (1 + _BEYOND):
+                raise ValueError(
+                    f"session must have {what} from {low:.4g} to {high:.4g}, like the world that the "
+                    f"posterior learned from, got {least:.4g} to {most:.4g}"
+                )
+        if session.counts is not None and not np.isin(session.counts, self.counts_).all():
+            raise ValueError(
+                f"session must have counts of {self.counts_.tolist()}, like the world that the posterior "
+                f"learned from, got {np.unique(session.counts).tolist()}"
+            )
+
+    def deviations(self, values: Float, conditions: Float, counts: NDArray[np.int64] | None) -> Float:
+        """Return summaries less their reference, shape (n_recordings, 2 * n_cells).
+
+        First in units of the reference's spread, on a scale that is linear for small deviations and
+        logarithmic for large ones; then in units of the spread over all rigs, up to 8.
+        """
+        weights = self.unknown_ if counts is None else self.known_
+        deviations = values - self._inputs(conditions, counts) @ weights
+        return np.hstack(
+            [
+                np.arcsinh(deviations / self.spread_),
+                np.clip(deviations / self.overall_, -_FARTHEST, _FARTHEST),
+            ]
+        )
+
+    def scaled(self, conditions: Float) -> Float:
+        """Return speed and load on a scale from -1 to 1 over what was learned, and the direction."""
+        (slow, fast), (light, heavy) = self.speed_, self.load_
+        speed, load, direction = np.moveaxis(conditions, -1, 0)
+        return np.stack(
+            [(2 * speed - slow - fast) / max(fast - slow, 1e-9),
+             (2 * load - light - heavy) / max(heavy - light, 1e-9), direction], axis=-1,
+        )  # fmt: skip
+
+    def _inputs(self, conditions: Float, counts: NDArray[np.int64] | None) -> Float:
+        speed, load, _ = self.scaled(conditions).T
+        waves = np.arange(1, _WAVES + 1) * np.pi / 2 * speed[:, None]
+        of_speed = np.column_stack([speed, speed**2, np.sin(waves), np.cos(waves)])
+        columns = [
+            np.ones(len(load)),
+            of_speed,
+            load,
+            load**2,
+            1 / conditions[:, 1],
+            of_speed * load[:, None],
+        ]
+        if counts is not None:
+            each = (counts[:, None] == self.counts_).astype(float)
+            columns += [each, each * speed[:, None], each * load[:, None]]
+        return np.column_stack(columns)
+
+
+Single = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+
+_LOW_COUNTS = 2  # counts up to it are pooled apart from larger ones
+_SPEED_SCALES = 0.1, 0.005  # %: what the speed by the tachometer varies by, and that by the mesh from it
+_SPEED_CELL = "speed: input speed by the mesh lines"
+_MEAN_CELL = "amplitudes: mean"
+
+
+@dataclass(frozen=True)
+class Recordings:
+    """Recordings of several sessions, padded to an equal number.
+
+    Attributes
+    ----------
+    known, unknown : ndarray of float32, shape (n_sessions, n_recordings, 2 * n_cells)
+        Deviations from the reference with the count and without it; 0 for padding.
+    conditions : ndarray, shape (n_sessions, n_recordings, 3)
+        Speed in RPM, load in Nm, direction.
+    counts : ndarray of int, shape (n_sessions, n_recordings)
+    speeds : ndarray, shape (n_sessions, n_recordings, 2)
+        Deviation of the speed by the tachometer, and of that by the mesh lines from it, on a scale that is
+        linear for small ones and logarithmic for large ones.
+    mean_torque : ndarray, shape (n_sessions, n_recordings)
+        In Nm.
+    made : ndarray of bool, shape (n_sessions, n_recordings)
+        False for padding.
+    """
+
+    known: Single
+    unknown: Single
+    conditions: Float
+    counts: NDArray[np.int64]
+    speeds: Float
+    mean_torque: Float
+    made: Flags
+
+    def of(self, rows: NDArray[np.intp]) -> Recordings:
+        """Return some of the sessions."""
+        return dataclasses.replace(self, **{name: values[rows] for name, values in vars(self).items()})
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Arrays that the network takes, and what the mean torque alone says.
+
+    Attributes
+    ----------
+    recordings : ndarray of float32, shape (n_sessions, n_recordings, n_columns)
+        Deviations, then conditions, count and tachometer of each recording.
+    shown : ndarray of float32, shape (n_sessions, n_recordings)
+        1, or 0 for recordings that are not shown.
+    many : ndarray of float32, shape (n_sessions, n_recordings)
+        1 for shown recordings with a known count above 2.
+    whole : ndarray of float32, shape (n_sessions, n_facts)
+        Fit of gain and offset, and what is known of the session.
+    causes : ndarray, shape (n_sessions, 3)
+        Not for the network: :func:`cause_logits`.
+    """
+
+    recordings: Single
+    shown: Single
+    many: Single
+    whole: Single
+    causes: Float
+
+    @property
+    def of_network(self) -> dict[str, Single]:
+        """Arguments of the network."""
+        return {name: value for name, value in vars(self).items() if name != "causes"}
+
+
+class _Padded(NamedTuple):
+    """Columns of :class:`Rigs`, or of sessions padded to equal numbers of recordings with NaN."""
+
+    values: NDArray[np.floating]
+    conditions: Float
+    counts: NDArray[np.int64]
+    speeds: Float
+
+
+def recordings_of_rigs(rigs: Rigs, reference: Reference) -> Recordings:
+    """Return all recordings of simulated rigs."""
+    padded = _Padded(rigs.values, rigs.conditions, rigs.counts, rigs.speeds)
+    return _recordings(padded, reference, rigs.cells, (True, True))
+
+
+def inputs_of_sessions(sessions: Sequence[Session], reference: Reference, cells: tuple[str, ...]) -> Inputs:
+    """Return the inputs of sessions with what is known of each."""
+    shape = len(sessions), max(len(session.values) for session in sessions)
+    values = np.full((*shape, len(cells)), np.nan)
+    conditions, speeds = np.ones((*shape, 3)), np.ones(shape)
+    counts = np.full(shape, reference.counts_[0])
+    for k, session in enumerate(sessions):
+        n = len(session.values)
+        values[k, :n], conditions[k, :n] = session.values, session.conditions
+        conditions[k, n:] = session.conditions[0]
+        if session.counts is not None:
+            counts[k, :n] = session.counts
+        if session.speeds_rpm is not None:
+            speeds[k, :n] = session.speeds_rpm
+    with_counts = np.array([session.counts is not None for session in sessions])
+    tachometer = np.array([session.speeds_rpm is not None for session in sessions])
+    needed = bool(with_counts.any()), not with_counts.all()
+    made = _recordings(_Padded(values, conditions, counts, speeds), reference, cells, needed)
+    return assembled(made, made.made, with_counts, tachometer, reference)
+
+
+def _recordings(
+    padded: _Padded, reference: Reference, cells: tuple[str, ...], needed: tuple[bool, bool]
+) -> Recordings:
+    values, conditions, counts, speeds = padded
+    made = np.isfinite(values[:, :, 0])
+    shape = (*made.shape, 2 * values.shape[2])
+    deviations = [np.zeros(shape, dtype=np.float32) for _ in needed]
+    for part, known, wanted in zip(deviations, (True, False), needed, strict=True):
+        if wanted:
+            part[made] = reference.deviations(values[made], conditions[made], counts[made] if known else None)
+    by_tachometer = 100 * (np.nan_to_num(speeds) / conditions[:, :, 0] - 1)
+    by_mesh = np.nan_to_num(values[:, :, cells.index(_SPEED_CELL)])
+    by_both = np.stack([by_tachometer, by_mesh - by_tachometer], axis=2)
+    return Recordings(
+        known=deviations[0],
+        unknown=deviations[1],
+        conditions=conditions,
+        counts=counts,
+        speeds=np.arcsinh(by_both / _SPEED_SCALES),
+        mean_torque=np.nan_to_num(values[:, :, cells.index(_MEAN_CELL)]).astype(np.float64),
+        made=made,
+    )
+
+
+def assembled(
+    made: Recordings, shown: Flags, with_counts: Flags, tachometer: Flags, reference: Reference
+) -> Inputs:
+    """Return the inputs of sessions of which some recordings are shown, with counts and tachometer or not."""
+    known, turned = with_counts[:, None, None], tachometer[:, None, None]
+    at = reference.scaled(made.conditions)
+    counts = (made.counts[:, :, None] == reference.counts_) & known
+    speeds = np.where(turned, made.speeds, 0.0)
+    flags = np.broadcast_to(np.concatenate([known, turned], axis=2), (*shown.shape, 2))
+    facts = np.concatenate([at, counts, speeds, flags], axis=2)
+    deviations = np.where(known, made.known, made.unknown)
+    recordings = np.concatenate([deviations, facts], axis=2, dtype=np.float32) * shown[:, :, None]
+    n = shown.sum(axis=1, keepdims=True)
+    weights = (shown / n)[:, :, None]
+    mean_at = np.sum(at * weights, axis=1)
+    spread_at = np.sqrt(np.sum((at - mean_at[:, None]) ** 2 * weights, axis=1))
+    whole = np.concatenate(
+        [
+            gain_and_offset(made.mean_torque, made.conditions, shown), mean_at, spread_at, np.log(n),
+            known[:, 0], turned[:, 0], np.sum(speeds * weights, axis=1),
+        ],
+        axis=1, dtype=np.float32,
+    )  # fmt: skip
+    many = shown & known[:, 0] & (made.counts > _LOW_COUNTS)
+    causes = cause_logits(made.mean_torque, made.conditions, shown)
+    return Inputs(recordings, shown.astype(np.float32), many.astype(np.float32), whole, causes)

@@ -1,0 +1,239 @@
+"""The network: from recordings in any number and order to presence and size of each effect.
+
+Each recording passes a small network; mean and maximum over the recordings, together with mean, spread and
+extremes of their deviations themselves, pass a second one (a Deep Set; Zaheer et al. 2017, "Deep Sets",
+NIPS). It is written for any array library: JAX trains it and numpy answers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat._base.training import descent, dropout, first_weights, libraries
+from cyclofeat.gap.posterior.inputs import Inputs, Recordings, Reference, assembled
+from cyclofeat.gap.world.machine import FEWEST_RECORDINGS
+
+Array = Any  # of numpy or JAX
+Weights = Mapping[str, Array]
+
+_RECORDING, _SESSION = (192, 192), 512  # widths
+_FAR = 1e3
+_LIMIT = 8.0  # of standardised pools
+_SPREADS = (-5.0, 2.0)  # limits of the logarithm of a size's standard deviation
+FIXED = ("uncorrelating", "pool_centre", "pool_spread")  # weights that are not trained
+
+
+def initial_weights(
+    n_columns: int, uncorrelating: NDArray[Any], n_whole: int, n_outputs: int, random: np.random.Generator
+) -> dict[str, NDArray[np.float32]]:
+    """Draw weights; those that are not trained leave pools as they are."""
+    first, second = _RECORDING
+    n_pools = 7 * len(uncorrelating) + n_whole
+    weights: dict[str, NDArray[np.float32]] = {
+        "uncorrelating": uncorrelating.astype(np.float32),
+        "pool_centre": np.zeros(n_pools, dtype=np.float32),
+        "pool_spread": np.ones(n_pools, dtype=np.float32),
+    }
+    layers = {
+        "recording_1": (n_columns, first, 2.0), "recording_2": (first, second, 2.0),
+        "session_1": (n_pools + 2 * second, _SESSION, 2.0), "session_2": (_SESSION, _SESSION, 0.5),
+        "session_3": (_SESSION, _SESSION, 0.5), "answer": (_SESSION, n_outputs, 0.1),
+    }  # fmt: skip
+    return weights | first_weights(layers, random)
+
+
+def with_outputs(weights: Weights, columns: NDArray[np.intp], random: np.random.Generator) -> dict[str, Any]:
+    """Return weights whose outputs are some of those that there are; -1 stands for a new one."""
+    layer, bias = weights["answer"], weights["answer_bias"]
+    new = random.normal(0, layer.std(), (len(layer), columns.size)).astype(np.float32)
+    return dict(weights) | {
+        "answer": np.where(columns < 0, new, layer[:, columns]),
+        "answer_bias": np.where(columns < 0, np.float32(0), bias[columns]),
+    }
+
+
+def pools(xp: Any, weights: Weights, recordings: Array, shown: Array, many: Array, whole: Array) -> Array:
+    """Mean (on both scales, and uncorrelated), spread and extremes of deviations, and difference by count."""
+    n_cells = weights["uncorrelating"].shape[0]
+    deviations, inside = recordings[..., :n_cells], shown[..., None]
+    n = shown.sum(1)[:, None]
+    mean = deviations.sum(1) / n
+    on_other_scale = recordings[..., n_cells : 2 * n_cells].sum(1) / n
+    spread = xp.sqrt(((deviations - mean[:, None]) ** 2 * inside).sum(1) / n + 1e-6)
+    lowest = xp.where(inside > 0, deviations, _FAR).min(1) - mean
+    highest = xp.where(inside > 0, deviations, -_FAR).max(1) - mean
+    n_many = many.sum(1)[:, None]
+    n_few = n - n_many
+    of_many = (deviations * many[..., None]).sum(1)
+    of_few = deviations.sum(1) - of_many
+    difference = of_many / xp.maximum(n_many, 1) - of_few / xp.maximum(n_few, 1)
+    difference = xp.where((n_many > 0) & (n_few > 0), difference, 0.0)
+    parts = [
+        mean,
+        on_other_scale,
+        xp.arcsinh(mean @ weights["uncorrelating"]),
+        spread,
+        lowest,
+        highest,
+        difference,
+        whole,
+    ]
+    standardised = (xp.concatenate(parts, 1) - weights["pool_centre"]) / weights["pool_spread"]
+    return xp.clip(standardised, -_LIMIT, _LIMIT)
+
+
+def network_outputs(
+    xp: Any,
+    weights: Weights,
+    recordings: Array,
+    shown: Array,
+    many: Array,
+    whole: Array,
+    blurred: Callable[[Array], Array] = lambda pools: pools,
+    thinned: Callable[[Array], Array] = lambda layer: layer,
+) -> Array:
+    """Return the outputs of sessions, shape (n_sessions, n_outputs).
+
+    While the network is trained, ``blurred`` adds noise to the session's pools (Bishop 1995), and ``thinned``
+    drops units (Srivastava et al. 2014).
+    """
+
+    def layer(name: str, x: Array) -> Array:
+        return xp.maximum(x @ weights[name] + weights[f"{name}_bias"], 0)
+
+    inside = shown[..., None]
+    coded = layer("recording_2", layer("recording_1", recordings)) * inside
+    mean = coded.sum(1) / shown.sum(1)[:, None]
+    of_session = [pools(xp, weights, recordings, shown, many, whole), mean, coded.max(1)]
+    x = thinned(layer("session_1", blurred(xp.concatenate(of_session, 1))))
+    x = thinned(layer("session_2", x) + x)
+    x = layer("session_3", x) + x
+    return x @ weights["answer"] + weights["answer_bias"]
+
+
+def split_outputs(xp: Any, outputs: Array, n_effects: int) -> tuple[Array, Array, Array]:
+    """Return logits of presence, and mean and logarithm of the standard deviation of each size."""
+    n_sizes = (outputs.shape[1] - n_effects) // 2
+    logits, mean, spread = (
+        outputs[:, :n_effects], outputs[:, n_effects : n_effects + n_sizes], outputs[:, n_effects + n_sizes :]
+    )  # fmt: skip
+    return logits, mean, xp.clip(spread, *_SPREADS)
+
+
+Float = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Trained = dict[str, NDArray[np.float32]]
+
+_BATCH = 256
+# Learning rate and decay of weights (AdamW; Loshchilov and Hutter 2019). Few of the 1,600 inputs tell of an
+# effect: without strong decay, those that do not tell fit single rigs.
+_RATE, _DECAY = 2e-3, 3.0
+_RATE_ON = 3e-4  # of a network that goes on from few rigs: with more it forgets
+_DROPPED = 0.2  # share of the units of a hidden layer
+_BLURRED = 0.2  # noise on the inputs of the session's layers, in their spreads
+_OF_SIZES = 0.5  # weight of the sizes' loss beside that of presence
+_STANDARDISING = 2000  # sessions from which the pools are standardised
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Targets of the network: presence and standardised sizes, NaN where absent."""
+
+    present: Flags
+    sizes: Float
+
+
+def train_network(
+    made: Recordings,
+    targets: Targets,
+    reference: Reference,
+    *,
+    epochs: int,
+    learning_rate: float | None = None,
+    random_state: int,
+    start: Trained | None = None,
+    progress: Callable[[int, int], object] | None = None,
+) -> Trained:
+    """Train one network on simulated rigs, each shown in every epoch as another random session.
+
+    It begins with random weights, or with those of ``start``.
+    """
+    jax, jnp, _ = libraries()
+    random = np.random.default_rng(random_state)
+    weights = _first_weights(made, targets, reference, random) if start is None else dict(start)
+    fixed = {name: jnp.asarray(weights.pop(name)) for name in FIXED}
+    n, n_effects = targets.present.shape
+    present = targets.present.astype(np.float32)
+    sizes, there = np.nan_to_num(targets.sizes).astype(np.float32), np.isfinite(targets.sizes)
+    per_epoch = max(n // _BATCH, 1)
+    rate = learning_rate or (_RATE if start is None else _RATE_ON)
+    first_state, step = _steps(n_effects, epochs * per_epoch, rate)
+    state, key = first_state(weights), jax.random.PRNGKey(random_state)
+    for epoch in range(epochs):
+        for rows in np.array_split(random.permutation(n), per_epoch):
+            rows = rows[: n // per_epoch]  # batches of one size are compiled once
+            key, dropping = jax.random.split(key)
+            inputs = random_inputs(made.of(rows), reference, random)
+            batch = (fixed, inputs.of_network, present[rows], sizes[rows], there[rows])
+            weights, state = step(weights, state, batch, dropping)
+        if progress is not None:
+            progress(epoch + 1, epochs)
+    return {name: np.asarray(values, dtype=np.float32) for name, values in (weights | fixed).items()}
+
+
+# Compiled once for all networks of a posterior.
+@lru_cache(maxsize=1)
+def _steps(n_effects: int, n_steps: int, rate: float) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return the optimiser's first state and one step of training, as functions."""
+    jax, jnp, optax = libraries()
+
+    def loss(weights: Any, batch: tuple[Any, ...], key: Any) -> Any:
+        fixed, inputs, present, sizes, there = batch
+        keys = iter(jax.random.split(key, 4))
+
+        def blurred(pools: Any) -> Any:
+            return pools + _BLURRED * jax.random.normal(next(keys), pools.shape)
+
+        thinned = dropout(_DROPPED, keys)
+        outputs = network_outputs(jnp, weights | fixed, **inputs, blurred=blurred, thinned=thinned)
+        logits, mean, spread = split_outputs(jnp, outputs, n_effects)
+        of_presence = optax.sigmoid_binary_cross_entropy(logits, present).sum(1).mean()
+        squares = 0.5 * ((sizes - mean) * jnp.exp(-spread)) ** 2
+        return of_presence + _OF_SIZES * (there * (spread + squares)).sum(1).mean()
+
+    return descent(loss, n_steps, rate, _DECAY)
+
+
+def random_inputs(made: Recordings, reference: Reference, random: np.random.Generator) -> Inputs:
+    """Show a random number of each rig's recordings, with counts and tachometer or without."""
+    n, n_recordings = made.made.shape
+    wanted = random.integers(min(FEWEST_RECORDINGS, n_recordings), n_recordings + 1, n)
+    order = np.argsort(random.random(made.made.shape) + ~made.made, axis=1)
+    shown = (np.argsort(order, axis=1) < wanted[:, None]) & made.made
+    with_counts, tachometer = random.random((2, n)) < 0.5
+    return assembled(made, shown, with_counts, tachometer, reference)
+
+
+def _first_weights(
+    made: Recordings, targets: Targets, reference: Reference, random: np.random.Generator
+) -> Trained:
+    """Random weights; the pools are standardised and presence begins at its share."""
+    rows = random.choice(len(made.made), min(len(made.made), _STANDARDISING), replace=False)
+    inputs = random_inputs(made.of(rows), reference, random)
+    n_effects, n_sizes = targets.present.shape[1], targets.sizes.shape[1]
+    weights = initial_weights(
+        inputs.recordings.shape[2], reference.uncorrelating_, inputs.whole.shape[1],
+        n_effects + 2 * n_sizes, random,
+    )  # fmt: skip
+    found = np.asarray(pools(np, weights, **inputs.of_network))
+    weights["pool_centre"] = np.median(found, axis=0).astype(np.float32)
+    weights["pool_spread"] = (found.std(axis=0) + 0.05).astype(np.float32)
+    share = np.clip(targets.present.mean(axis=0), 1e-3, 1 - 1e-3)
+    weights["answer_bias"][:n_effects] = np.log(share / (1 - share))
+    return weights

@@ -1,0 +1,144 @@
+"""Score of a posterior on simulated rigs that it has not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat.gap.posterior.answers import NAMED
+from cyclofeat.gap.posterior.effect_posterior import EffectPosterior
+from cyclofeat.gap.world.rigs import Rigs
+from cyclofeat.simulators.effects.library import look_alikes
+
+Float = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+_BINS = 15
+
+
+@dataclass(frozen=True)
+class PosteriorScore:
+    """Shares of right answers of a posterior.
+
+    Attributes
+    ----------
+    n_rigs : int
+    precision, recall : float
+        Of the effects named with a probability above one half. An effect that the posterior has not learned
+        is never named.
+    whole_set, with_ties : dict from int to float
+        Share of the rigs whose effects are named exactly, by their number; with ties, an effect may be named
+        for another of its group.
+    calibration_error : float
+        Mean distance of probabilities, in 15 bins, from the shares of the rigs that have the effect; of
+        effects that the posterior has learned.
+    coverage : dict from str to float
+        Share of the true sizes inside the 90 % interval, by parameter.
+    effect_recall, effect_precision : dict from str to float
+        By effect; NaN where it is absent, or never named.
+    n_of_number : dict from int to int
+        Rigs by number of effects.
+    probabilities : ndarray, shape (n_rigs, n_effects)
+        Of each effect in each rig; NaN where it is not learned.
+    """
+
+    n_rigs: int
+    precision: float
+    recall: float
+    whole_set: dict[int, float]
+    with_ties: dict[int, float]
+    calibration_error: float
+    coverage: dict[str, float] = field(repr=False)
+    effect_recall: dict[str, float] = field(repr=False)
+    effect_precision: dict[str, float] = field(repr=False)
+    n_of_number: dict[int, int] = field(repr=False)
+    probabilities: Float = field(repr=False, compare=False)
+
+    def between(self, least: int, most: int, *, ties: bool = False) -> float:
+        """Return the share of sets right among rigs with ``least`` to ``most`` effects, NaN without any."""
+        shares = self.with_ties if ties else self.whole_set
+        n = {k: self.n_of_number[k] for k in shares if least <= k <= most}
+        return _share(sum(shares[k] * n[k] for k in n), sum(n.values()))
+
+
+def score_posterior(
+    posterior: EffectPosterior,
+    rigs: Rigs,
+    *,
+    counts: bool = True,
+    tachometer: bool = False,
+) -> PosteriorScore:
+    """Score a posterior on simulated rigs.
+
+    Parameters
+    ----------
+    posterior : EffectPosterior
+    rigs : Rigs
+        Of machines that the posterior was not fitted to.
+    counts, tachometer : bool
+        Whether they are known.
+
+    Returns
+    -------
+    PosteriorScore
+    """
+    sessions = [rigs.session(k, counts=counts, tachometer=tachometer) for k in range(len(rigs))]
+    probabilities = posterior.predict_proba(sessions)
+    learned = np.isfinite(probabilities)
+    present, named = rigs.present, learned & (probabilities > NAMED)
+    number = present.sum(axis=1)
+    exact = np.all(named == present, axis=1)
+    tied = np.all(_joined(named, rigs.names) == _joined(present, rigs.names), axis=1)
+    right = named & present
+    numbers = np.unique(number).tolist()
+    return PosteriorScore(
+        n_rigs=len(rigs),
+        precision=_share(right.sum(), named.sum()),
+        recall=_share(right.sum(), present.sum()),
+        whole_set={k: float(exact[number == k].mean()) for k in numbers},
+        with_ties={k: float(tied[number == k].mean()) for k in numbers},
+        calibration_error=calibration_error(probabilities[learned], present[learned]),
+        coverage=_coverage(rigs, posterior.predict_quantiles(sessions)),
+        effect_recall=_shares(rigs.names, right, present),
+        effect_precision=_shares(rigs.names, right, named),
+        n_of_number={k: int(np.sum(number == k)) for k in numbers},
+        probabilities=probabilities,
+    )
+
+
+def calibration_error(probabilities: Float, present: Flags) -> float:
+    """Return the mean distance of probabilities from shares, over bins weighted by their number of cases."""
+    bins = np.minimum((probabilities * _BINS).astype(int), _BINS - 1)
+    excess = np.bincount(bins, probabilities - present, minlength=_BINS)
+    return float(np.abs(excess).sum() / probabilities.size)
+
+
+def _joined(flags: Flags, names: Sequence[str]) -> Flags:
+    """Return one column for each group of ties, and one for each effect without a group."""
+    of_group = {name: f"group {k}" for k, group in enumerate(look_alikes()) for name in group}
+    labels = np.array([of_group.get(name, name) for name in names])
+    return np.column_stack([flags[:, labels == label].any(axis=1) for label in np.unique(labels)])
+
+
+def _coverage(rigs: Rigs, quantiles: Float) -> dict[str, float]:
+    logarithmic = np.array(rigs.logarithmic)
+    true = np.where(logarithmic, np.exp(np.where(logarithmic, rigs.sizes, 0.0)), rigs.sizes)
+    inside = (quantiles[:, :, 0] <= true) & (true <= quantiles[:, :, -1])
+    there = np.isfinite(rigs.sizes)
+    return {
+        name: float(inside[there[:, k], k].mean())
+        for k, name in enumerate(rigs.size_names)
+        if np.isfinite(quantiles[:, k]).all() and there[:, k].any()
+    }
+
+
+def _shares(names: Sequence[str], part: Flags, whole_of_it: Flags) -> dict[str, float]:
+    counted = zip(names, part.sum(axis=0), whole_of_it.sum(axis=0), strict=True)
+    return {name: _share(few, many) for name, few, many in counted}
+
+
+def _share(part: float, whole_of_it: float) -> float:
+    return float(part / whole_of_it) if whole_of_it else float("nan")

@@ -1,0 +1,415 @@
+"""Result of the gap: the answer, and what it stands on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeVar
+
+import numpy as np
+
+from cyclofeat._base import plots, svg
+from cyclofeat._base.card import card
+from cyclofeat._base.frames import frame
+from cyclofeat._base.words import beyond, number, unit_text
+from cyclofeat.gap.measured import Condition
+from cyclofeat.gap.overlays import Overlay
+from cyclofeat.gap.posterior.answers import UNSEEN
+from cyclofeat.gap.proof.prove import Proof
+from cyclofeat.gap.summaries.summarise import Cell
+from cyclofeat.gap.where.conditions import Where
+from cyclofeat.simulators import Effect, Rig
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+
+FORMAT = "cyclofeat gap 2"
+Table = Literal["effects", "sizes", "remainder", "next_measurements", "where", "proof"]
+_LEFT = {"chance": "nothing", "open effects": "what may be open effects", "unknown": "something"}
+TABLES: tuple[Table, ...] = ("effects", "sizes", "remainder", "next_measurements", "where", "proof")
+
+
+@dataclass(frozen=True)
+class Size:
+    """Parameter of a missing effect.
+
+    Attributes
+    ----------
+    name, unit : str
+    value : float
+        Median.
+    low, high : float
+        Its interval of 90 %.
+    """
+
+    name: str
+    unit: str
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{self.name} = {self.value:.3g} ({self.low:.3g} to {self.high:.3g}){unit_text(self.unit)}"
+
+
+@dataclass(frozen=True)
+class VisibleFrom:
+    """Sizes of an effect that recordings show: half of the simulated rigs with it so large are named.
+
+    Attributes
+    ----------
+    name, unit : str
+        Of its main parameter.
+    below, above : float
+        Values beyond which it is seen; NaN on a side on which it grows no stronger.
+    """
+
+    name: str
+    unit: str
+    below: float
+    above: float
+
+    def __str__(self) -> str:
+        return f"{self.name} {beyond(self.below, self.above)}{unit_text(self.unit)}"
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """Answer about one effect: its probability of being missing in the model.
+
+    Attributes
+    ----------
+    effect : str
+        Name of the effect.
+    probability : float
+        That it is missing.
+    answer : {"present", "absent", "unresolved"}
+    sizes : tuple of Size
+        Its parameters, if it is missing; empty where they were not learned.
+    ties : tuple of str
+        Other effects that the recordings cannot tell from it.
+    visible : float
+        Probability that it is missing and large enough to be seen; NaN where no size is.
+    visible_from : VisibleFrom or None
+        Sizes that are large enough.
+    """
+
+    effect: str
+    probability: float
+    answer: str
+    sizes: tuple[Size, ...] = ()
+    ties: tuple[str, ...] = ()
+    visible: float = math.nan
+    visible_from: VisibleFrom | None = None
+
+    @property
+    def small(self) -> bool:
+        """True if the effect is open but would be too small to be seen."""
+        return self.answer == "unresolved" and self.visible <= UNSEEN
+
+
+@dataclass(frozen=True, kw_only=True)
+class RemainderRow(Cell):
+    """Number of which the corrected model is still wrong.
+
+    Attributes
+    ----------
+    difference : float
+        Measured minus corrected mean, in ``unit``.
+    z : float
+        The same in its standard errors.
+    """
+
+    difference: float
+    z: float
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """Differences that the corrected model leaves unexplained.
+
+    Attributes
+    ----------
+    p : float
+        Chance of a remainder this large if the corrected model were right.
+    unexplained : bool
+        Whether neither chance nor effects that are open explain it.
+    rows : tuple of RemainderRow
+        The clearest first.
+    p_open : float or None
+        Chance of it if each open effect were there as often as it is probable; None where chance alone
+        explains it, or no effect is open.
+    """
+
+    p: float
+    unexplained: bool
+    rows: tuple[RemainderRow, ...] = field(default=(), repr=False)
+    p_open: float | None = None
+
+    @property
+    def cause(self) -> Literal["chance", "open effects", "unknown"]:
+        """Explanation of the remainder."""
+        if self.unexplained:
+            return "unknown"
+        return "chance" if self.p_open is None else "open effects"
+
+
+@dataclass(frozen=True)
+class NextMeasurement:
+    """Recordings to make next.
+
+    Attributes
+    ----------
+    what : str
+    separates : tuple of str
+        Effects that they would tell apart.
+    gain : float or None
+        Expected information in bits; None where it was not computed.
+    """
+
+    what: str
+    separates: tuple[str, ...] = ()
+    gain: float | None = None
+
+
+class _OfEffect(Protocol):
+    @property
+    def effect(self) -> str: ...
+
+
+AnyRow = TypeVar("AnyRow", bound=_OfEffect)
+
+
+class EffectRows(Generic[AnyRow]):
+    """Base of results that have a row for each effect that was asked for."""
+
+    effects: tuple[AnyRow, ...]
+
+    def effect(self, name: str) -> AnyRow:
+        """Return the row of an effect.
+
+        Raises
+        ------
+        KeyError
+            If it was not asked for.
+        """
+        for row in self.effects:
+            if row.effect == name:
+                return row
+        asked = ", ".join(row.effect for row in self.effects) or "none"
+        raise KeyError(f"{name} is not among the effects that were asked for: {asked}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GapResult(EffectRows[FoundEffect]):
+    """Result of :func:`find_gap`: missing effects with probabilities and sizes, and the remainder.
+
+    Attributes
+    ----------
+    where : tuple of Where
+        Recordings against the model as it was, one comparison per condition.
+    rig : Rig
+        The corrected model: the model with ``named`` added.
+    quantity : {"output_torque", "input_torque"}
+        What was measured. Input torque is referred to the output here.
+    posterior_rig : Rig or None
+        The model with effects drawn from all that the recordings leave possible: each assembly drawn from it
+        has another of its 200 variants. None where effects were not asked for.
+    effects : tuple of FoundEffect
+        All effects that were asked for, the most probable first.
+    named : tuple of Effect
+        Those that were added, with their sizes.
+    remainder : Remainder or None
+        What the corrected model leaves. Where it leaves something unexplained, an effect is missing that is
+        not in ``effects``, and the sizes are not confirmed by simulation. None where effects were not asked
+        for.
+    next_measurements : tuple of NextMeasurement
+        The most useful first.
+    overlays : tuple of Overlay
+        Recordings, model and corrected model, for pictures.
+    proof : tuple of Proof
+        One per condition held out; empty where nothing was held out or nothing named.
+    warnings : tuple of str
+    seconds : float
+        Computing time.
+    """
+
+    where: tuple[Where, ...] = field(repr=False)
+    rig: Rig = field(repr=False)
+    quantity: str = "output_torque"
+    posterior_rig: Rig | None = field(default=None, repr=False)
+    effects: tuple[FoundEffect, ...] = field(default=(), repr=False)
+    named: tuple[Effect, ...] = ()
+    remainder: Remainder | None = None
+    next_measurements: tuple[NextMeasurement, ...] = ()
+    overlays: tuple[Overlay, ...] = field(default=(), repr=False)
+    proof: tuple[Proof, ...] = field(default=(), repr=False)
+    warnings: tuple[str, ...] = ()
+    seconds: float = math.nan
+
+    @property
+    def p(self) -> float:
+        """Smallest adjusted p of all conditions, adjusted for their number too (Bonferroni)."""
+        return min(1.0, len(self.where) * min(one.p for one in self.where))
+
+    @property
+    def verdict(self) -> str:
+        """``"disagree"`` if one condition does, ``"equivalent"`` if all are, else ``"unresolved"``."""
+        verdicts = {one.verdict for one in self.where}
+        if "disagree" in verdicts:
+            return "disagree"
+        return "equivalent" if verdicts == {"equivalent"} else "unresolved"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values that JSON can hold, as ``cyclofeat gap --json`` prints them."""
+        plain = {
+            "format": FORMAT,
+            "verdict": self.verdict,
+            "p": self.p,
+            "quantity": self.quantity,
+            "effects": [_plain_effect(found) for found in self.effects],
+            "named": [effect.effect_id for effect in self.named],
+            "remainder": None if self.remainder is None else asdict(self.remainder),
+            "next_measurements": [asdict(one) for one in self.next_measurements],
+            "conditions": [
+                asdict(where.condition)
+                | {"verdict": where.verdict, "p": where.p, "recordings": where.n_recordings}
+                for where in self.where
+            ],
+            "proof": [_at(proof.condition) | {"closed": proof.to_dict()} for proof in self.proof],
+            "warnings": list(self.warnings),
+            "seconds": round(self.seconds, 1),
+        }
+        return dict(finite(plain))
+
+    def to_frame(self, table: Table = "effects") -> pd.DataFrame:
+        """One table of the result as a data frame.
+
+        Parameters
+        ----------
+        table : {"effects", "sizes", "remainder", "next_measurements", "where", "proof"}, default="effects"
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row per effect, parameter, number that remains, measurement, number compared, or alternative.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        ValueError
+            If there is no such table.
+        """
+        if table not in TABLES:
+            raise ValueError(f"table must be one of {', '.join(TABLES)}, got {table!r}")
+        return frame(self._rows(table))
+
+    def _rows(self, table: Table) -> list[dict[str, Any]]:
+        if table == "effects":
+            hidden = ("sizes", "visible_from")
+            return [{k: v for k, v in asdict(found).items() if k not in hidden} for found in self.effects]
+        if table == "sizes":
+            return [{"effect": found.effect} | asdict(size) for found in self.effects for size in found.sizes]
+        if table == "remainder":
+            return [asdict(row) for row in self.remainder.rows] if self.remainder else []
+        if table == "next_measurements":
+            return [asdict(one) for one in self.next_measurements]
+        of_conditions: Sequence[Where | Proof] = self.where if table == "where" else self.proof
+        rows = [_at(one.condition) | asdict(row) for one in of_conditions for row in one.rows]
+        return [row.pop("cell", {}) | row for row in rows]
+
+    def plot(
+        self,
+        kind: Literal["spectrum", "orders", "distribution", "differences", "closed"] = "spectrum",
+        ax: Axes | None = None,
+        **options: Any,
+    ) -> Any:
+        """Draw the result at one condition.
+
+        Parameters
+        ----------
+        kind : {"spectrum", "orders", "distribution", "differences", "closed"}, default="spectrum"
+            Recordings, model and corrected model over each other, by one of the first three; the clearest
+            differences between recordings and model; or the share of the gap that each alternative closes.
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw on; default, new ones.
+        **options
+            ``condition`` (number of the condition, default 0) and, but for ``"closed"``, ``label`` (name of
+            the recordings).
+
+        Returns
+        -------
+        GapOverlayDisplay, GapDisplay or GapReductionDisplay
+            Of :mod:`cyclofeat.plotting`; with the axes ``ax_`` and the ``figure_``.
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+        ValueError
+            If there is no such kind or condition, or the result holds nothing of the kind.
+        """
+        return plots.draw(self, kind, ax, **options)
+
+    def _repr_html_(self) -> str:
+        rows = {
+            "conditions": "; ".join(where.condition.text for where in self.where),
+            "recordings": sum(where.n_recordings for where in self.where),
+            "recordings against model": f"{self.verdict} (p = {self.p:.2g})",
+        }
+        for effect in self.named:
+            found = self.effect(effect.effect_id)
+            numbers = [f"probability {found.probability:.3g}", *map(str, found.sizes)]
+            rows[f"missing: {found.effect}"] = "; ".join(numbers)
+        if self.remainder is not None:
+            rows["left unexplained"] = f"{_LEFT[self.remainder.cause]} (p = {self.remainder.p:.2g})"
+        for proof in self.proof:
+            at = "" if proof.condition is None else f" at {proof.condition.text}"
+            rows[f"gap closed{at}"] = f"{proof.result.grr:.0%}"
+        return card(
+            f"Gap: {number(len(self.named), 'effect')} named" if self.effects else f"Gap: {self.verdict}",
+            rows, pictures=[_curves(overlay) for overlay in self.overlays[:1]], notes=self.warnings,
+            code='result.to_frame("sizes")' if self.named else 'result.to_frame("where")',
+        )  # fmt: skip
+
+
+def _curves(overlay: Overlay) -> str:
+    """Return recordings (accent), model (dashed) and corrected model of an overlay, in logarithms."""
+    looks = (
+        (overlay.measured, svg.Curve(overlay.x, width=2.4)),
+        (overlay.model, svg.Curve(overlay.x, "currentColor", 1.0, "4 3")),
+        (overlay.corrected, svg.Curve(overlay.x, svg.SECOND, 1.2)),
+    )
+    drawn = [
+        look._replace(values=np.log(np.maximum(band.mean, np.finfo(float).tiny)))
+        for band, look in looks
+        if band is not None
+    ]
+    corrected = "" if overlay.corrected is None else ", corrected model (thin)"
+    text = f"{overlay.kind.capitalize()} at {overlay.condition.text}: recordings (wide), model (dashed)"
+    return svg.curves(drawn, text + corrected)
+
+
+def _plain_effect(found: FoundEffect) -> dict[str, Any]:
+    sizes = {size.name: {k: v for k, v in asdict(size).items() if k != "name"} for size in found.sizes}
+    return {
+        "id": found.effect, "probability": round(found.probability, 6), "answer": found.answer,
+        "sizes": sizes, "ties": list(found.ties), "visible": found.visible,
+        "visible_from": None if found.visible_from is None else asdict(found.visible_from),
+    }  # fmt: skip
+
+
+def _at(condition: Condition | None) -> dict[str, Any]:
+    return {} if condition is None else asdict(condition)
+
+
+def finite(value: Any) -> Any:
+    """The value with None for NaN and infinity, which JSON does not know."""
+    if isinstance(value, dict):
+        return {key: finite(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,122 @@
+"""Synchronous averages of measured and simulated torque over the turn, for pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from cyclofeat.gap.summaries.summarise import (
+    SPEED_TOLERANCE,
+    Conditions,
+    speeds_by_mesh,
+    synchronous_average,
+)
+from cyclofeat.signal.orders import estimate_input_speed
+
+Float = NDArray[np.float64]
+
+_BINS = 240
+_ROUNDS = 3  # of alignment
+# The search has a fixed number of steps: a smaller tolerance gives a finer speed and a sharper picture.
+_FINE_TOLERANCE = SPEED_TOLERANCE / 2
+
+
+@dataclass(frozen=True)
+class PhaseMap:
+    """Torque folded over one turn of the input, or over the passage of one lobe.
+
+    Attributes
+    ----------
+    name : {"input", "lobe"}
+        ``"input"``: one turn of the input. ``"lobe"``: 15/16 of it, in which all 15 lobes pass in turn, once
+        each.
+    phase : ndarray, shape (n_bins,)
+        Share of the turn at the middle of each bin.
+    measured, simulated : ndarray, shape (n_bins,)
+        Mean ripple in Nm over recordings, each shifted in phase to fit the others best.
+    measured_spread, simulated_spread : ndarray, shape (n_bins,)
+        Standard deviation of one recording in Nm.
+    flagged : ndarray of bool, shape (n_bins,)
+        Bins whose means differ by Welch's t-test at the level alpha, Bonferroni over the bins. A mark in a
+        picture, not part of the verdict: alignment favours agreement.
+    """
+
+    name: str
+    phase: Float = field(repr=False)
+    measured: Float = field(repr=False)
+    simulated: Float = field(repr=False)
+    measured_spread: Float = field(repr=False)
+    simulated_spread: Float = field(repr=False)
+    flagged: NDArray[np.bool_] = field(repr=False)
+
+
+def phase_maps(
+    measured: NDArray[Any],
+    simulated: NDArray[Any],
+    conditions: Conditions,
+    alpha: float,
+    speeds: tuple[Float, Float] | None = None,
+) -> dict[str, PhaseMap]:
+    """Fold torque (n_windows, n_samples) over the input's turn and over the passage of the lobes.
+
+    ``alpha`` is the level of the marks; ``speeds`` are the mean input speeds in Hz of measured and of
+    simulated windows, by default from their mesh lines. Returns the maps ``"input"`` and ``"lobe"``.
+    """
+    maps = {}
+    rate, n_lobes = conditions.sampling_rate, conditions.n_lobes
+    known = speeds or [_fine_speeds(X, conditions) for X in (measured, simulated)]
+    for name, per_turn in (("input", 1.0), ("lobe", (n_lobes + 1) / n_lobes)):
+        folded = [
+            _folded(X, speed * per_turn / rate) for X, speed in zip((measured, simulated), known, strict=True)
+        ]
+        reference = _mean_wave(folded[1])
+        aligned = [np.array([_turned(wave, reference) for wave in waves]) for waves in folded]
+        p = stats.ttest_ind(*aligned, equal_var=False, axis=0).pvalue
+        of_measured, of_simulated = aligned
+        maps[name] = PhaseMap(
+            name,
+            phase=(np.arange(_BINS) + 0.5) / _BINS,
+            measured=of_measured.mean(axis=0),
+            simulated=of_simulated.mean(axis=0),
+            measured_spread=of_measured.std(axis=0, ddof=1),
+            simulated_spread=of_simulated.std(axis=0, ddof=1),
+            flagged=np.asarray(p * _BINS <= alpha),
+        )
+    return maps
+
+
+def _fine_speeds(X: NDArray[Any], conditions: Conditions) -> Float:
+    """Return the mean input speed of each window in Hz, with finer steps near the nominal speed."""
+    rate, nominal_hz, n_lobes = conditions.sampling_rate, conditions.input_speed_hz, conditions.n_lobes
+    near = estimate_input_speed(X, rate, nominal_hz, _FINE_TOLERANCE, comb="mesh", n_lobes=n_lobes)
+    far = speeds_by_mesh(np.asarray(X, dtype=np.float64), rate, nominal_hz, n_lobes)
+    return np.where(np.abs(far / nominal_hz - 1) > _FINE_TOLERANCE, far, near)
+
+
+def _folded(X: NDArray[Any], turns_per_sample: Float) -> Float:
+    """Mean of each bin of the turn, less the window's mean: (n_windows, _BINS)."""
+    waves = []
+    for x, step in zip(X, turns_per_sample, strict=True):
+        mean, slot, _ = synchronous_average(x - x.mean(), float(step), _BINS)
+        filled = np.unique(slot)
+        # If a turn has few samples, always at the same phases, some bins are empty: interpolate.
+        waves.append(np.interp(np.arange(_BINS), filled, mean[filled], period=_BINS))
+    return np.array(waves)
+
+
+def _mean_wave(waves: Float) -> Float:
+    """Return the mean of waves shifted to fit it, by iteration from the largest of them."""
+    mean = np.asarray(waves[int(np.argmax(waves.var(axis=1)))])
+    for _ in range(_ROUNDS):
+        mean = np.mean([_turned(wave, mean) for wave in waves], axis=0)
+    return mean
+
+
+def _turned(wave: Float, reference: Float) -> Float:
+    """Return the wave shifted to its largest circular correlation with the reference."""
+    correlation = np.fft.irfft(np.fft.rfft(reference) * np.conj(np.fft.rfft(wave)), wave.size)
+    return np.roll(wave, int(np.argmax(correlation)))

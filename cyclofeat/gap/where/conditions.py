@@ -1,0 +1,218 @@
+"""Comparison of measured and simulated torque at several conditions, with one verdict."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from cyclofeat.gap.comparison import GapSettings
+from cyclofeat.gap.measured import Condition, MeasuredRig
+from cyclofeat.gap.summaries.phase import PhaseMap
+from cyclofeat.gap.where.locate import EQUIVALENT_DB, EQUIVALENT_SPREADS, LocatedGap, Row, locate
+from cyclofeat.gap.world.world import World
+
+
+def locate_all(
+    measured: MeasuredRig, world: World, settings: GapSettings, *, simulated: MeasuredRig | None = None
+) -> tuple[LocatedGap, ...]:
+    """Find where recordings differ from the model at each condition.
+
+    Each condition is tested at ``settings.alpha`` over their number, with so many times more relabellings, so
+    that the chance of a false "disagree" over all of them is at most ``alpha``.
+
+    Parameters
+    ----------
+    measured : MeasuredRig
+        Conditions with one recording are left out.
+    world : World
+        The model and what may differ anyway.
+    settings : GapSettings
+        ``alpha``, ``n_permutations`` and those of the simulations are used.
+    simulated : MeasuredRig, optional
+        Recordings of another simulator, in the place of simulated ones: of each the first output turn is
+        used. With the same rate, conditions and knowledge of counts and tachometer as ``measured`` (parts of
+        one :class:`MeasuredRig`); conditions that it lacks are left out. How alike recordings of one assembly
+        are is not asked.
+
+    Returns
+    -------
+    tuple of LocatedGap
+        In the order of the conditions.
+
+    Raises
+    ------
+    ValueError
+        If no condition has two recordings (and two simulated ones), or ``simulated`` lacks a count.
+    """
+    parts = (measured,) if simulated is None else (measured, simulated)
+    compared = [
+        condition for condition in measured.conditions if all(len(part.at(condition)) > 1 for part in parts)
+    ]
+    if not compared:
+        more = "" if simulated is None else ", and 2 simulated ones"
+        raise ValueError(
+            f"measured must hold at least 2 recordings of one condition{more}: one recording has no spread "
+            f"to compare with, got {len(measured.recordings)} at {len(measured.conditions)} conditions"
+        )
+    shared = dataclasses.replace(
+        settings,
+        alpha=settings.alpha / len(compared),
+        n_permutations=settings.n_permutations * len(compared),
+    )
+    return tuple(_located(measured, condition, world, shared, simulated) for condition in compared)
+
+
+def _located(
+    measured: MeasuredRig,
+    condition: Condition,
+    world: World,
+    settings: GapSettings,
+    simulated: MeasuredRig | None,
+) -> LocatedGap:
+    """Compare the recordings of one condition."""
+    comparison = measured.comparison(condition, world, settings)
+    turns = measured.turns(comparison)
+    bank = None
+    if simulated is not None:
+        comparison = comparison.replace(one_assembly=False)
+        bank = simulated.bank(comparison)
+        missing = set() if turns.counts is None else set(turns.counts.tolist()) - set(bank.counts.tolist())
+        if missing:
+            raise ValueError(
+                f"simulated must hold each count of the measured recordings at {condition.text}, got none "
+                f"with {min(missing)} worn lobes"
+            )
+    return locate(
+        comparison,
+        turns,
+        alpha=settings.alpha,
+        n_permutations=settings.n_permutations,
+        bank=bank,
+    )
+
+
+@dataclass(frozen=True)
+class WhereRow(Row):
+    """One number of the comparison, with its levels.
+
+    Attributes
+    ----------
+    mean : float
+        Mean over the recordings, in the cell's unit.
+    measured_spread, simulated_spread : float
+        Standard deviation of one recording, and of one simulated recording, about the mean of its count.
+    """
+
+    mean: float
+    measured_spread: float
+    simulated_spread: float
+
+    @property
+    def clarity(self) -> float:
+        """Size of the difference relative to ``detectable``."""
+        return abs(self.difference) / self.detectable if self.detectable > 0 else 0.0
+
+
+@dataclass(frozen=True)
+class Where:
+    """Comparison of recordings with a model at one condition.
+
+    Attributes
+    ----------
+    verdict : {"disagree", "equivalent", "unresolved"}
+    rows : tuple of WhereRow
+        Each number twice: its mean over recordings, and how much recordings vary.
+    family_p : mapping from str to float
+        Adjusted p of each family, ``"spreads"`` and ``"together"`` among them.
+    global_p : mapping from str to float
+        Tests of all numbers at once, which have no part in the verdict; empty where they were not made.
+    phase : mapping from str to PhaseMap
+        Torque folded over the ``"lobe"`` passage and the ``"input"`` turn; empty where it was not made.
+    n_recordings, n_simulated : int
+    alpha : float
+        Adjusted p up to which a number differs.
+    margin_db, margin_spreads : float
+        Margins of agreement: for levels in dB, for other numbers in spreads of one recording.
+    n_permutations, random_state : int
+    one_assembly : bool
+        Whether all recordings are stated to be of one assembly.
+    sampling_rate : float
+        In Hz.
+    condition : Condition
+    """
+
+    verdict: str
+    rows: tuple[WhereRow, ...] = field(repr=False)
+    family_p: Mapping[str, float]
+    global_p: Mapping[str, float]
+    phase: Mapping[str, PhaseMap] = field(repr=False, compare=False)
+    n_recordings: int
+    n_simulated: int
+    alpha: float
+    margin_db: float
+    margin_spreads: float
+    n_permutations: int
+    random_state: int
+    one_assembly: bool
+    sampling_rate: float
+    condition: Condition
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells that are compared."""
+        return len({(row.cell.family, row.cell.name) for row in self.rows})
+
+    @property
+    def p(self) -> float:
+        """Smallest adjusted p."""
+        return min(self.family_p.values())
+
+    @property
+    def flagged(self) -> list[WhereRow]:
+        """Rows that differ, the clearest first."""
+        return sorted((row for row in self.rows if row.p <= self.alpha), key=lambda row: -row.clarity)
+
+    def means(self, *families: str) -> list[WhereRow]:
+        """Rows of means, of these families or of all."""
+        return [
+            row for row in self.rows if row.of == "mean" and (not families or row.cell.family in families)
+        ]
+
+
+def where_of(located: LocatedGap, *, pictures: bool = True) -> Where:
+    """Rows of a comparison, without its recordings.
+
+    Parameters
+    ----------
+    located : LocatedGap
+    pictures : bool, default=True
+        Fold the torque over the turn and test all numbers at once too, which takes some seconds.
+    """
+    columns = {(cell.family, cell.name): k for k, cell in enumerate(located.cells)}
+    measured, simulated = (values.std(axis=0, ddof=1) for values in located.centred_sets())
+    mean = located.measured.values.mean(axis=0)
+    rows = []
+    for row in located.table:
+        # The row of all cells together has no column.
+        k = columns.get((row.cell.family, row.cell.name))
+        if k is not None:
+            rows.append(WhereRow(**vars(row), mean=float(mean[k]), measured_spread=float(measured[k]),
+                                 simulated_spread=float(simulated[k])))  # fmt: skip
+    return Where(
+        verdict=located.verdict,
+        rows=tuple(rows),
+        family_p=dict(located.family_p),
+        global_p=dict(located.p_global) if pictures else {},
+        phase=dict(located.phase) if pictures else {},
+        n_recordings=located.measured.n_recordings,
+        n_simulated=len(located.simulated),
+        alpha=located.alpha,
+        margin_db=EQUIVALENT_DB,
+        margin_spreads=EQUIVALENT_SPREADS,
+        n_permutations=located.n_permutations,
+        random_state=located.comparison.random_state,
+        one_assembly=located.comparison.one_assembly,
+        sampling_rate=located.comparison.sampling_rate,
+        condition=Condition.of(located.comparison),
+    )

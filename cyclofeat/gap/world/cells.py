@@ -1,0 +1,229 @@
+"""Summaries of a recording for the joint posterior."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import next_fast_len, rfft
+
+from cyclofeat.gap.summaries.summarise import (
+    HANN_POWER,
+    RESOLUTION_NM,
+    SPEED_TOLERANCE,
+    Cell,
+    Conditions,
+    block_means,
+    box_means,
+    hann_lines,
+    level,
+    signed_log,
+    summarise,
+)
+from cyclofeat.signal.faults import runs
+
+Float = NDArray[np.float64]
+
+_MESH_LINES = 4
+_BOX_S, _BOXES, _HOP = 0.014, 16, 4  # moving averages: their unit in s, and their length and step in units
+_LEAST_SLOW_NM = 0.05  # a slow torque below it says nothing of what follows it
+_MAINS_HZ = (50.0, 100.0, 150.0)
+_MAINS_REACH_HZ = 1.5  # for a clock that is off by a percent
+_SLOW_EDGES_HZ = (0.0, 0.75, 1.5, 3.0, 6.0, 12.0, 24.0)
+_DECAYS_S = (0.3, 0.6, 1.2, 2.5)
+_DECAY_HZ = 12.0
+_SLIP_BOXES_S = (0.028, 0.014, 0.007)
+
+
+def turn_samples(conditions: Conditions) -> int:
+    """Return the number of samples of one output turn, also where the speed is low by the tolerance."""
+    turn = conditions.n_lobes / conditions.input_speed_hz * conditions.sampling_rate
+    return int(next_fast_len(math.ceil(turn * (1 + SPEED_TOLERANCE)), real=True))
+
+
+def recording_cells(X: NDArray[np.float32], conditions: Conditions) -> tuple[Float, list[Cell]]:
+    """Summarise recordings of one output turn.
+
+    Parameters
+    ----------
+    X : ndarray, shape (n_recordings, n_samples)
+        Torque in Nm, positive for a load that brakes.
+    conditions : Conditions
+
+    Returns
+    -------
+    values : ndarray, shape (n_recordings, n_cells)
+        Those of ``summarise``, and: modulation of the mesh lines' amplitudes and phases and
+        how far it follows the slow torque, which a drift of the load causes and one of the sensor does not;
+        mains lines and slow part in Hz; signed trend and curvature; exponential decays, and the torque that
+        they settle to; repeated, equal and extreme values.
+    cells : list of Cell
+    """
+    values, cells = summarise(X, conditions)
+    mean = X.mean(axis=1, dtype=np.float64)
+    ripple = X.astype(np.float64) - mean[:, None]
+    speeds = conditions.input_speed_hz * (1 + values[:, 0] / 100)
+    parts = [
+        _modulation(ripple, conditions, speeds),
+        _fixed_in_hz(ripple, conditions.sampling_rate),
+        _course(ripple),
+        _decays(ripple, mean, conditions.sampling_rate),
+        _slips(ripple, conditions.sampling_rate),
+        _codes(X),
+    ]
+    return (
+        np.hstack([values, *(part for part, _ in parts)]),
+        cells + [cell for _, more in parts for cell in more],
+    )
+
+
+def _modulation(ripple: Float, conditions: Conditions, speeds: Float) -> tuple[Float, list[Cell]]:
+    """Modulation of the mesh lines, and its regression on the slow torque."""
+    highest = _MESH_LINES * (conditions.n_lobes + 1) * conditions.input_speed_hz * (1 + SPEED_TOLERANCE)
+    ripple, sampling_rate = block_means(ripple, conditions.sampling_rate, highest)
+    n_samples = ripple.shape[1]
+    box = max(round(_BOX_S * sampling_rate), 1)
+    weights = np.hanning(_BOXES + 2)[1:-1]
+    weights /= weights.sum()
+
+    def smooth(means: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(
+            np.lib.stride_tricks.sliding_window_view(means, _BOXES, axis=1)[:, ::_HOP] @ weights
+        )
+
+    means = box_means(ripple, box)
+    slow = smooth(means)
+    slow = slow - slow.mean(axis=1, keepdims=True)
+    slow_power = np.mean(slow**2, axis=1)
+    columns, cells = [level(slow_power + RESOLUTION_NM**2)], [Cell("modulation", "slow torque", "dB")]
+    # Without the slow torque, which is up to a thousand times a mesh line and would leak into it.
+    light = (ripple - _between(means, box, n_samples)).astype(np.float32)
+    turns = (conditions.n_lobes + 1) * speeds[:, None] * np.arange(n_samples) / sampling_rate
+    first = np.exp(-2j * np.pi * turns).astype(np.complex64)
+    carrier = np.ones_like(first)
+    for line in range(1, _MESH_LINES + 1):
+        carrier = carrier * first
+        phasor = smooth(box_means(light * carrier, box))
+        phasor = phasor / (phasor.mean(axis=1, keepdims=True) + 1e-9)
+        for what, part in (("amplitude", phasor.real - 1), ("phase", np.angle(phasor))):
+            part = _without_line(np.clip(part, -10, 10))
+            power = np.mean(part**2, axis=1)
+            together = np.mean(part * slow, axis=1)
+            columns += [
+                level(power + 1e-8),
+                together / np.sqrt(power * slow_power + 1e-12),
+                signed_log(10 * together / (slow_power + _LEAST_SLOW_NM**2)),
+            ]
+            cells += [
+                Cell("modulation", f"{what} of mesh line {line}", "dB"),
+                Cell("modulation", f"correlation of {what} {line} with the slow torque", "1"),
+                Cell("modulation", f"slope of {what} {line} over the slow torque", "1"),
+            ]
+    return np.column_stack(columns), cells
+
+
+def _between(means: Float, box: int, n_samples: int) -> Float:
+    """Interpolate the means of boxes linearly between their centres, shape (n_windows, n_samples)."""
+    place = np.clip((np.arange(n_samples) + 0.5) / box - 0.5, 0, means.shape[1] - 1)
+    before = np.minimum(place.astype(int), means.shape[1] - 2)
+    share = place - before
+    return np.asarray(means[:, before] * (1 - share) + means[:, before + 1] * share)
+
+
+def _without_line(values: Float) -> Float:
+    """Remove mean and straight line from each row: an error of the speed turns the phase steadily."""
+    time = np.linspace(-1, 1, values.shape[1])
+    time = time / np.sqrt(time @ time)
+    values = values - values.mean(axis=1, keepdims=True)
+    return np.asarray(values - (values @ time)[:, None] * time)
+
+
+def _fixed_in_hz(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
+    """Mains lines over their surroundings, and the slow part."""
+    ripple, sampling_rate = block_means(ripple, sampling_rate, 2 * _MAINS_HZ[-1])
+    n = ripple.shape[1]
+    hz = np.fft.rfftfreq(n, 1 / sampling_rate)
+    lines = rfft(ripple, axis=1)[:, : np.searchsorted(hz, 2 * _MAINS_HZ[-1])]
+    hz = hz[: lines.shape[1]]
+    power = 2 * np.abs(hann_lines(lines)) ** 2 / (n * HANN_POWER * n) + 2 * RESOLUTION_NM**2 / n
+    columns, cells = [], []
+    for mains in _MAINS_HZ:
+        distance = np.abs(hz - mains)
+        line = power[:, distance <= _MAINS_REACH_HZ].max(axis=1)
+        around = power[:, (distance > 2 * _MAINS_REACH_HZ) & (distance < 5 * _MAINS_REACH_HZ)]
+        columns += [level(line), level(line) - level(np.median(around, axis=1))]
+        cells += [
+            Cell("mains", f"line at {mains:g} Hz", "dB", mains, mains),
+            Cell("mains", f"line at {mains:g} Hz over its surroundings", "dB", mains, mains),
+        ]
+    total = np.cumsum(2 * np.abs(lines) ** 2 / n**2, axis=1)
+    # A bin reaches half its width to either side.
+    ends = hz[: total.shape[1]] + hz[1] / 2
+    at = np.array([np.interp(_SLOW_EDGES_HZ, ends, row) for row in total])
+    for low, high, power_between in zip(_SLOW_EDGES_HZ, _SLOW_EDGES_HZ[1:], np.diff(at).T, strict=False):
+        columns.append(level(power_between + RESOLUTION_NM**2 / n))
+        cells.append(Cell("slow bands", f"{low:g} to {high:g} Hz", "dB", low, high))
+    return np.column_stack(columns), cells
+
+
+def _course(ripple: Float) -> tuple[Float, list[Cell]]:
+    """Straight line and parabola through the record, with their signs."""
+    time = np.linspace(-1, 1, ripple.shape[1])
+    shapes = np.column_stack([time, 1.5 * time**2 - 0.5])
+    values = ripple @ (shapes / np.sum(shapes**2, axis=0))
+    names = ("straight line", "parabola")
+    return signed_log(10 * values), [Cell("course", name, "1") for name in names]
+
+
+def _decays(ripple: Float, mean: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
+    """Exponential decays through the record: their size, what each leaves, and what the torque settles to."""
+    slow, rate = block_means(ripple, sampling_rate, _DECAY_HZ)
+    slow = slow - slow.mean(axis=1, keepdims=True)
+    time = np.arange(slow.shape[1]) / rate
+    columns, cells = [], []
+    for time_constant in _DECAYS_S:
+        decay = np.exp(-time / time_constant)
+        shape = decay - decay.mean()
+        size = slow @ shape / (shape @ shape)
+        left = np.mean((slow - size[:, None] * shape) ** 2, axis=1)
+        columns += [size, level(left + RESOLUTION_NM**2), mean - size * decay.mean()]
+        names = (("size of", "Nm"), ("level left by", "dB"), ("torque settled after", "Nm"))
+        cells += [Cell("decays", f"{name} a decay in {time_constant:g} s", unit) for name, unit in names]
+    return np.column_stack(columns), cells
+
+
+def _slips(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
+    """Skewness of the changes of the slow torque: stick-slip climbs slowly and falls fast."""
+    columns, cells = [], []
+    for box_s in _SLIP_BOXES_S:
+        box = max(round(box_s * sampling_rate), 1)
+        changes = np.diff(box_means(ripple, box), axis=1)
+        cubes = np.mean(changes**3, axis=1)
+        columns += [cubes / (np.mean(changes**2, axis=1) + RESOLUTION_NM**2) ** 1.5, signed_log(1e3 * cubes)]
+        names = ("skewness of", "third moment of")
+        cells += [Cell("slips", f"{name} changes in {1e3 * box_s:g} ms", "1") for name in names]
+    return np.column_stack(columns), cells
+
+
+def _codes(X: NDArray[np.float32]) -> tuple[Float, list[Cell]]:
+    """Values that repeat, runs of equal values, and values at the ends of the range."""
+    ordered = np.sort(X, axis=1)
+    steps = np.diff(ordered, axis=1)
+    distinct = np.sum(steps > 0, axis=1) + 1
+    smallest = steps.min(axis=1, where=steps > 0, initial=np.inf)
+    equal = np.diff(X, axis=1) == 0
+    lowest, highest = ordered[:, :1], ordered[:, -1:]
+    columns = [
+        np.log10(distinct),
+        np.log10(np.clip(smallest, 1e-9, 1e3)),
+        np.log10(((highest - lowest)[:, 0] + RESOLUTION_NM) / distinct),
+        np.log1p(np.array([runs(row)[1].max(initial=0) for row in equal])),
+        np.log10(np.mean(highest == X, axis=1)),
+        np.log10(np.mean(lowest == X, axis=1)),
+        np.mean(X == 0, axis=1),
+    ]
+    names = ("number of values", "smallest step", "range over the number of values", "longest run of a value",
+             "share of the largest value", "share of the smallest value", "share of zeros")  # fmt: skip
+    return np.column_stack(columns), [Cell("codes", name, "1") for name in names]
