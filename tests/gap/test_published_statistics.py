@@ -16,7 +16,7 @@ from cyclofeat.gap.published.rigs import SimulatedRigs
 from cyclofeat.gap.published.scores import crps, sign_flip_p, to_statistics
 from cyclofeat.gap.published.search import Search
 from cyclofeat.gap.published.settings import PublishedSettings
-from cyclofeat.simulators import CycloidalGearbox, Offset, Rig
+from cyclofeat.simulators import CycloidalGearbox, Drift, Offset, Rig
 
 SMALL = {"duration": 0.1, "n_draws": 2, "library": ["sensor_drift", "gain", "offset"]}
 PUBLISHED = load_published_tables()

@@ -20,6 +20,7 @@ from cyclofeat.gap.result import FoundEffect, NextMeasurement
 from cyclofeat.gap.where.conditions import where_of
 from cyclofeat.report import write_gap_report
 from cyclofeat.report._gap import summarise_gap
+from cyclofeat.report._gap_numbers import quantity_text, rounded_text
 from cyclofeat.report._gap_where import recordings_for_agreement
 from cyclofeat.simulators import Rig
 
