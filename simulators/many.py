@@ -12,7 +12,7 @@ import joblib
 
 from cyclofeat._base.checks import members, number, one_of, short
 from cyclofeat._base.checks import n_jobs as check_n_jobs
-from cyclofeat._base.parallel import stopped_quietly
+from cyclofeat._base.progress import stopped_quietly
 from cyclofeat.simulators.defects import LobeDefects
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.simulation import SimulationFailed, SimulationRun, simulate

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rayleigh, uniform
 
-from cyclofeat._base import svg
-from cyclofeat._base.card import card
+from cyclofeat._base import displays
 from cyclofeat._base.checks import check_type, is_number, one_of, positive, short
+from cyclofeat._base.displays import html_card
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import QUANTITIES
 from cyclofeat.simulators import _rig_file
@@ -211,8 +211,8 @@ class Rig:
             )
         if self.variants:
             rows["variants"] = f"{len(self.variants)} sets of further effects, of which each assembly has one"
-        drawn = svg.outlines(_wheel_and_pins(gearbox), "Wheel between the pins")
-        return card(f"Rig {self.name}", rows, pictures=[drawn], code="rig.simulate(LobeDefects.worn(3))")
+        drawn = displays.draw_outlines(_wheel_and_pins(gearbox), "Wheel between the pins")
+        return html_card(f"Rig {self.name}", rows, pictures=[drawn], code="rig.simulate(LobeDefects.worn(3))")
 
     @property
     def has_brake(self) -> bool:

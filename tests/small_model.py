@@ -8,7 +8,7 @@ import numpy as np
 from sklearn.pipeline import Pipeline
 
 from cyclofeat import Recording, Windower
-from cyclofeat._base.versions import MODEL_PACKAGES, package_versions
+from cyclofeat._base.files import MODEL_PACKAGES, package_versions
 from cyclofeat.counting import LobeLocator, LobeModel, TrainingDomain, passage_of_lobe_zero
 from cyclofeat.counting.estimators.trees import CountingTrees
 from cyclofeat.features import LobeMap

@@ -25,8 +25,7 @@ from benchmarks.counting import _cells as cells
 from benchmarks.counting import _pod as pod
 from benchmarks.counting._data import N_COUNTS
 from benchmarks.counting._peers import PEERS
-from cyclofeat._base.files import write_whole
-from cyclofeat._base.versions import code_sha256
+from cyclofeat._base.files import code_sha256, write_whole
 from cyclofeat.gap.simulations import versions
 
 # The simulators are in every version. Read at import, because files may change while a process works.

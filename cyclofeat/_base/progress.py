@@ -6,10 +6,11 @@ import shutil
 import sys
 import threading
 import time
-from collections.abc import Iterator
+import warnings
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Self, TextIO
+from typing import Any, Self, TextIO
 
 _QUIET_S = 2.0
 _TERMINAL_PERIOD_S = 0.2
@@ -187,3 +188,14 @@ def _time_text(seconds: float) -> str:
     if seconds < 120:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
+
+
+@contextmanager
+def stopped_quietly(results: Generator[Any, None, None]) -> Iterator[Generator[Any, None, None]]:
+    """Yield joblib's generator of results and close it, without the warning of calls that still run."""
+    try:
+        yield results
+    finally:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            results.close()

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, ncx2
 
 from cyclofeat._base.checks import number, positive, seed, whole
-from cyclofeat._base.frames import frame
+from cyclofeat._base.displays import data_frame
 from cyclofeat.counting.model.radial_wear import lobe_lines_nm, runs_of
 from cyclofeat.recordings.windower import lobe_windower
 from cyclofeat.signal.windows import Complex, Float
@@ -153,7 +153,7 @@ class MeasurementPlan:
         DataFrame
             Columns ``depth_um`` (None for a plan from the table) and ``probability``.
         """
-        return frame(
+        return data_frame(
             {
                 "depth_um": self.depths_um or (None,),
                 "probability": self.probability if self.depths_um else (self.probability,),

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base import svg
-from cyclofeat._base.card import card
+from cyclofeat._base import displays
 from cyclofeat._base.checks import check_type, whole
-from cyclofeat._base.frames import frame
+from cyclofeat._base.displays import data_frame, html_card
 from cyclofeat.gap.confirm.next_measurement import FurtherRecordings
 from cyclofeat.gap.confirm.sessions import simulate_prior
 from cyclofeat.gap.measured import Condition, MeasuredRig
@@ -144,7 +143,7 @@ class GapCheck(EffectRows[CheckedEffect]):
         ImportError
             If pandas is not installed.
         """
-        return frame([asdict(one) for one in self.effects])
+        return data_frame([asdict(one) for one in self.effects])
 
     def _repr_html_(self) -> str:
         asked = sorted((one for one in self.effects if one.n), key=lambda one: -one.recall)
@@ -161,8 +160,8 @@ class GapCheck(EffectRows[CheckedEffect]):
         }
         names = [one.effect for one in asked]
         text = "Share of the rigs with an effect in which it is found, effect by effect"
-        drawn = svg.columns([one.recall for one in asked], names, text, marked=names)
-        return card(
+        drawn = displays.draw_columns([one.recall for one in asked], names, text, marked=names)
+        return html_card(
             f"Check: {self.score.recall:.0%} of the effects found", rows, pictures=[drawn],
             code="check.to_frame()",
         )  # fmt: skip

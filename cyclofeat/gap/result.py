@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeVar
 
 import numpy as np
 
-from cyclofeat._base import plots, svg
-from cyclofeat._base.card import card
-from cyclofeat._base.frames import frame
+from cyclofeat._base import displays, plots
+from cyclofeat._base.displays import data_frame, html_card
 from cyclofeat._base.words import beyond, number, unit_text
 from cyclofeat.gap.measured import Condition
 from cyclofeat.gap.overlays import Overlay
@@ -305,7 +304,7 @@ class GapResult(EffectRows[FoundEffect]):
         """
         if table not in TABLES:
             raise ValueError(f"table must be one of {', '.join(TABLES)}, got {table!r}")
-        return frame(self._rows(table))
+        return data_frame(self._rows(table))
 
     def _rows(self, table: Table) -> list[dict[str, Any]]:
         if table == "effects":
@@ -369,7 +368,7 @@ class GapResult(EffectRows[FoundEffect]):
         for proof in self.proof:
             at = "" if proof.condition is None else f" at {proof.condition.text}"
             rows[f"gap closed{at}"] = f"{proof.result.grr:.0%}"
-        return card(
+        return html_card(
             f"Gap: {number(len(self.named), 'effect')} named" if self.effects else f"Gap: {self.verdict}",
             rows, pictures=[_curves(overlay) for overlay in self.overlays[:1]], notes=self.warnings,
             code='result.to_frame("sizes")' if self.named else 'result.to_frame("where")',
@@ -379,9 +378,9 @@ class GapResult(EffectRows[FoundEffect]):
 def _curves(overlay: Overlay) -> str:
     """Return recordings (accent), model (dashed) and corrected model of an overlay, in logarithms."""
     looks = (
-        (overlay.measured, svg.Curve(overlay.x, width=2.4)),
-        (overlay.model, svg.Curve(overlay.x, "currentColor", 1.0, "4 3")),
-        (overlay.corrected, svg.Curve(overlay.x, svg.SECOND, 1.2)),
+        (overlay.measured, displays.Curve(overlay.x, width=2.4)),
+        (overlay.model, displays.Curve(overlay.x, "currentColor", 1.0, "4 3")),
+        (overlay.corrected, displays.Curve(overlay.x, displays.SECOND, 1.2)),
     )
     drawn = [
         look._replace(values=np.log(np.maximum(band.mean, np.finfo(float).tiny)))
@@ -390,7 +389,7 @@ def _curves(overlay: Overlay) -> str:
     ]
     corrected = "" if overlay.corrected is None else ", corrected model (thin)"
     text = f"{overlay.kind.capitalize()} at {overlay.condition.text}: recordings (wide), model (dashed)"
-    return svg.curves(drawn, text + corrected)
+    return displays.draw_curves(drawn, text + corrected)
 
 
 def _plain_effect(found: FoundEffect) -> dict[str, Any]:

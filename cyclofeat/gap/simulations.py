@@ -20,9 +20,9 @@ import numpy as np
 import sklearn
 from numpy.typing import NDArray
 
+from cyclofeat._base.files import code_sha256
 from cyclofeat._base.quantities import CHANNELS, factor_to_output
 from cyclofeat._base.shards import ShardStore
-from cyclofeat._base.versions import code_sha256
 from cyclofeat.simulators import (
     CycloidalGearbox,
     Effect,

@@ -14,8 +14,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from cyclofeat._base.displays import data_frame
 from cyclofeat._base.files import check_parent
-from cyclofeat._base.frames import frame
 from cyclofeat.history.alarm import GearboxState, Point, state_of
 
 if TYPE_CHECKING:
@@ -251,7 +251,7 @@ class History:
             If pandas is not installed.
         """
         rows = self.rows(gearbox)
-        return frame(
+        return data_frame(
             {
                 "time": [datetime.fromtimestamp(row.time, UTC) for row in rows],
                 "file": [row.file for row in rows],

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from sklearn.base import BaseEstimator
 
-from cyclofeat._base.versions import MODEL_PACKAGES, package_versions
+from cyclofeat._base.files import MODEL_PACKAGES, package_versions
 from cyclofeat.counting import Evaluation, LobeModel, RadialWear
 from cyclofeat.features.base import WindowTransformer
 from cyclofeat.features.registry import REGISTRY

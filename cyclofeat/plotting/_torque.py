@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cyclofeat._base.checks import series
+from cyclofeat._base.displays import thin_samples
 from cyclofeat._base.quantities import in_words
-from cyclofeat.plotting.drawing import Display, axes_for, thinned
+from cyclofeat.plotting.drawing import Display, axes_for
 from cyclofeat.recordings import Recording
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ class TorqueDisplay(Display):
             Passed on to ``Axes.plot``.
         """
         self.figure_, self.ax_ = axes_for(ax, (7.0, 3.0))
-        (self.line_,) = self.ax_.plot(*thinned(self.time, self.torque, max_points), **line_kw)
+        (self.line_,) = self.ax_.plot(*thin_samples(self.time, self.torque, max_points), **line_kw)
         if "linewidth" not in line_kw and "lw" not in line_kw:
             self.line_.set_linewidth(0.7)
         label = f"{self.quantity} ({self.unit})"

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.svg import thinned
 from cyclofeat._base.words import number
 from cyclofeat.recordings import Recording
 
@@ -28,7 +27,6 @@ __all__ = [
     "plain_log_ticks",
     "require_matplotlib",
     "stated_speed",
-    "thinned",
 ]
 
 

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from cyclofeat._base import plots, svg
+from cyclofeat._base import displays, plots
 from cyclofeat._base.arguments import ArgumentError
-from cyclofeat._base.card import card
 from cyclofeat._base.checks import flag, is_whole, number, one_of, positive, series, whole
+from cyclofeat._base.displays import html_card
 from cyclofeat._base.quantities import CHANNELS, QUANTITIES, QUANTITY_UNITS, in_words
 from cyclofeat._base.words import from_1, lobes_text
 from cyclofeat.signal.lobes import SPEED_TOLERANCE
@@ -371,8 +371,10 @@ class Recording:
             "run": self.run,
             "source": self.source,
         }
-        drawn = svg.curves([svg.Curve(self.torque)], f"{name.capitalize()} over {self.duration:.4g} s")
-        return card(f"Recording of {name}", rows, pictures=[drawn], code='recording.plot("spectrum")')
+        drawn = displays.draw_curves(
+            [displays.Curve(self.torque)], f"{name.capitalize()} over {self.duration:.4g} s"
+        )
+        return html_card(f"Recording of {name}", rows, pictures=[drawn], code='recording.plot("spectrum")')
 
 
 def common_n_lobes(recordings: Sequence[Recording]) -> int:

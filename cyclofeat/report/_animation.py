@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat import __version__
-from cyclofeat.plotting.drawing import thinned
+from cyclofeat._base.displays import thin_samples
 from cyclofeat.report._page import check_page_path, count_text, lobes_text, versions_line, write_page
 
 if TYPE_CHECKING:
@@ -259,7 +259,7 @@ def _torque_trace(run: SimulationRun, first: int, last: int) -> dict[str, Any]:
     """Torque over time from the first frame on, and times at which the cam points at a defect."""
     part = slice(first, last + 1)
     time = np.arange(last + 1 - first) / run.sampling_rate
-    times, values = thinned(time, run.torque_out[part], _TRACE_POINTS)
+    times, values = thin_samples(time, run.torque_out[part], _TRACE_POINTS)
     z, defects = run.gearbox.n_lobes, run.defects
     marked = np.zeros(time.size, dtype=int)
     for wheel in defects.wheels:

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cyclofeat._base import words
-from cyclofeat._base.files import check_parent, write_whole
-from cyclofeat._base.versions import package_versions
+from cyclofeat._base.files import check_parent, package_versions, write_whole
 from cyclofeat._base.words import number
 
 if TYPE_CHECKING:

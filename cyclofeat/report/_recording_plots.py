@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cyclofeat._base.displays import thin_samples
 from cyclofeat.plotting import OrderDisplay, SpectrumDisplay, TorqueDisplay
-from cyclofeat.plotting.drawing import thinned
 from cyclofeat.report._page import count_text, probability_text
 from cyclofeat.report._plot import Axis, Line, Marks, Plot, Span
 from cyclofeat.signal.lobes import lobe_frequency
@@ -40,7 +40,7 @@ def torque_plot(display: TorqueDisplay, spans: Sequence[Span], most_samples: int
     time, torque, note = display.time, display.torque, "The page holds every sample."
     if torque.size > most_samples:
         # Times of extremes take as much room as their values; those of all samples take none.
-        time, torque = thinned(time, torque, most_samples // 2)
+        time, torque = thin_samples(time, torque, most_samples // 2)
         length = round(2 * display.time.size / time.size)
         note = f"Of every {length} samples the page holds the smallest and the largest: peaks are true, and "
         note += "what lies between them is left out."
@@ -53,7 +53,7 @@ def spectrum_plot(display: SpectrumDisplay) -> Plot:
     limit = min(_HIGHEST_HZ, float(display.frequencies[-1]))
     # The line at 0 Hz holds a remainder of the mean.
     shown = (display.frequencies <= limit) & (display.frequencies > 0)
-    frequencies, values = thinned(display.frequencies[shown], display.values[shown], _MOST_BINS)
+    frequencies, values = thin_samples(display.frequencies[shown], display.values[shown], _MOST_BINS)
     marks = []
     if display.input_speed_hz is not None:
         speed, n_lobes = display.input_speed_hz, display.n_lobes

@@ -18,7 +18,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from cyclofeat._base.checks import n_jobs as check_n_jobs
 from cyclofeat._base.checks import short
-from cyclofeat._base.frames import frame
+from cyclofeat._base.displays import data_frame
 from cyclofeat._base.shards import ShardStore
 from cyclofeat.simulators.campaign._design import FORMAT, Campaign, RunPlan
 from cyclofeat.simulators.campaign._run import (
@@ -240,7 +240,7 @@ class CampaignData:
         ImportError
             If pandas is not installed.
         """
-        return frame(self.parameters)
+        return data_frame(self.parameters)
 
 
 def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> CampaignData:

@@ -16,8 +16,8 @@ import joblib
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.parallel import stopped_quietly
-from cyclofeat._base.versions import code_sha256, package_versions
+from cyclofeat._base.files import code_sha256, package_versions
+from cyclofeat._base.progress import stopped_quietly
 from cyclofeat._base.words import from_1
 from cyclofeat.simulators._settling import settling_time
 from cyclofeat.simulators.campaign._design import DEPTH, OF_DEFECTS, WEAR, Campaign, RunPlan

@@ -10,8 +10,7 @@ from typing import IO
 import numpy as np
 import pytest
 
-from cyclofeat._base.files import write_whole
-from cyclofeat._base.versions import MODEL_PACKAGES, code_sha256, package_versions
+from cyclofeat._base.files import MODEL_PACKAGES, code_sha256, package_versions, write_whole
 
 
 @pytest.mark.parametrize("durable", [False, True])

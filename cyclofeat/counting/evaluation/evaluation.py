@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base import plots, svg
-from cyclofeat._base.card import card
-from cyclofeat._base.frames import frame
+from cyclofeat._base import displays, plots
+from cyclofeat._base.displays import data_frame, html_card
 from cyclofeat._base.words import number
 from cyclofeat.counting.evaluation.assembly_folds import Float, Int
 from cyclofeat.counting.evaluation.scores import (
@@ -195,9 +194,9 @@ class Evaluation:
         if table not in TABLES:
             raise ValueError(f"table must be one of {', '.join(TABLES)}, got {table!r}")
         if table == "classes":
-            return frame(self.class_scores())
+            return data_frame(self.class_scores())
         if table == "assemblies":
-            return frame({"assembly": self.groups, "accuracy": self.group_accuracy})
+            return data_frame({"assembly": self.groups, "accuracy": self.group_accuracy})
         columns: dict[str, Any] = {
             "assembly": self.assemblies,
             "defect_count": self.labels,
@@ -209,7 +208,7 @@ class Evaluation:
             columns["reason"] = self.reasons
         if self.probabilities is not None:
             columns |= {f"probability_{c}": self.probabilities[:, k] for k, c in enumerate(self.classes)}
-        return frame(columns)
+        return data_frame(columns)
 
     def class_scores(self) -> list[dict[str, Any]]:
         """Return a row for each true count: its windows, recall with its interval, precision (NaN: none)."""
@@ -266,9 +265,10 @@ class Evaluation:
             "calibration error": _scored(self.calibration_error, self.calibration_error_interval),
             "intervals": f"{100 * self.confidence:.3g} %, over assemblies",
         }
-        return card(
+        return html_card(
             f"Accuracy {_scored(self.accuracy, self.accuracy_interval)}", rows,
-            pictures=[svg.confusion(self.confusion, self.classes.tolist())], code="evaluation.to_frame()",
+            pictures=[displays.draw_confusion(self.confusion, self.classes.tolist())],
+            code="evaluation.to_frame()",
         )  # fmt: skip
 
 

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from cyclofeat._base import plots, svg
-from cyclofeat._base.card import card
-from cyclofeat._base.frames import frame
+from cyclofeat._base import displays, plots
+from cyclofeat._base.displays import data_frame, html_card
 from cyclofeat._base.words import from_1, lobes_text, number
 from cyclofeat.counting.model.radial_wear import WearDepth
 
@@ -163,15 +162,15 @@ class LobeCount:
             "refused": self.reason,
         }
         drawn = [
-            svg.columns(
+            displays.draw_columns(
                 self.probability.values(), [*self.probability], "Probability of each number of worn lobes",
                 marked={self.defect_count},
             ),
-            svg.disc(self.lobe_probability, self.lobes, "Probability of each lobe of being worn")
+            displays.draw_disc(self.lobe_probability, self.lobes, "Probability of each lobe of being worn")
             if self.lobe_probability
             else "",
         ]  # fmt: skip
-        return card(
+        return html_card(
             f"Refused, not reliable: {answer}" if self.refused else answer, rows,
             pictures=drawn, notes=self.warnings, code='count.plot("lobes")' if self.lobes else "count.plot()",
         )  # fmt: skip
@@ -214,8 +213,8 @@ def counts_frame(counts: Mapping[str, LobeCount] | Sequence[LobeCount]) -> pd.Da
         of_counts = {f"probability_{count}": p for count, p in one.probability.items()}
         row = one.to_dict() | {"probability": one.probability[one.defect_count], "lobes": one.lobes}
         rows.append({name: row[name] for name in row if name != "lobe_probability"} | of_counts)
-    made = frame(rows)
+    made = data_frame(rows)
     if rows:
         made = made.astype({"defect_count": "Int64", "refused_defect_count": "Int64"})
-    made.index = frame({"recording": names}).set_index("recording").index
+    made.index = data_frame({"recording": names}).set_index("recording").index
     return made

@@ -12,12 +12,12 @@ from scipy.integrate import cumulative_trapezoid
 from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
-from cyclofeat._base import svg
+from cyclofeat._base import displays
 from cyclofeat._base.arguments import ArgumentError
-from cyclofeat._base.card import card
 from cyclofeat._base.checks import whole
+from cyclofeat._base.displays import html_card
+from cyclofeat._base.files import MODEL_PACKAGES, package_versions
 from cyclofeat._base.quantities import TORQUES, factor_to_output
-from cyclofeat._base.versions import MODEL_PACKAGES, package_versions
 from cyclofeat._base.words import number
 from cyclofeat.counting.calibration.pooling import combine_proba
 from cyclofeat.counting.calibration.training_domain import TrainingDomain, features_seen
@@ -381,8 +381,8 @@ class LobeModel(RecordingPredictions):
             "refuses": "no" if self.domain is None else "what is unlike the training",
             "depth of wear": None if self.wear is None else self.wear.made_for(),
         }
-        drawn = svg.confusion(np.array(scores["confusion"]), scores["classes"]) if scores else ""
-        return card("Counter of worn lobes", rows, pictures=[drawn], code="model.count(recording)")
+        drawn = displays.draw_confusion(np.array(scores["confusion"]), scores["classes"]) if scores else ""
+        return html_card("Counter of worn lobes", rows, pictures=[drawn], code="model.count(recording)")
 
     def made_for(self) -> str:
         """Return in words which recordings the model counts."""

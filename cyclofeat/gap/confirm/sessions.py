@@ -11,7 +11,7 @@ import joblib
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.parallel import stopped_quietly
+from cyclofeat._base.progress import stopped_quietly
 from cyclofeat.gap.world.machine import FEWEST_RECORDINGS, DrawnMachine, simulate_drawn
 from cyclofeat.gap.world.prior import DrawnSession
 from cyclofeat.gap.world.rigs import Rigs, Session

@@ -20,7 +20,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, Wh
 from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._base.arguments import different_names
-from cyclofeat._base.frames import frame
+from cyclofeat._base.displays import data_frame
 from cyclofeat._base.sklearn_private import Interval, fit_context
 from cyclofeat.gap.loops.parts import (
     LARGEST_TORQUE,
@@ -277,7 +277,7 @@ class LoopGap:
             | {f"error of transfer {k}": error for k, error in enumerate(one.errors)}
             for one in self.subsets
         ]
-        return frame(rows)
+        return data_frame(rows)
 
 
 def find_loop_gap(

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from cyclofeat._base.arguments import different_names
-from cyclofeat._base.frames import frame
+from cyclofeat._base.displays import data_frame
 from cyclofeat.gap.comparison import Comparison
 from cyclofeat.gap.published.rigs import SET_POINT, Set, SimulatedRigs, kind_of
 from cyclofeat.gap.published.scores import STATISTICS, fewest_units, sign_flip_p, to_statistics
@@ -165,7 +165,7 @@ class PublishedGap:
         """
         if table not in TABLES:
             raise ValueError(f"table must be one of {', '.join(TABLES)}, got {table!r}")
-        return frame([asdict(row) for row in getattr(self, table)])
+        return data_frame([asdict(row) for row in getattr(self, table)])
 
     def save_table(self, path: str | os.PathLike[str]) -> None:
         """Write the statistics of all simulated rigs, for :attr:`PublishedSettings.table`.

@@ -12,7 +12,7 @@ import numpy as np
 
 from cyclofeat._base.checks import n_jobs as checked_jobs
 from cyclofeat._base.checks import whole
-from cyclofeat._base.parallel import stopped_quietly
+from cyclofeat._base.progress import stopped_quietly
 from cyclofeat._base.shards import ShardStore
 from cyclofeat.gap.simulations import versions
 from cyclofeat.gap.world.machine import FEWEST_RECORDINGS, simulate_machines

@@ -1,14 +1,78 @@
-"""Small pictures of numbers as SVG, in the text's colour and an accent: legible on light and dark ground."""
+"""What results show in a notebook: a card with small pictures, and data frames.
+
+The card takes its colours from the notebook, light or dark. Text is escaped here and nowhere else: names and
+notes come from files of others.
+"""
 
 from __future__ import annotations
 
 import html
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+_ROW = "text-align:left;vertical-align:top;padding:.1em .9em .1em 0;background:none;border:0"
+_TABLE = "border:0;margin:0;width:auto"
+_NAME = "font-weight:normal;opacity:.75"
+_NOTE = "border-left:3px solid #c98a00;padding-left:.6em;margin:.4em 0"
+
+
+def html_card(
+    title: str,
+    rows: Mapping[str, object],
+    *,
+    pictures: Sequence[str] = (),
+    notes: Sequence[str] = (),
+    code: str = "",
+) -> str:
+    """Return the card of an object.
+
+    Parameters
+    ----------
+    title : str
+        What the object is, and its main number.
+    rows : mapping from str to object
+        Numbers with units by their names; rows whose value is None or empty text are left out.
+    pictures : sequence of str
+        From :mod:`cyclofeat._base.displays`: the only argument that is not escaped.
+    notes : sequence of str
+        Warnings.
+    code : str
+        One line that shows what to do next.
+
+    Examples
+    --------
+    >>> "&lt;b&gt;" in html_card("Recording", {"run": "<b>"})
+    True
+    """
+    cells = "".join(
+        f'<tr style="background:none"><th style="{_ROW};{_NAME}">{html.escape(name)}</th>'
+        f'<td style="{_ROW}">{html.escape(str(value))}</td></tr>'
+        for name, value in rows.items()
+        if value is not None and value != ""
+    )
+    parts = [
+        f'<div style="font-weight:600;font-size:1.1em;margin-bottom:.3em">{html.escape(title)}</div>',
+        '<div style="display:flex;flex-wrap:wrap;gap:1em 1.5em;align-items:flex-start">',
+        *pictures,
+        f'<div style="flex:1 1 20em;min-width:0"><table style="{_TABLE}">{cells}</table></div>',
+        "</div>",
+        *(f'<div style="{_NOTE}">{html.escape(note)}</div>' for note in dict.fromkeys(notes)),
+    ]
+    if code:
+        # Pages, whose readers run nothing, hide it.
+        parts.append(
+            f'<div class="next" style="margin-top:.4em">Next: <code>{html.escape(code)}</code></div>'
+        )
+    return f'<div style="line-height:1.45">{"".join(parts)}</div>'
+
 
 Float = NDArray[np.float64]
 
@@ -27,7 +91,7 @@ class Curve(NamedTuple):
     dashes: str = ""
 
 
-def thinned(time: Float, values: Float, max_points: int) -> tuple[Float, Float]:
+def thin_samples(time: Float, values: Float, max_points: int) -> tuple[Float, Float]:
     """Return first and last sample, and the smallest and largest of equal parts: ``max_points`` at most.
 
     All samples if there are no more.
@@ -44,14 +108,14 @@ def thinned(time: Float, values: Float, max_points: int) -> tuple[Float, Float]:
     return time[kept], values[kept]
 
 
-def curves(drawn: Sequence[Curve], label: str) -> str:
+def draw_curves(drawn: Sequence[Curve], label: str) -> str:
     """Return curves on one scale that fills the picture."""
     low = min(float(curve.values.min()) for curve in drawn)
     high = max(float(curve.values.max()) for curve in drawn)
     scale = (_HEIGHT - 4) / (high - low if high > low else 1.0)
     parts = []
     for curve in drawn:
-        x, y = thinned(np.linspace(1, _WIDTH - 1, curve.values.size), curve.values - low, _POINTS)
+        x, y = thin_samples(np.linspace(1, _WIDTH - 1, curve.values.size), curve.values - low, _POINTS)
         points = _points(x, _HEIGHT - 2 - scale * y)
         parts.append(
             f'<polyline points="{points}" fill="none" stroke="{curve.colour}" stroke-width="{curve.width:g}" '
@@ -60,7 +124,7 @@ def curves(drawn: Sequence[Curve], label: str) -> str:
     return _svg(parts, _WIDTH, _HEIGHT, label)
 
 
-def columns(
+def draw_columns(
     values: Iterable[float], names: Sequence[object], label: str, *, marked: Collection[object] = ()
 ) -> str:
     """Return columns of shares from 0 to 1, with their names below; those marked have the accent."""
@@ -79,7 +143,7 @@ def columns(
     return _svg(parts, width, _HEIGHT, label)
 
 
-def confusion(table: NDArray[Any], names: Sequence[object]) -> str:
+def draw_confusion(table: NDArray[Any], names: Sequence[object]) -> str:
     """Return a confusion matrix, true classes in rows, as shares of its rows."""
     shares = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
     label = "Share of each true count (row) that was predicted as each count (column)"
@@ -99,7 +163,7 @@ def confusion(table: NDArray[Any], names: Sequence[object]) -> str:
     return _svg(parts, size, size, label)
 
 
-def disc(shares: Sequence[float], counted: Collection[int], label: str) -> str:
+def draw_disc(shares: Sequence[float], counted: Collection[int], label: str) -> str:
     """Return a ring of lobes, numbered from 1 and counter-clockwise, as dark as their shares from 0 to 1."""
     n, inner, outer = len(shares), 34.0, 58.0
     ends = np.exp(-2j * np.pi * (np.arange(n + 1) - 0.5) / n)
@@ -119,7 +183,7 @@ def disc(shares: Sequence[float], counted: Collection[int], label: str) -> str:
     return _svg(parts, 120, 120, label)
 
 
-def outlines(shapes: Sequence[NDArray[np.complex128]], label: str) -> str:
+def draw_outlines(shapes: Sequence[NDArray[np.complex128]], label: str) -> str:
     """Return closed outlines, y upwards, the first one in the accent."""
     reach = max(float(np.abs(shape).max()) for shape in shapes)
     parts = []
@@ -150,3 +214,18 @@ def _svg(parts: Iterable[str], width: float, height: float, label: str) -> str:
         f'{"".join(parts)}</svg><figcaption style="font-size:.8em;line-height:1.25;opacity:.75">'
         f"{html.escape(label)}</figcaption></figure>"
     )
+
+
+def data_frame(rows: Any) -> pd.DataFrame:
+    """Return dicts by row, arrays by column or a structured array as a data frame.
+
+    Raises
+    ------
+    ImportError
+        If pandas is not installed.
+    """
+    try:
+        import pandas as pd
+    except ImportError as error:
+        raise ImportError("data frames need pandas: pip install pandas") from error
+    return pd.DataFrame(rows)

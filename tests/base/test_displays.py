@@ -9,8 +9,8 @@ import pytest
 from pages import parse, words
 
 from cyclofeat import Recording
-from cyclofeat._base import svg
-from cyclofeat._base.card import card
+from cyclofeat._base import displays
+from cyclofeat._base.displays import html_card
 from cyclofeat.counting import LobeCount, LobeModel, evaluate
 from cyclofeat.simulators import Hum, Rig
 
@@ -65,30 +65,33 @@ def test_cards_are_whole_escaped_and_state_the_numbers(name):
 
 
 def test_every_argument_but_the_pictures_is_escaped():
-    made = card(HOSTILE, {HOSTILE: HOSTILE}, notes=[HOSTILE], code=HOSTILE)
+    made = html_card(HOSTILE, {HOSTILE: HOSTILE}, notes=[HOSTILE], code=HOSTILE)
     assert "<script" not in made
     assert words(parse(made)).count(HOSTILE) == 5
-    assert "<td" not in card("", {"empty": "", "none": None})
+    assert "<td" not in html_card("", {"empty": "", "none": None})
 
 
 def test_pictures_escape_their_names():
-    for drawn in (svg.columns([0.5], [HOSTILE], HOSTILE), svg.confusion(np.eye(1), [HOSTILE])):
+    for drawn in (
+        displays.draw_columns([0.5], [HOSTILE], HOSTILE),
+        displays.draw_confusion(np.eye(1), [HOSTILE]),
+    ):
         assert "script" not in parse(drawn).tags
 
 
 def test_a_curve_fills_the_picture_and_keeps_its_peaks():
     values = np.zeros(100_000)
     values[31_234] = 5.0
-    drawn = svg.curves([svg.Curve(values)], "peak")
+    drawn = displays.draw_curves([displays.Curve(values)], "peak")
     points = np.array(re.findall(r"([\d.]+),([\d.]+)", drawn), dtype=float)
     assert len(points) <= 500
     assert points[:, 1].min() == 2
     assert points[points[:, 1].argmin(), 0] == pytest.approx(0.31234 * 258 + 1, abs=2)
-    assert svg.curves([svg.Curve(np.ones(3))], "constant").count(",94.0") == 3
+    assert displays.draw_curves([displays.Curve(np.ones(3))], "constant").count(",94.0") == 3
 
 
 def test_the_disc_is_as_dark_as_its_shares_and_marks_the_counted_lobes():
-    drawn = svg.disc([0.0, 0.25, 1.0], {2}, "")
+    drawn = displays.draw_disc([0.0, 0.25, 1.0], {2}, "")
     assert sorted(re.findall(r'fill-opacity="([\d.]+)"', drawn)) == ["0.00", "0.25", "1.00"]
     assert re.findall(r"<title>([^<]*)</title>", drawn) == ["lobe 2: 0.25", "lobe 1: 0", "lobe 3: 1"]
     assert 'font-weight="bold" text-anchor="middle" fill="currentColor">3<' in drawn
