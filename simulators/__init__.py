@@ -18,9 +18,7 @@ module           responsibility
 ``sampling``     draws assemblies and recordings of rigs from seeds, for all who simulate them
 ``batch``        many gearboxes at once, one in each lane of the processor's vectors
 ``campaign``     thousands of runs from a declared design to files: resumable, on joblib or Dask
-``_chatter``     warning for friction too steep for the time step
 ``_driven``      runs at a given speed as a motor would have made them
-``_held``        the held output's kernel
 ``_jit``         numba, or plain Python where it is switched off
 ``_lines``       straight lines between points, compiled
 ``machine``      one machine of a rig, its run, and records of the run

@@ -53,7 +53,7 @@ class _Constants(NamedTuple):
     ripple_phase: float
 
 
-def driven(run: SimulationRun, motor: Motor, start: int, random: np.random.Generator) -> SimulationRun:
+def drive_run(run: SimulationRun, motor: Motor, start: int, random: np.random.Generator) -> SimulationRun:
     """Return a run with ``torque_in`` as the motor makes it from sample ``start`` on, with its current.
 
     Raises ValueError if the motor does not hold the speed.
@@ -68,12 +68,16 @@ def driven(run: SimulationRun, motor: Motor, start: int, random: np.random.Gener
     course = np.column_stack(
         [between(values, at) for values in (run.input_angle, speed, np.gradient(speed, 1 / rate))]
     )
-    torques = np.column_stack([_finer(one, finer)[: at.size] for one in (run.torque_in, run.torque_out)])
-    constants = _constants(motor, run.gearbox)
+    torques = np.column_stack(
+        [_upsample_torque(one, finer)[: at.size] for one in (run.torque_in, run.torque_out)]
+    )
+    constants = _driven_constants(motor, run.gearbox)
     waves = np.array([motor.cogging_orders, motor.cogging_nm, motor.cogging_phases], dtype=float)
     carried = float(run.torque_in[start:].mean()) + motor.coulomb_nm + motor.viscous * float(speed[start])
     result = np.empty((n - start, 6))
-    done = _integrate(constants, waves, course, torques, carried, finer, start, 1 / (rate * finer), result)
+    done = _integrate_motor(
+        constants, waves, course, torques, carried, finer, start, 1 / (rate * finer), result
+    )
     if done < n - start:
         raise ValueError(
             f"the motor does not hold the speed at t = {(start + done) / rate:.4g} s: raise its inertia "
@@ -96,7 +100,7 @@ def driven(run: SimulationRun, motor: Motor, start: int, random: np.random.Gener
     return dataclasses.replace(run, **channels, motor_current=current)
 
 
-def _finer(values: Float, finer: int) -> Float:
+def _upsample_torque(values: Float, finer: int) -> Float:
     """Return values at a multiple of their rate, band-limited."""
     if finer == 1:
         return values
@@ -104,7 +108,7 @@ def _finer(values: Float, finer: int) -> Float:
     return np.asarray(resample_poly(values - mean, finer, 1, window=anti_alias_filter(finer, 1)) + mean)
 
 
-def _constants(motor: Motor, gearbox: CycloidalGearbox) -> _Constants:
+def _driven_constants(motor: Motor, gearbox: CycloidalGearbox) -> _Constants:
     z = gearbox.n_lobes
     stiffness, damping = torsion(gearbox) if gearbox.brake_inertia > 0 else (0.0, 0.0)
     gear = 2 * gearbox.wheel_mass * gearbox.eccentricity**2
@@ -132,7 +136,7 @@ def _constants(motor: Motor, gearbox: CycloidalGearbox) -> _Constants:
 
 
 @inner_njit(fastmath=False)
-def _cubic(values, column, k, share):  # type: ignore[no-untyped-def]
+def _cubic_at(values, column, k, share):  # type: ignore[no-untyped-def]
     """Cubic between ``values[k]`` and ``values[k + 1]`` through their neighbours (Catmull and Rom)."""
     a, b = values[max(k - 1, 0), column], values[k, column]
     c, d = values[k + 1, column], values[min(k + 2, values.shape[0] - 1), column]
@@ -141,7 +145,7 @@ def _cubic(values, column, k, share):  # type: ignore[no-untyped-def]
 
 
 @inner_njit(fastmath=False)
-def _place(course, angle, k):  # type: ignore[no-untyped-def]
+def _place_at(course, angle, k):  # type: ignore[no-untyped-def]
     """Return the step of the run that holds an angle, near step ``k``, and the share of it that is passed."""
     last = course.shape[0] - 2
     while k < last and course[k + 1, 0] <= angle:
@@ -153,7 +157,7 @@ def _place(course, angle, k):  # type: ignore[no-untyped-def]
 
 
 @inner_njit(fastmath=False)
-def _rates(constants, waves, course, torques, set_speed, k, state, rates):  # type: ignore[no-untyped-def]
+def _motor_rates(constants, waves, course, torques, set_speed, k, state, rates):  # type: ignore[no-untyped-def]
     """Write the rates of the state; return the step at its angle, and the excess acceleration.
 
     The state holds angle, speed, integral of the control (Nm), current times torque constant (Nm), and the
@@ -162,9 +166,9 @@ def _rates(constants, waves, course, torques, set_speed, k, state, rates):  # ty
     of = constants
     angle, speed, held = state[0], state[1], state[2]
     produced, turned, turning = state[3], state[4], state[5]
-    k, share = _place(course, angle, k)
+    k, share = _place_at(course, angle, k)
     planned = course[k, 2] + share * (course[k + 1, 2] - course[k, 2])
-    against = of.coulomb + of.viscous * speed + _cubic(torques, 0, k, share) - of.gear_inertia * planned
+    against = of.coulomb + of.viscous * speed + _cubic_at(torques, 0, k, share) - of.gear_inertia * planned
     for wave in range(3):
         against += waves[1, wave] * np.sin(waves[0, wave] * angle + waves[2, wave])
     pull = produced * (1.0 + of.ripple * np.cos(of.ripple_order * angle + of.ripple_phase))
@@ -182,7 +186,7 @@ def _rates(constants, waves, course, torques, set_speed, k, state, rates):  # ty
 
 
 @njit(fastmath=False)
-def _integrate(  # type: ignore[no-untyped-def]
+def _integrate_motor(  # type: ignore[no-untyped-def]
     constants, waves, course, torques, carried, finer, start, step, result
 ):
     """Integrate by the classical Runge-Kutta rule; return the number of samples before control is lost.
@@ -206,14 +210,16 @@ def _integrate(  # type: ignore[no-untyped-def]
             at[:] = state
             for stage in range(4):
                 set_speed = course[i, 1] + 0.5 * ((stage + 1) // 2) * (after - course[i, 1])
-                k, share, excess, meter = _rates(constants, waves, course, torques, set_speed, k, at, rates)
+                k, share, excess, meter = _motor_rates(
+                    constants, waves, course, torques, set_speed, k, at, rates
+                )
                 if stage == 0 and inner == 0:
                     row = result[sample]
                     row[0], row[1], row[2], row[5] = (k + share) / finer, state[0], state[1], state[3]
-                    row[3] = _cubic(torques, 0, k, share) + constants.gear_inertia * excess
+                    row[3] = _cubic_at(torques, 0, k, share) + constants.gear_inertia * excess
                     row[3] -= meter / constants.reduction
                     inert = constants.output_inertia * excess / constants.reduction
-                    row[4] = _cubic(torques, 1, k, share) + (
+                    row[4] = _cubic_at(torques, 1, k, share) + (
                         -meter if constants.brake_inertia > 0.0 else inert
                     )
                 if i == course.shape[0] - 1:

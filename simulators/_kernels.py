@@ -29,7 +29,7 @@ from cyclofeat.simulators._jit import addresses, njit
 from cyclofeat.simulators._outline import FASTMATH, describe, moved_on, small_sincos
 
 # Of _outline.py: numba's cache on disk notices changes of this file only.
-OUTLINE_CHECKSUM = 0xE2526B85
+OUTLINE_CHECKSUM = 0xD0EF73E6
 
 PAPER_LAW = 0
 HUNT_CROSSLEY_LAW = 1
@@ -57,35 +57,21 @@ JointConstants = namedtuple(
     ],
 )
 
+# As the fields of the gearbox. Without inertia of the brake the load acts on the output shaft itself.
 BodyConstants = namedtuple(
     "BodyConstants",
-    [
-        "wheel_mass",
-        "wheel_inertia",
-        "output_inertia",
-        "brake_inertia",  # 0: the load acts on the output shaft itself
-        "meter_stiffness",
-        "meter_damping",
-    ],
+    ["wheel_mass", "wheel_inertia", "output_inertia", "brake_inertia", "meter_stiffness", "meter_damping"],
 )
 
+# As the fields of the gearbox; the friction at rest stands where the gearbox has 0 for the same.
 FrictionConstants = namedtuple(
     "FrictionConstants",
     [
-        "coulomb",  # coefficients of sleeve on wheel
-        "static",
-        "stribeck_speed",  # m/s
-        "viscous",  # Ns/m
-        "journal",  # friction coefficient of a sleeve on its axle, times the ratio of axle to sleeve radius
-        "transition_speed",  # m/s; below it friction rises in proportion to the speed
-        "input_coulomb",  # bearings of the shafts, Nm
-        "input_viscous",  # Nms/rad
-        "output_coulomb",
-        "output_viscous",
-        "bearing_transition",  # rad/s
-        "sleeve_inertia",  # kg m2
+        "sleeve_friction", "sleeve_static_friction", "stribeck_speed", "sleeve_viscous_friction",
+        "journal_friction", "friction_transition_speed", "input_bearing_torque", "input_bearing_viscosity",
+        "output_bearing_torque", "output_bearing_viscosity", "bearing_transition_speed", "sleeve_inertia",
     ],
-)
+)  # fmt: skip
 
 # Tables of the internal sleeves: rows of one length, as in the outline's.
 SLEEVE_COS, SLEEVE_SIN = (np.uintp(row * rows.COLUMNS) for row in range(2))
@@ -126,12 +112,10 @@ def flank_contact(flanks, k, has_faults, ct, st, cx, cy):
     description. With m the direction of the force on pin p, the arms about the origin are c x m and p x m;
     the tilt is m's component along t.
     """
-    nx = flanks[rows.F_NX + k]
-    ny = flanks[rows.F_NY + k]
+    nx, ny = flanks[rows.F_NX + k], flanks[rows.F_NY + k]
     pin_n = ct * flanks[rows.F_ALONG_N + k] + st * flanks[rows.F_ALONG_T + k]
     pin_t = ct * flanks[rows.F_ALONG_T + k] - st * flanks[rows.F_ALONG_N + k]
-    cam_n = cx * nx + cy * ny
-    cam_t = cy * nx - cx * ny
+    cam_n, cam_t = cx * nx + cy * ny, cy * nx - cx * ny
     v = pin_n - cam_n - flanks[rows.F_V + k]
     u = pin_t - cam_t - flanks[rows.F_U + k]
     bend = flanks[rows.F_BEND + k]
@@ -141,16 +125,14 @@ def flank_contact(flanks, k, has_faults, ct, st, cx, cy):
     gap = flanks[rows.F_GAP + k] + v + u * (slope + u * (0.5 * bend + third * u))
     tilt = slope + u * (bend + 3.0 * third * u)
     along = 1.0 - 0.5 * tilt * tilt
-    cam_arm = cam_n * tilt - cam_t * along
-    pin_arm = pin_n * tilt - pin_t * along
+    cam_arm, pin_arm = cam_n * tilt - cam_t * along, pin_n * tilt - pin_t * along
     radius_slope = flanks[rows.F_RADIUS_SLOPE + k] + flanks[rows.F_RADIUS_BEND + k] * u
     radius = max(flanks[rows.F_RADIUS + k] + radius_slope * u, 0.0)
     weight = 1.0
     if has_faults:
         line = flanks[rows.F_LINE + k] + flanks[rows.F_LINE_V + k] * v + flanks[rows.F_LINE_U + k] * u
         # Read both before the choice: a read inside it would be a branch.
-        before = flanks[rows.F_BEFORE + k]
-        beyond = flanks[rows.F_BEYOND + k]
+        before, beyond = flanks[rows.F_BEFORE + k], flanks[rows.F_BEYOND + k]
         weight = beyond if line >= 0.0 else before
     return gap, cam_arm, pin_arm, tilt, radius, weight
 
@@ -158,12 +140,10 @@ def flank_contact(flanks, k, has_faults, ct, st, cx, cy):
 @njit(fastmath=FASTMATH, inline="always")
 def edge_contact(edges, k, pin_radius, ct, st, cx, cy):
     """As :func:`flank_contact`, for one edge; the direction's parts along n and t in place of the tilt."""
-    nx = edges[rows.E_NX + k]
-    ny = edges[rows.E_NY + k]
+    nx, ny = edges[rows.E_NX + k], edges[rows.E_NY + k]
     pin_n = ct * edges[rows.E_ALONG_N + k] + st * edges[rows.E_ALONG_T + k]
     pin_t = ct * edges[rows.E_ALONG_T + k] - st * edges[rows.E_ALONG_N + k]
-    cam_n = cx * nx + cy * ny
-    cam_t = cy * nx - cx * ny
+    cam_n, cam_t = cx * nx + cy * ny, cy * nx - cx * ny
     v = pin_n - cam_n - edges[rows.E_V + k]
     u = pin_t - cam_t - edges[rows.E_U + k]
     line = edges[rows.E_LINE + k] + edges[rows.E_LINE_V + k] * v + edges[rows.E_LINE_U + k] * u
@@ -173,8 +153,7 @@ def edge_contact(edges, k, pin_radius, ct, st, cx, cy):
     inverse = distance * (1.0 / square)  # root and quotient at the same time
     along = v * inverse
     tilt = beside * inverse
-    cam_arm = cam_n * tilt - cam_t * along
-    pin_arm = pin_n * tilt - pin_t * along
+    cam_arm, pin_arm = cam_n * tilt - cam_t * along, pin_n * tilt - pin_t * along
     # Between profile and chord the effective radius follows the direction of the normal.
     turned = min(max(along + edges[rows.E_TURN + k] * tilt, 0.0), 1.0)
     radius = edges[rows.E_RADIUS + k] + turned * edges[rows.E_RADIUS_SPAN + k]
@@ -185,8 +164,7 @@ def edge_contact(edges, k, pin_radius, ct, st, cx, cy):
 @njit(fastmath=FASTMATH, inline="always")
 def _flank_contacts(first, n, has_faults, contact, flanks, ct, st, cx, cy, omega, rate):
     """Moments of the forces of all flanks on the wheel: c x F about the origin, and about the cam."""
-    on_cam = 0.0
-    on_pin = 0.0
+    on_cam, on_pin = 0.0, 0.0
     swing = rate - omega
     for i in range(n):
         k = first + i
@@ -202,8 +180,7 @@ def _flank_contacts(first, n, has_faults, contact, flanks, ct, st, cx, cy, omega
 @njit(fastmath=FASTMATH, inline="always")
 def _edge_contacts(first, n, contact, edges, pin_radius, ct, st, cx, cy, omega, rate):
     """As :func:`_flank_contacts`, for all edges."""
-    on_cam = 0.0
-    on_pin = 0.0
+    on_cam, on_pin = 0.0, 0.0
     swing = rate - omega
     for i in range(n):
         k = first + i
@@ -232,30 +209,22 @@ def _joint_contacts(
     constant, a cosine and a sine, so that the loop needs three sums of forces over distances.
     """
     r = joint.pitch_radius
-    hx = r * cos_hole
-    hy = r * sin_hole
-    sx = r * (cos_out - cos_hole)
-    sy = r * (sin_out - sin_hole)
+    hx, hy = r * cos_hole, r * sin_hole
+    sx, sy = r * (cos_out - cos_hole), r * (sin_out - sin_hole)
     # Products with c of vectors that are turned: their part at the cosine and at the sine.
-    hole_c = hx * cy - hy * cx
-    hole_s = -(hy * cy + hx * cx)
-    way_c = sx * cy - sy * cx
-    way_s = -(sy * cy + sx * cx)
-    out_c = hole_c + way_c
-    out_s = hole_s + way_s
+    hole_c, hole_s = hx * cy - hy * cx, -(hy * cy + hx * cx)
+    way_c, way_s = sx * cy - sy * cx, -(sy * cy + sx * cx)
+    out_c, out_s = hole_c + way_c, hole_s + way_s
     lever = hx * sy - hy * sx
     square_0 = sx * sx + sy * sy + cx * cx + cy * cy
-    square_c = 2.0 * way_s
-    square_s = -2.0 * way_c
+    square_c, square_s = 2.0 * way_s, -2.0 * way_c
     rate_0 = (rate_out - rate) * lever
     rate_c = rate * hole_c - rate_out * out_c + omega * way_c
     rate_s = rate * hole_s - rate_out * out_s + omega * way_s
     sum_0 = 0.0
-    sum_c = 0.0
-    sum_s = 0.0
+    sum_c, sum_s = 0.0, 0.0
     for k in range(np.uintp(joint.n_sleeves)):
-        ca = sleeves[SLEEVE_COS + k]
-        sa = sleeves[SLEEVE_SIN + k]
+        ca, sa = sleeves[SLEEVE_COS + k], sleeves[SLEEVE_SIN + k]
         square = square_0 + ca * square_c + sa * square_s
         distance = np.sqrt(square)
         inverse = distance * (1.0 / square)  # root and quotient at the same time
@@ -276,13 +245,10 @@ def _joint_contacts(
 def _joint_vectors(w, joint, sleeves, carried, cx, cy, cos_out, sin_out, cos_hole, sin_hole):
     """Write the vectors on wheel ``w`` of the forces that the internal sleeves carry."""
     first = np.uintp(w * JOINT_SIZE)
-    sx = joint.pitch_radius * (cos_out - cos_hole)
-    sy = joint.pitch_radius * (sin_out - sin_hole)
+    sx, sy = joint.pitch_radius * (cos_out - cos_hole), joint.pitch_radius * (sin_out - sin_hole)
     for k in range(np.uintp(joint.n_sleeves)):
-        ca = sleeves[SLEEVE_COS + k]
-        sa = sleeves[SLEEVE_SIN + k]
-        dx = ca * sx - sa * sy - cx
-        dy = sa * sx + ca * sy - cy
+        ca, sa = sleeves[SLEEVE_COS + k], sleeves[SLEEVE_SIN + k]
+        dx, dy = ca * sx - sa * sy - cx, sa * sx + ca * sy - cy
         over = carried[first + S_FORCE + k] / np.sqrt(dx * dx + dy * dy)
         carried[first + S_X + k] = over * dx
         carried[first + S_Y + k] = over * dy
@@ -325,34 +291,32 @@ def gather_pin_forces(w, counts, flanks, edges, turned_cos, turned_sin, n_pins, 
 def _sleeve_friction(slip, force, friction):
     """Coulomb, Stribeck and viscous friction in N of a sleeve that is pressed with ``force``."""
     ratio = slip / friction.stribeck_speed
-    coefficient = friction.coulomb + (friction.static - friction.coulomb) * np.exp(-ratio * ratio)
-    viscous = friction.viscous * slip if force > 0.0 else 0.0
-    return force * coefficient * np.tanh(slip / friction.transition_speed) + viscous
+    at_rest = friction.sleeve_static_friction - friction.sleeve_friction
+    coefficient = friction.sleeve_friction + at_rest * np.exp(-ratio * ratio)
+    viscous = friction.sleeve_viscous_friction * slip if force > 0.0 else 0.0
+    return force * coefficient * np.tanh(slip / friction.friction_transition_speed) + viscous
 
 
 @njit(fastmath=FASTMATH, inline="always")
 def bearing_friction(speed, coulomb, viscous, friction):
     """Torque in Nm that a shaft's bearing opposes to its speed in rad/s."""
-    return coulomb * np.tanh(speed / friction.bearing_transition) + viscous * speed
+    return coulomb * np.tanh(speed / friction.bearing_transition_speed) + viscous * speed
 
 
 @njit(fastmath=FASTMATH)
 def _pin_friction(w, wheel, friction, pins, carried, cx, cy, cvx, cvy, rate, state, torques):
     """Friction of all pins on wheel ``w``: force and moment on the wheel; adds to the sleeves' torques."""
     q = wheel.pin_radius
-    total_x = 0.0
-    total_y = 0.0
+    total_x, total_y = 0.0, 0.0
     moment = 0.0
     first = np.uintp(w * PIN_FORCE_SIZE)
     for j in range(np.uintp(wheel.n_lobes + 1)):
-        fx = carried[first + P_X + j]
-        fy = carried[first + P_Y + j]
+        fx, fy = carried[first + P_X + j], carried[first + P_Y + j]
         force = np.sqrt(fx * fx + fy * fy)
         if force == 0.0:
             continue
         # m points out of the wheel; a pin that touches twice rubs where the resultant acts
-        mx = -fx / force
-        my = -fy / force
+        mx, my = -fx / force, -fy / force
         radial = wheel.pin_circle_radius + pins[rows.PIN_RADIAL_ERROR + j]
         tangential = pins[rows.PIN_TANGENTIAL_ERROR + j]
         ax = pins[rows.PIN_COS + j] * radial - pins[rows.PIN_SIN + j] * tangential - cx - q * mx
@@ -375,27 +339,22 @@ def _joint_friction(
     torques,
 ):  # fmt: skip
     """Friction of internal sleeves in one wheel's holes: force and moment on it, moment on the output."""
-    total_x = 0.0
-    total_y = 0.0
-    moment = 0.0
-    moment_out = 0.0
+    total_x, total_y = 0.0, 0.0
+    moment, moment_out = 0.0, 0.0
     r = joint.pitch_radius
     q = joint.sleeve_radius
     first = np.uintp(w * JOINT_SIZE)
     for k in range(np.uintp(joint.n_sleeves)):
-        fx = carried[first + S_X + k]
-        fy = carried[first + S_Y + k]
+        fx, fy = carried[first + S_X + k], carried[first + S_Y + k]
         force = np.sqrt(fx * fx + fy * fy)
         carried[first + S_LOAD_X + k] = 0.0
         carried[first + S_LOAD_Y + k] = 0.0
         if force == 0.0:
             continue
-        nx = fx / force
-        ny = fy / force
+        nx, ny = fx / force, fy / force
         sx = r * (sleeves[SLEEVE_COS + k] * cos_out - sleeves[SLEEVE_SIN + k] * sin_out)
         sy = r * (sleeves[SLEEVE_SIN + k] * cos_out + sleeves[SLEEVE_COS + k] * sin_out)
-        ax = sx + q * nx - cx
-        ay = sy + q * ny - cy
+        ax, ay = sx + q * nx - cx, sy + q * ny - cy
         lever = ax * nx + ay * ny
         spin = state[np.uintp(N_STATE + n_pins) + k]
         # wheel minus sleeve at the contact, along n turned by a quarter turn
@@ -413,22 +372,22 @@ def _joint_friction(
 
 @njit(fastmath=FASTMATH, forceinline=True)
 def derivatives(
-    phi, cos_phi, sin_phi, cos_slow, sin_slow, omega, alpha, load, state, wheel, joint, contact,
-    joint_contact, body, friction, pins, mounts, lobes, wear, sleeves, memory, rates, result,
+    phi, cos_phi, sin_phi, cos_slow, sin_slow, omega, alpha, load, state, machine, friction, memory, rates,
+    result,
 ):  # fmt: skip
     """Right-hand side of the reduced model.
 
-    ``slow`` stands for exp(-i phi / z_s), ``friction`` is None or FrictionConstants, ``memory`` the tuple of
-    arrays of :func:`new_memory`. Writes the derivative of ``state`` into ``rates`` and output and input
-    torque into ``result``.
+    ``slow`` stands for exp(-i phi / z_s), ``machine`` for the constants and tables without ``friction``,
+    which is None or FrictionConstants, ``memory`` for the tuple of arrays of :func:`new_memory`. Writes the
+    derivative of ``state`` into ``rates`` and output and input torque into ``result``.
     """
+    wheel, joint, contact, joint_contact, body, pins, mounts, lobes, wear, sleeves = machine
     seen, counts, feet, flanks, edges, on_sleeves, on_pins, torques = memory
     z = float(wheel.n_lobes)
     mean_rate = -omega / z
     mean_acceleration = -alpha / z
     out_sin, out_cos = small_sincos(state[2])
-    cos_out = cos_slow * out_cos - sin_slow * out_sin
-    sin_out = sin_slow * out_cos + cos_slow * out_sin
+    cos_out, sin_out = cos_slow * out_cos - sin_slow * out_sin, sin_slow * out_cos + cos_slow * out_sin
     rate_out = mean_rate + state[6]
     moment_out = 0.0
     torque_in = 0.0
@@ -441,13 +400,11 @@ def derivatives(
         eps = state[w]
         cx = mounts[own + rows.CAM_X] * cos_phi - mounts[own + rows.CAM_Y] * sin_phi
         cy = mounts[own + rows.CAM_X] * sin_phi + mounts[own + rows.CAM_Y] * cos_phi
-        cvx = -omega * cy
-        cvy = omega * cx
+        cvx, cvy = -omega * cy, omega * cx
         rate = mean_rate + state[4 + w]
         # Direction of the holes, eps - phi/z_s, and of the profile, theta = eps - phi/z_s + rest angle.
         eps_sin, eps_cos = small_sincos(eps)
-        cos_hole = cos_slow * eps_cos - sin_slow * eps_sin
-        sin_hole = sin_slow * eps_cos + cos_slow * eps_sin
+        cos_hole, sin_hole = cos_slow * eps_cos - sin_slow * eps_sin, sin_slow * eps_cos + cos_slow * eps_sin
         if moved_on(seen, w, wheel, phi, eps):
             # exp(-i z_s theta) = -exp(i phi_w) exp(-i z_s eps), phi_w the angle of the wheel's own cam.
             lobe_eps_sin, lobe_eps_cos = small_sincos(z * eps)
@@ -462,8 +419,7 @@ def derivatives(
             )  # fmt: skip
         # Turned since the description, and cam and its velocity in the axes of that time.
         st, ct = small_sincos(eps - seen[own + rows.SEEN_EPS] - (phi - seen[own + rows.SEEN_PHI]) / z)
-        own_cx = ct * cx + st * cy
-        own_cy = ct * cy - st * cx
+        own_cx, own_cy = ct * cx + st * cy, ct * cy - st * cx
         first, n_flanks = np.uintp(w * rows.FLANK_SIZE), counts[own + rows.N_FLANKS]
         if mounts[own + rows.HAS_FAULTS] != 0.0:
             on_cam, moment = _flank_contacts(
@@ -510,8 +466,12 @@ def derivatives(
         moment_out += _sleeve_rates(
             wheel, joint, friction, state, rate_out, on_pins, on_sleeves, torques, rates
         )
-        moment_out -= bearing_friction(rate_out, friction.output_coulomb, friction.output_viscous, friction)
-        torque_in += bearing_friction(omega, friction.input_coulomb, friction.input_viscous, friction)
+        moment_out -= bearing_friction(
+            rate_out, friction.output_bearing_torque, friction.output_bearing_viscosity, friction
+        )
+        torque_in += bearing_friction(
+            omega, friction.input_bearing_torque, friction.input_bearing_viscosity, friction
+        )
     rates[2] = state[6]
     rates[3] = state[7]
     if body.brake_inertia > 0.0:
@@ -540,8 +500,8 @@ def _sleeve_rates(wheel, joint, friction, state, rate_out, on_pins, on_sleeves, 
         fy = on_pins[P_Y + j] + on_pins[second_pins + P_Y + j]
         q = wheel.pin_radius
         spin = state[np.uintp(N_STATE) + j]
-        grip = friction.journal * q * np.sqrt(fx * fx + fy * fy)
-        drag = grip * np.tanh(spin * q / friction.transition_speed)
+        grip = friction.journal_friction * q * np.sqrt(fx * fx + fy * fy)
+        drag = grip * np.tanh(spin * q / friction.friction_transition_speed)
         rates[np.uintp(N_STATE) + j] = (torques[j] - drag) / friction.sleeve_inertia
     moment_out = 0.0
     for k in range(np.uintp(joint.n_sleeves)):
@@ -549,8 +509,8 @@ def _sleeve_rates(wheel, joint, friction, state, rate_out, on_pins, on_sleeves, 
         fy = on_sleeves[S_LOAD_Y + k] + on_sleeves[second_sleeves + S_LOAD_Y + k]
         q = joint.sleeve_radius
         at = np.uintp(N_STATE) + n_pins + k
-        grip = friction.journal * q * np.sqrt(fx * fx + fy * fy)
-        drag = grip * np.tanh((state[at] - rate_out) * q / friction.transition_speed)
+        grip = friction.journal_friction * q * np.sqrt(fx * fx + fy * fy)
+        drag = grip * np.tanh((state[at] - rate_out) * q / friction.friction_transition_speed)
         rates[at] = (torques[n_pins + k] - drag) / friction.sleeve_inertia
         moment_out += drag
     return moment_out
@@ -570,8 +530,7 @@ def gather(wheel, joint, mounts, sleeves, memory, phi, state, external, internal
             external[w, j, 0] = on_pins[first + P_FORCE + j]
             external[w, j, 1] = on_pins[first + P_X + j]
             external[w, j, 2] = on_pins[first + P_Y + j]
-        cos_phi = np.cos(phi)
-        sin_phi = np.sin(phi)
+        cos_phi, sin_phi = np.cos(phi), np.sin(phi)
         _joint_vectors(
             w, joint, sleeves, on_sleeves,
             mounts[own + rows.CAM_X] * cos_phi - mounts[own + rows.CAM_Y] * sin_phi,
@@ -596,11 +555,10 @@ def new_memory(state: NDArray[np.float64]) -> tuple[NDArray[Any], ...]:
 
 
 @njit(fastmath=FASTMATH, inline="always")
-def _turn(cosine, sine, angle):
+def _turn_by(cosine, sine, angle):
     """Rotate (cosine, sine) by a small angle and pull the result back onto the unit circle."""
     s, c = small_sincos(angle)
-    x = cosine * c - sine * s
-    y = sine * c + cosine * s
+    x, y = cosine * c - sine * s, sine * c + cosine * s
     scale = 1.5 - 0.5 * (x * x + y * y)
     return x * scale, y * scale
 
@@ -634,13 +592,11 @@ def integrate(
     last_rates = np.zeros(n_state)
     at = state.copy()
     now = np.zeros(N_RESULT)
-    pins, mounts, lobes, wear, sleeves = addresses((pins, mounts, lobes, wear, sleeves))
+    machine = (wheel, joint, contact, joint_contact, body, *addresses((pins, mounts, lobes, wear, sleeves)))
     memory = addresses(memory)
     at_first, rates_first, now_first = addresses((at, rates, now))
-    cos_phi = 1.0
-    sin_phi = 0.0
-    cos_slow = 1.0
-    sin_slow = 0.0
+    cos_phi, sin_phi = 1.0, 0.0
+    cos_slow, sin_slow = 1.0, 0.0
     row = 0
     locked = 0
     stride = 2 // stages
@@ -649,18 +605,15 @@ def integrate(
         i = m * stride
         step = i // 2
         if i % (2 * RESYNC) == 0:
-            cos_phi = np.cos(phi[i])
-            sin_phi = np.sin(phi[i])
-            cos_slow = np.cos(phi[i] / z)
-            sin_slow = -np.sin(phi[i] / z)
+            cos_phi, sin_phi = np.cos(phi[i]), np.sin(phi[i])
+            cos_slow, sin_slow = np.cos(phi[i] / z), -np.sin(phi[i] / z)
         else:
             turn = phi[i] - phi[i - stride]
-            cos_phi, sin_phi = _turn(cos_phi, sin_phi, turn)
-            cos_slow, sin_slow = _turn(cos_slow, sin_slow, -turn / z)
+            cos_phi, sin_phi = _turn_by(cos_phi, sin_phi, turn)
+            cos_slow, sin_slow = _turn_by(cos_slow, sin_slow, -turn / z)
         derivatives(
-            phi[i], cos_phi, sin_phi, cos_slow, sin_slow, omega[i], alpha[i], load[i], at_first, wheel,
-            joint, contact, joint_contact, body, friction, pins, mounts, lobes, wear, sleeves, memory,
-            rates_first, now_first,
+            phi[i], cos_phi, sin_phi, cos_slow, sin_slow, omega[i], alpha[i], load[i], at_first, machine,
+            friction, memory, rates_first, now_first,
         )  # fmt: skip
         if i % 2 == 1:
             for k in range(n_state):
@@ -694,4 +647,61 @@ def integrate(
                 state[k] += dt * ((1.0 + share) * rates[k] - share * last_rates[k])
                 at[k] = state[k]
                 last_rates[k] = rates[k]
+    return n_steps
+
+
+@njit(fastmath=FASTMATH, nogil=True)
+def integrate_held(
+    n_steps, dt, torque, phi, damping, input_inertia, through_meter, state, wheel, joint, contact,
+    joint_contact, body, friction, pins, mounts, lobes, wear, sleeves, memory, limit, every, angle, held,
+):  # fmt: skip
+    """Midpoint rule over ``n_steps`` steps with the output held and the input driven by a torque.
+
+    ``torque`` (2 n_steps + 1,) is the input torque at half steps; every ``every``-th step records the input
+    angle in ``angle`` and the output torque in ``held``. Returns the number of finished steps.
+    """
+    n_state = state.size
+    rates, result, at = np.zeros(n_state), np.zeros(N_RESULT), state.copy()
+    inertia = input_inertia
+    for w in range(2):
+        own = np.uintp(w * rows.COLUMNS)
+        inertia += body.wheel_mass * (mounts[own + rows.CAM_X] ** 2 + mounts[own + rows.CAM_Y] ** 2)
+    machine = (wheel, joint, contact, joint_contact, body, *addresses((pins, mounts, lobes, wear, sleeves)))
+    memory = addresses(memory)
+    z = float(wheel.n_lobes)
+    omega = 0.0
+    at_phi, at_omega = phi, omega
+    # One call of the derivatives for both halves of a step keeps the code short.
+    for m in range(2 * n_steps):
+        step = m // 2
+        # With alpha = 0 the kernel's input torque is the torque of contacts and bearing on the drive.
+        derivatives(
+            at_phi, np.cos(at_phi), np.sin(at_phi), np.cos(at_phi / z), -np.sin(at_phi / z), at_omega, 0.0,
+            0.0, at, machine, friction, memory, rates, result,
+        )  # fmt: skip
+        alpha = (torque[m] - damping * at_omega - result[1]) / inertia
+        # Deviations are relative to the rest position, which follows the input; the held body is at rest.
+        if through_meter:
+            rates[7] = 0.0
+        else:
+            rates[6] = 0.0
+        for k in range(4):
+            rates[4 + k] += alpha / z
+        if m % 2 == 0:
+            if step % every == 0:
+                angle[step // every] = phi
+                held[step // every] = result[0]
+            if not (abs(result[0]) < limit and abs(result[1]) < limit):
+                return step
+            for k in range(n_state):
+                at[k] = state[k] + 0.5 * dt * rates[k]
+            at_phi = phi + 0.5 * dt * omega
+            at_omega = omega + 0.5 * dt * alpha
+        else:
+            for k in range(n_state):
+                state[k] += dt * rates[k]
+                at[k] = state[k]
+            phi += dt * at_omega
+            omega += dt * alpha
+            at_phi, at_omega = phi, omega
     return n_steps

@@ -126,7 +126,7 @@ def small_sincos(x):
 
 
 @njit(fastmath=FASTMATH, inline="always")
-def _cell(phi):
+def _turn_cell(phi):
     return np.floor(phi * CELLS_PER_RADIAN + FIRST_BORDER)
 
 
@@ -134,7 +134,7 @@ def _cell(phi):
 def moved_on(seen, w, wheel, phi, eps):
     """Return True if the description of wheel ``w`` no longer holds; for NaN it never does."""
     own = np.uintp(w * COLUMNS)
-    same_cell = _cell(phi) == seen[own + SEEN_CELL]
+    same_cell = _turn_cell(phi) == seen[own + SEEN_CELL]
     at_rest = abs(eps - seen[own + SEEN_EPS]) < HOLDS_EPS
     return not (same_cell and at_rest) or wheel.profile_points > 0
 
@@ -150,13 +150,10 @@ def _newton_feet(wheel, pins, feet, lobe_cos, lobe_sin):
     inverse_ez = 1.0 / (eccentricity * n_pins)
     largest = LARGEST_STEP * 16.0 / n_pins
     for j in range(np.uintp(wheel.n_lobes + 1)):
-        cb = pins[PIN_COS + j]
-        sb = pins[PIN_SIN + j]
-        dx = feet[DISPLACED_X + j]
-        dy = feet[DISPLACED_Y + j]
+        cb, sb = pins[PIN_COS + j], pins[PIN_SIN + j]
+        dx, dy = feet[DISPLACED_X + j], feet[DISPLACED_Y + j]
         # exp(i z_s t) at the rest position's foot is exp(-i beta) exp(-i z_s theta).
-        qx = cb * lobe_cos + sb * lobe_sin
-        qy = cb * lobe_sin - sb * lobe_cos
+        qx, qy = cb * lobe_cos + sb * lobe_sin, cb * lobe_sin - sb * lobe_cos
         step = 0.0
         for _ in range(NEWTON_STEPS):
             y = step * step
@@ -168,10 +165,8 @@ def _newton_feet(wheel, pins, feet, lobe_cos, lobe_sin):
             v2 = y / 2.0 * (1.0 - y / 12.0 * (1.0 - y / 30.0 * (1.0 - y / 56.0 * (1.0 - y / 90.0))))
             rx = dx + big_r * v1 + eccentricity * (qx * v2 + qy * s2)
             ry = dy - big_r * s1 + eccentricity * (qy * v2 - qx * s2)
-            wx = (1.0 - v2) * qx - s2 * qy
-            wy = (1.0 - v2) * qy + s2 * qx
-            hx = (1.0 - v1) * inverse_m + wx
-            hy = s1 * inverse_m + wy
+            wx, wy = (1.0 - v2) * qx - s2 * qy, (1.0 - v2) * qy + s2 * qx
+            hx, hy = (1.0 - v1) * inverse_m + wx, s1 * inverse_m + wy
             ahead = (ry * hx - rx * hy) * inverse_ez
             flat = hx * hx + hy * hy
             slope = flat + (rx * (hx + n_lobes * wx) + ry * (hy + n_lobes * wy)) * inverse_ez
@@ -195,10 +190,8 @@ def _searched_foot(wheel, dx, dy, qx, qy):
     nearest = np.inf
     for k in range(SEARCH_POINTS):
         trial = k * spacing - width
-        ux = np.cos(trial)
-        uy = np.sin(trial)
-        cos_lobe = np.cos(n_pins * trial)
-        sin_lobe = np.sin(n_pins * trial)
+        ux, uy = np.cos(trial), np.sin(trial)
+        cos_lobe, sin_lobe = np.cos(n_pins * trial), np.sin(n_pins * trial)
         rx = dx + big_r * (1.0 - ux) + eccentricity * (qx - (cos_lobe * qx - sin_lobe * qy))
         ry = dy - big_r * uy + eccentricity * (qy - (cos_lobe * qy + sin_lobe * qx))
         distance = rx * rx + ry * ry
@@ -206,17 +199,14 @@ def _searched_foot(wheel, dx, dy, qx, qy):
             nearest = distance
             step = trial
     # Newton steps, kept inside a bracket that shrinks.
-    low = step - spacing
-    high = step + spacing
+    low, high = step - spacing, step + spacing
     for _ in range(SEARCH_STEPS):
-        ux = np.cos(step)
-        uy = np.sin(step)
-        wx = np.cos(n_pins * step) * qx - np.sin(n_pins * step) * qy
-        wy = np.cos(n_pins * step) * qy + np.sin(n_pins * step) * qx
+        ux, uy = np.cos(step), np.sin(step)
+        cos_lobe, sin_lobe = np.cos(n_pins * step), np.sin(n_pins * step)
+        wx, wy = cos_lobe * qx - sin_lobe * qy, cos_lobe * qy + sin_lobe * qx
         rx = dx + big_r * (1.0 - ux) + eccentricity * (qx - wx)
         ry = dy - big_r * uy + eccentricity * (qy - wy)
-        hx = ux * inverse_m + wx
-        hy = uy * inverse_m + wy
+        hx, hy = ux * inverse_m + wx, uy * inverse_m + wy
         ahead = (ry * hx - rx * hy) * inverse_ez
         slope = hx * hx + hy * hy + (rx * (hx + n_lobes * wx) + ry * (hy + n_lobes * wy)) * inverse_ez
         if ahead > 0.0:
@@ -239,8 +229,7 @@ def _at_foot(wheel, dx, dy, qx, qy, step):
     inverse_m = 1.0 / wheel.shortening
     s1, c1 = small_sincos(step)
     s2, c2 = small_sincos(float(wheel.n_lobes + 1) * step)
-    wx = c2 * qx - s2 * qy
-    wy = c2 * qy + s2 * qx
+    wx, wy = c2 * qx - s2 * qy, c2 * qy + s2 * qx
     rx = dx + wheel.pin_circle_radius * (1.0 - c1) + wheel.eccentricity * (qx - wx)
     ry = dy - wheel.pin_circle_radius * s1 + wheel.eccentricity * (qy - wy)
     # exp(i step) g(t), g = 1/m + exp(i z_s t) being the factor of the tangent i e z_k exp(it) g.
@@ -294,10 +283,8 @@ def _polyline_foot(wheel, t, x, y):
     spacing = 2.0 * np.pi / wheel.profile_points
     first = np.floor(t / spacing) - 2.0
     nearest = np.inf
-    best_x = 0.0
-    best_y = 0.0
-    last_x = 0.0
-    last_y = 0.0
+    best_x, best_y = 0.0, 0.0
+    last_x, last_y = 0.0, 0.0
     for k in range(6):
         s = (first + k) * spacing
         gx = np.cos(s) / wheel.shortening + np.cos(n_pins * s)
@@ -306,19 +293,15 @@ def _polyline_foot(wheel, t, x, y):
         px = wheel.pin_circle_radius * np.cos(s) + wheel.eccentricity * np.cos(n_pins * s) - shrink * gx
         py = wheel.pin_circle_radius * np.sin(s) + wheel.eccentricity * np.sin(n_pins * s) - shrink * gy
         if k > 0:
-            ax = px - last_x
-            ay = py - last_y
+            ax, ay = px - last_x, py - last_y
             share = ((x - last_x) * ax + (y - last_y) * ay) / (ax * ax + ay * ay)
             share = min(max(share, 0.0), 1.0)
-            rx = x - last_x - share * ax
-            ry = y - last_y - share * ay
+            rx, ry = x - last_x - share * ax, y - last_y - share * ay
             distance = np.sqrt(rx * rx + ry * ry)
             if distance < nearest:
                 nearest = distance
-                best_x = rx / distance
-                best_y = ry / distance
-        last_x = px
-        last_y = py
+                best_x, best_y = rx / distance, ry / distance
+        last_x, last_y = px, py
     return nearest, best_x, best_y
 
 
@@ -328,8 +311,7 @@ def _displaced_pins(w, wheel, pins, lobes, feet, theta, offset_x, offset_y, cx, 
     n_lobes = wheel.n_lobes
     pitch = 2.0 * np.pi / n_lobes
     for j in range(np.uintp(n_lobes + 1)):
-        cb = pins[PIN_COS + j]
-        sb = pins[PIN_SIN + j]
+        cb, sb = pins[PIN_COS + j], pins[PIN_SIN + j]
         feet[DISPLACED_X + j] = cb * offset_x + sb * offset_y + pins[PIN_RADIAL_ERROR + j]
         feet[DISPLACED_Y + j] = cb * offset_y - sb * offset_x + pins[PIN_TANGENTIAL_ERROR + j]
         feet[TURNED + j] = 0.0
@@ -341,8 +323,7 @@ def _displaced_pins(w, wheel, pins, lobes, feet, theta, offset_x, offset_y, cx, 
         if abs(place) < 1e9:
             whole = np.floor(place)
             error, slope = _pitch_error(lobes, w, int(whole) % n_lobes, n_lobes, place - whole)
-            cb = pins[PIN_COS + j]
-            sb = pins[PIN_SIN + j]
+            cb, sb = pins[PIN_COS + j], pins[PIN_SIN + j]
             feet[DISPLACED_X + j] += error * (cb * -cy - sb * -cx)
             feet[DISPLACED_Y + j] -= error * (wheel.pin_circle_radius - cb * cx - sb * cy)
             feet[TURNED + j] = error
@@ -385,14 +366,12 @@ def _add_edge(
     Normal, vertex (from the wheel's bearing) and line across are in the frame of the lobe, whose direction is
     (cs, sn); ``pin`` is the pin's centre in the fixed frame, ``lever`` the vector from the bearing to it.
     """
-    lx = cs * lever_x + sn * lever_y
-    ly = cs * lever_y - sn * lever_x
+    lx, ly = cs * lever_x + sn * lever_y, cs * lever_y - sn * lever_x
     v = (lx - point_x) * nx + (ly - point_y) * ny
     u = min((ly - point_y) * nx - (lx - point_x) * ny, beside)
     if not np.sqrt(v * v + u * u) < wheel.pin_radius + reach or v < -reach:
         return n
-    fx = cs * nx - sn * ny
-    fy = sn * nx + cs * ny
+    fx, fy = cs * nx - sn * ny, sn * nx + cs * ny
     k = np.uintp(w * EDGE_SIZE + n)
     edges[E_NX + k] = fx
     edges[E_NY + k] = fy
@@ -429,8 +408,7 @@ def _describe_edges(
     tip = wheel.tip_x
     length = np.sqrt((wheel.pit_x - tip) ** 2 + wheel.pit_y**2)
     # Outward normal of the chord of lobe 0.
-    ox = wheel.pit_y / length
-    oy = (tip - wheel.pit_x) / length
+    ox, oy = wheel.pit_y / length, (tip - wheel.pit_x) / length
     n = 0
     for j in range(n_lobes + 1):
         place = (pins[PIN_ANGLE + np.uintp(j)] - theta) / pitch
@@ -447,18 +425,14 @@ def _describe_edges(
         on_chord = 0.0 < share <= 1.0 and part <= CHORD_ENDS
         if not (at_edge or on_chord):
             continue
-        cb = pins[PIN_COS + np.uintp(j)]
-        sb = pins[PIN_SIN + np.uintp(j)]
+        cb, sb = pins[PIN_COS + np.uintp(j)], pins[PIN_SIN + np.uintp(j)]
         radial = wheel.pin_circle_radius + pins[PIN_RADIAL_ERROR + np.uintp(j)]
         tangential = pins[PIN_TANGENTIAL_ERROR + np.uintp(j)]
-        pin_x = cb * radial - sb * tangential
-        pin_y = sb * radial + cb * tangential
-        lever_x = pin_x - cx
-        lever_y = pin_y - cy
+        pin_x, pin_y = cb * radial - sb * tangential, sb * radial + cb * tangential
+        lever_x, lever_y = pin_x - cx, pin_y - cy
         if at_edge:
             cs, sn = _lobe_direction(lobes, w, tip_lobe, cos_theta, sin_theta)
-            hx = cs * run_x + sn * run_y
-            hy = cs * run_y - sn * run_x
+            hx, hy = cs * run_x + sn * run_y, cs * run_y - sn * run_x
             side = 1.0 if removed_ahead else -1.0
             n = _add_edge(
                 w, edges, n, wheel, cs, sn, 1.0, 0.0, hx + tip, hy, 0.0, side, side * hy, np.inf,
@@ -466,18 +440,15 @@ def _describe_edges(
             )  # fmt: skip
         if on_chord:
             cs, sn = _lobe_direction(lobes, w, worn_lobe, cos_theta, sin_theta)
-            hx = cs * run_x + sn * run_y
-            hy = cs * run_y - sn * run_x
+            hx, hy = cs * run_x + sn * run_y, cs * run_y - sn * run_x
             n = _add_edge(
                 w, edges, n, wheel, cs, sn, ox, oy, hx + tip, hy, 0.0, 1.0, hy, 0.0,
                 wheel.tip_radius, q - wheel.tip_radius, ox / oy, share, j, pin_x, pin_y, lever_x, lever_y,
                 reach,
             )  # fmt: skip
             # before the pit's own normal
-            line_x = wheel.pit_ny
-            line_y = -wheel.pit_nx
-            pit_x = hx + wheel.pit_x
-            pit_y = hy + wheel.pit_y
+            line_x, line_y = wheel.pit_ny, -wheel.pit_nx
+            pit_x, pit_y = hx + wheel.pit_x, hy + wheel.pit_y
             n = _add_edge(
                 w, edges, n, wheel, cs, sn, wheel.pit_nx, wheel.pit_ny, pit_x, pit_y,
                 line_x, line_y, pit_x * line_x + pit_y * line_y, np.inf,
@@ -509,8 +480,7 @@ def describe(
     run_x = cos_theta * mounts[own + RUNOUT_X] - sin_theta * mounts[own + RUNOUT_Y]
     run_y = sin_theta * mounts[own + RUNOUT_X] + cos_theta * mounts[own + RUNOUT_Y]
     # From the foot at rest to the pin's centre: the same for all pins.
-    offset_x = -(cx + eccentricity * lobe_cos) - run_x
-    offset_y = -(cy + eccentricity * lobe_sin) - run_y
+    offset_x, offset_y = -(cx + eccentricity * lobe_cos) - run_x, -(cy + eccentricity * lobe_sin) - run_y
     displaced = np.sqrt(offset_x * offset_x + offset_y * offset_y)
     far = displaced >= wheel.near
     has_faults = mounts[own + HAS_FAULTS] != 0.0
@@ -523,13 +493,10 @@ def describe(
     first = np.uintp(w * FLANK_SIZE)
     n = first
     for j in range(np.uintp(n_lobes + 1)):
-        cb = pins[PIN_COS + j]
-        sb = pins[PIN_SIN + j]
+        cb, sb = pins[PIN_COS + j], pins[PIN_SIN + j]
         # Every pin is treated in its own frame (radial, tangential).
-        dx = feet[DISPLACED_X + j]
-        dy = feet[DISPLACED_Y + j]
-        qx = cb * lobe_cos + sb * lobe_sin
-        qy = cb * lobe_sin - sb * lobe_cos
+        dx, dy = feet[DISPLACED_X + j], feet[DISPLACED_Y + j]
+        qx, qy = cb * lobe_cos + sb * lobe_sin, cb * lobe_sin - sb * lobe_cos
         step = _searched_foot(wheel, dx, dy, qx, qy) if far else feet[STEP + j]
         place = (pins[PIN_ANGLE + j] - theta + step) / pitch
         lobe = 0
@@ -546,8 +513,7 @@ def describe(
             part += way / pitch
         rx, ry, hx, hy, s1, c1 = _at_foot(wheel, dx, dy, qx, qy, step)
         ig = 1.0 / np.sqrt(hx * hx + hy * hy)
-        nx = hx * ig
-        ny = hy * ig
+        nx, ny = hx * ig, hy * ig
         distance = rx * nx + ry * ny
         gap = distance + wheel.clearance
         # With cos(z_s t)/m = (|g|^2 - 1 - 1/m^2)/2 the curvature is curve_1/|g| + curve_3/|g|^3; its change
@@ -564,11 +530,9 @@ def describe(
         # A coarse polyline stands proud of concave flanks by more than the reach.
         if not gap < reach and wheel.profile_points == 0:
             continue
-        before = 1.0
-        beyond = 1.0
+        before, beyond = 1.0, 1.0
         line_value = 1.0
-        line_x = 0.0
-        line_y = 0.0
+        line_x, line_y = 0.0, 0.0
         lever_x = big_r + pins[PIN_RADIAL_ERROR + j] - (cb * cx + sb * cy)
         lever_y = pins[PIN_TANGENTIAL_ERROR + j] - (cb * cy - sb * cx)
         if has_faults:
@@ -582,28 +546,21 @@ def describe(
             if 0.25 <= part < 0.75:
                 before = 1.0 - share
                 # along the profile, across the pit's normal
-                direction_x = -wheel.pit_ny
-                direction_y = wheel.pit_nx
-                point_x = wheel.pit_x
-                point_y = wheel.pit_y
+                direction_x, direction_y = -wheel.pit_ny, wheel.pit_nx
+                point_x, point_y = wheel.pit_x, wheel.pit_y
             else:
                 behind = wear[own + np.uintp((ahead - 1) % n_lobes)]
                 before = 0.0 if behind == REMOVED else 1.0
                 beyond = 0.0 if wear[own + np.uintp(ahead)] == REMOVED else 1.0 - wear[own + np.uintp(ahead)]
-                direction_x = 0.0
-                direction_y = 1.0
-                point_x = 0.0
-                point_y = 0.0
+                direction_x, direction_y = 0.0, 1.0
+                point_x, point_y = 0.0, 0.0
             if before == 0.0 and beyond == 0.0:
                 continue
             cs, sn = _lobe_direction(lobes, w, ahead, cos_theta, sin_theta)
             # The lobe's direction, then the line's, in the frame of the pin.
-            cl = cb * cs + sb * sn
-            sl = cb * sn - sb * cs
-            line_x = cl * direction_x - sl * direction_y
-            line_y = sl * direction_x + cl * direction_y
-            middle_x = cb * run_x + sb * run_y
-            middle_y = cb * run_y - sb * run_x
+            cl, sl = cb * cs + sb * sn, cb * sn - sb * cs
+            line_x, line_y = cl * direction_x - sl * direction_y, sl * direction_x + cl * direction_y
+            middle_x, middle_y = cb * run_x + sb * run_y, cb * run_y - sb * run_x
             line_value = (
                 (lever_x - middle_x) * line_x
                 + (lever_y - middle_y) * line_y
@@ -623,18 +580,14 @@ def describe(
         # The lobe's pitch error turns the profile, and tilts it where it leads over to the next lobe's.
         error = feet[TURNED + j]
         nx, ny = nx - error * ny, ny + error * nx
-        foot_x = lever_x - rx - (cb * run_x + sb * run_y)
-        foot_y = lever_y - ry - (cb * run_y - sb * run_x)
+        foot_x, foot_y = lever_x - rx - (cb * run_x + sb * run_y), lever_y - ry - (cb * run_y - sb * run_x)
         slope = -feet[TURNED_SLOPE + j] * inverse_ez * ig * (foot_x * ny - foot_y * nx)
         if wheel.profile_points > 0:
             # in the wheel's own frame
-            ct = cos_theta * cb + sin_theta * sb
-            st = cos_theta * sb - sin_theta * cb
-            px = lever_x - (cb * run_x + sb * run_y)
-            py = lever_y - (cb * run_y - sb * run_x)
+            ct, st = cos_theta * cb + sin_theta * sb, cos_theta * sb - sin_theta * cb
+            px, py = lever_x - (cb * run_x + sb * run_y), lever_y - (cb * run_y - sb * run_x)
             away, ax, ay = _polyline_foot(wheel, place * pitch, ct * px - st * py, st * px + ct * py)
-            nx = ct * ax + st * ay
-            ny = ct * ay - st * ax
+            nx, ny = ct * ax + st * ay, ct * ay - st * ax
             gap = away - q
             slope = 0.0
             bend = 0.0
@@ -653,8 +606,7 @@ def describe(
         across_u = lever_y * nx - lever_x * ny
         flanks[F_NX + n] = cb * nx - sb * ny
         flanks[F_NY + n] = sb * nx + cb * ny
-        along_x = big_r + pins[PIN_RADIAL_ERROR + j]
-        along_y = pins[PIN_TANGENTIAL_ERROR + j]
+        along_x, along_y = big_r + pins[PIN_RADIAL_ERROR + j], pins[PIN_TANGENTIAL_ERROR + j]
         flanks[F_ALONG_N + n] = along_x * nx + along_y * ny
         flanks[F_ALONG_T + n] = along_y * nx - along_x * ny
         flanks[F_V + n] = across_v
@@ -694,7 +646,7 @@ def describe(
         e += 1
     seen[own + SEEN_PHI] = phi
     seen[own + SEEN_EPS] = eps
-    seen[own + SEEN_CELL] = _cell(phi)
+    seen[own + SEEN_CELL] = _turn_cell(phi)
     counts[own + N_FLANKS] = n - first
     counts[own + N_EDGES] = e
     counts[own + USED_FLANKS] = used

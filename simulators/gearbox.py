@@ -195,7 +195,7 @@ class CycloidalGearbox:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if isinstance(field.default, tuple):
-                object.__setattr__(self, field.name, _errors(field.name, value))
+                object.__setattr__(self, field.name, _error_tuple(field.name, value))
             elif not isinstance(field.default, str):
                 number(field.name, value)
         self._check_numbers()
@@ -397,7 +397,7 @@ def _least_radius(eccentricity: float, n_pins: int, shortening: float) -> float:
     return 1 / float(path.curvature(np.linspace(0, math.pi / path.n_lobes, 181)).max())
 
 
-def _errors(name: str, values: Any) -> tuple[Any, ...]:
+def _error_tuple(name: str, values: Any) -> tuple[Any, ...]:
     """Errors of pins, lobes, wheels or cams as a tuple of numbers."""
     given = members(values)
     what, kinds = ("complex numbers", _PLANE) if name in _COMPLEX else ("numbers", _REAL)

@@ -64,14 +64,14 @@ class CycloidalProfile:
         path = self.pin_circle_radius * np.exp(1j * t) + self.eccentricity * np.exp(1j * self.n_pins * t)
         return np.asarray(path, dtype=complex)
 
-    def _gradient(self, t: ArrayLike) -> Complex:
+    def _tangent_factor(self, t: ArrayLike) -> Complex:
         """Factor g(t) = 1/m + exp(i z_s t) of the tangent T' = i e z_k exp(it) g."""
         turned = np.exp(1j * self.n_lobes * np.asarray(t, dtype=float))
         return np.asarray(1 / self.shortening + turned, dtype=complex)
 
     def normal(self, t: ArrayLike) -> Complex:
         """Outward unit normal of trochoid and profile at parameter t."""
-        g = self._gradient(t)
+        g = self._tangent_factor(t)
         return np.asarray(np.exp(1j * np.asarray(t, dtype=float)) * g / np.abs(g), dtype=complex)
 
     def point(self, t: ArrayLike) -> Complex:
@@ -80,7 +80,7 @@ class CycloidalProfile:
 
     def curvature(self, t: ArrayLike) -> Float:
         """Signed curvature of the trochoid in 1/m, positive where the profile is convex."""
-        g2 = np.abs(self._gradient(t)) ** 2
+        g2 = np.abs(self._tangent_factor(t)) ** 2
         cos_lobe = np.cos(self.n_lobes * np.asarray(t, dtype=float))
         return np.asarray(
             (1 + self.n_lobes * (1 + cos_lobe / self.shortening) / g2)
@@ -96,9 +96,9 @@ class CycloidalProfile:
         kappa, q = self.curvature(t), self.pin_radius
         return np.asarray(q * (1 - kappa * (q + clearance)) / (1 - kappa * clearance))
 
-    def _speed(self, t: ArrayLike) -> Float:
+    def _path_speed(self, t: ArrayLike) -> Float:
         """Length |T'| of the trochoid per parameter at t, in m/rad."""
-        return np.asarray(self.eccentricity * self.n_pins * np.abs(self._gradient(t)))
+        return np.asarray(self.eccentricity * self.n_pins * np.abs(self._tangent_factor(t)))
 
     def flank_length(self, first: float = 0.0, last: float = 1.0) -> float:
         """Length of the profile between two places of a flank, from 0 (tip) to 1 (pit), in m.
@@ -110,7 +110,7 @@ class CycloidalProfile:
         13.85
         """
         t = np.linspace(first, last, 1001) * np.pi / self.n_lobes
-        return float(np.trapezoid(self._speed(t) * (1 - self.curvature(t) * self.pin_radius), t))
+        return float(np.trapezoid(self._path_speed(t) * (1 - self.curvature(t) * self.pin_radius), t))
 
     def deepest_wear(self, share: float, centre: float) -> float:
         """Return the largest radial wear that a pin can follow, in m.
@@ -127,7 +127,7 @@ class CycloidalProfile:
         flank = np.pi / self.n_lobes
         t = (centre + share * (x - 0.5)) * flank
         rate = 2 * np.pi / (share * flank)
-        speed = self._speed(t)
+        speed = self._path_speed(t)
         growth = np.gradient(np.log(speed), t)
         # Curvature that wear of 1 m adds: w'' along the path.
         sine, cosine = np.sin(2 * np.pi * x), np.cos(2 * np.pi * x)

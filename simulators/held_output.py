@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
 from cyclofeat._base.checks import number, positive, whole
-from cyclofeat.simulators import _held
-from cyclofeat.simulators._kernels import new_memory
+from cyclofeat.simulators._kernels import integrate_held, new_memory
 from cyclofeat.simulators.defects import LobeDefects, machine
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.simulation import ABSURD_TORQUE, LARGEST_N_STEPS, SimulationDiverged
@@ -52,7 +51,7 @@ class TorqueDeflection:
 
     def lost_motion(self) -> float:
         """Width of the last loop in rad, between its two crossings of zero torque: the play."""
-        torque, deflection = self._closed()
+        torque, deflection = self._closed_loop()
         at = np.flatnonzero((torque[1:] >= 0) != (torque[:-1] >= 0))
         if at.size != 2:
             raise ValueError(
@@ -76,9 +75,9 @@ class TorqueDeflection:
 
     def hysteresis(self) -> float:
         """Area of the last loop in J: the energy lost in one cycle."""
-        return float(abs(trapezoid(*self._closed())))
+        return float(abs(trapezoid(*self._closed_loop())))
 
-    def _closed(self) -> tuple[Float, Float]:
+    def _closed_loop(self) -> tuple[Float, Float]:
         torque, deflection = self.last_cycle()
         return np.append(torque, torque[0]), np.append(deflection, deflection[0])
 
@@ -160,7 +159,7 @@ def torque_deflection(
     n_kept = -(-n_steps // every)
     angle, held = np.empty(n_kept), np.empty(n_kept)
     state = rest_state(gearbox)
-    finished = _held.integrate_held(
+    finished = integrate_held(
         n_steps, dt, swing * peak_torque / z, float(input_angle), _DAMPING,
         float(gearbox.input_shaft_inertia), through_meter, state, *kernel_input(held_by, defects),
         new_memory(state), ABSURD_TORQUE, every, angle, held,

@@ -71,7 +71,7 @@ class Machine:
         simulator: Simulator | None = None,
     ) -> Machine:
         """Draw the machine of a seed from a nominal gearbox or simulator and a rig's effects."""
-        effects, motor = _drawn(effects, random_state), None
+        effects, motor = _draw_effects(effects, random_state), None
         for effect, key in zip(effects, library.stream_keys(effects), strict=True):
             if effect.overrides("change_gearbox"):
                 gearbox = effect.change_gearbox(gearbox, library.stream(random_state, *key, library.GEARBOX))
@@ -113,7 +113,7 @@ class Machine:
         for effect in effects:
             if effect.needs_simulation():
                 raise ValueError(f"effects must act on the torque only; the gearbox answers {effect!r}")
-        added = _drawn(effects, self.random_state, self.effects)
+        added = _draw_effects(effects, self.random_state, self.effects)
         return dataclasses.replace(self, effects=library.in_chain((*self.effects, *added)))
 
     def samples_needed(self, n_samples: int) -> int:
@@ -132,7 +132,7 @@ class Machine:
                 if effect.overrides(name)
             ]
             if acting := [part for part in parts if part is not None]:
-                totals[name] = _total(acting)
+                totals[name] = _sum_of(acting)
         return Courses(**totals)
 
     def measured(
@@ -191,10 +191,10 @@ class PlannedRun(_RunOfMachine):
         own = {one.name: getattr(self, one.name) for one in dataclasses.fields(_RunOfMachine)}
         motor = self.machine.motor
         if motor is not None:
-            from cyclofeat.simulators._driven import driven
+            from cyclofeat.simulators._driven import drive_run
 
             start = self.n_settling - math.ceil(motor.warm_up * run.sampling_rate)
-            run = driven(run, motor, start, library.stream(self.random_state, _CURRENT))
+            run = drive_run(run, motor, start, library.stream(self.random_state, _CURRENT))
         return MachineRun(run=run, **own)
 
 
@@ -249,7 +249,7 @@ class MachineRun(_RunOfMachine):
         return dataclasses.replace(self.run, **changes)
 
 
-def _drawn(
+def _draw_effects(
     effects: Sequence[Effect], random_state: np.random.SeedSequence, before: Sequence[Effect] = ()
 ) -> tuple[Effect, ...]:
     """Return the effects with numbers drawn for a machine that already has the effects ``before``."""
@@ -262,7 +262,7 @@ def _drawn(
     )
 
 
-def _total(parts: Sequence[Fluctuation]) -> Fluctuation:
+def _sum_of(parts: Sequence[Fluctuation]) -> Fluctuation:
     """Return the sum of functions of time."""
     if len(parts) == 1:
         return parts[0]

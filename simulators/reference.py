@@ -32,7 +32,6 @@ N_INTERNAL = 8
 HOUSING, INPUT, OUTPUT = -1, 0, 1  # indices of bodies; the housing is not a body and comes last
 WHEELS, INTERNAL, EXTERNAL = slice(2, 4), slice(4, 12), slice(12, -1)
 RAMP_DEPTH = 1e-5  # m: stiffness and damping reach their full value there (paper B eq. 12-13)
-CORRECTIONS = 30  # limit of Newton steps for initial conditions; a few suffice
 ABSURD_FORCE = 1e5  # N, assumption: five times the force in a locked gearbox, so the integration has diverged
 
 
@@ -152,7 +151,7 @@ class ReferenceGearbox:
             raise ValueError(f"radial_wear must be (2, {self.n_lobes}), got {np.shape(self.radial_wear)}")
         if self.pin_errors is not None and np.shape(self.pin_errors) != (self.n_pins, 2):
             raise ValueError(f"pin_errors must be ({self.n_pins}, 2), got {np.shape(self.pin_errors)}")
-        if (smallest := 1 / float(self.curvature(self._grid).max())) <= self.pin_radius:
+        if (smallest := 1 / float(self.curvature(self._search_grid).max())) <= self.pin_radius:
             raise ValueError(f"pin_radius must be below {smallest} m (no undercut), got {self.pin_radius}")
 
     # The wheel in its own frame -----------------------------------------------------------------------------
@@ -163,13 +162,13 @@ class ReferenceGearbox:
         return self.n_pins - 1
 
     @cached_property
-    def _grid(self) -> Real:
+    def _search_grid(self) -> Real:
         """Profile parameters for the search of foot points, 64 per lobe."""
         return np.linspace(0.0, 2 * np.pi, 64 * self.n_lobes, endpoint=False)
 
     @cached_property
-    def _grid_points(self) -> Plane:
-        return self.trochoid(self._grid)
+    def _search_points(self) -> Plane:
+        return self.trochoid(self._search_grid)
 
     def trochoid(self, t: ArrayLike, derivative: int = 0) -> Plane:
         """Centre (complex, m) of a sleeve that touches the profile at parameter ``t`` (rad), or a derivative.
@@ -192,7 +191,7 @@ class ReferenceGearbox:
     def curvature(self, t: ArrayLike) -> Real:
         """Curvature of the trochoid in 1/m, positive where convex, at parameter ``t`` (rad)."""
         tangent = self.trochoid(t, 1)
-        return np.asarray(_cross(tangent, self.trochoid(t, 2)) / np.abs(tangent) ** 3)
+        return np.asarray(_cross_of(tangent, self.trochoid(t, 2)) / np.abs(tangent) ** 3)
 
     def foot_point(self, p: Plane) -> Real:
         """Parameter (rad) of the trochoid's nearest point to each of the points ``p`` (wheel frame, m).
@@ -200,12 +199,12 @@ class ReferenceGearbox:
         Newton's method on (p - T) . T' = 0, bracketed around the nearest grid point: beyond the pit's radius
         of curvature, half a millimetre, the derivative has the wrong sign.
         """
-        t = self._grid[np.argmin(np.abs(p[..., None] - self._grid_points), axis=-1)]
-        low, high = t - self._grid[1], t + self._grid[1]
+        t = self._search_grid[np.argmin(np.abs(p[..., None] - self._search_points), axis=-1)]
+        low, high = t - self._search_grid[1], t + self._search_grid[1]
         for _ in range(60):
             offset, tangent = p - self.trochoid(t), self.trochoid(t, 1)
-            ahead = _dot(offset, tangent)
-            slope = _dot(offset, self.trochoid(t, 2)) - _dot(tangent, tangent)
+            ahead = _dot_of(offset, tangent)
+            slope = _dot_of(offset, self.trochoid(t, 2)) - _dot_of(tangent, tangent)
             low, high = np.where(ahead > 0, t, low), np.where(ahead > 0, high, t)
             newton = t - ahead / np.where(slope < 0, slope, -np.inf)
             trusted = (slope < 0) & (newton >= low) & (newton <= high)
@@ -226,7 +225,7 @@ class ReferenceGearbox:
             normal, tangent = self.normal(t), self.trochoid(t, 1)
             path = self.trochoid(t) - wear * normal
             along = tangent * (1 - wear * self.curvature(t)) - slope * normal
-            ahead = np.where(wear > 0, _dot(p - path, along) / np.abs(along) ** 2, 0.0)
+            ahead = np.where(wear > 0, _dot_of(p - path, along) / np.abs(along) ** 2, 0.0)
             if np.abs(ahead).max() < 1e-15:
                 break
             t = t + ahead
@@ -268,7 +267,7 @@ class ReferenceGearbox:
         """
         t, path, normal = self.worn_foot(p)
         radius = self.pin_radius * (1 - self.curvature(t) * self.pin_radius)
-        return self.normal_force(_dot(p - path, normal), _dot(rate, normal), radius), normal
+        return self.normal_force(_dot_of(p - path, normal), _dot_of(rate, normal), radius), normal
 
     def _chord_contact(self, p: Plane, rate: Plane) -> tuple[Real, Plane]:
         """Force (N) and normal on the chord of worn lobe 0, for sleeve centres ``p`` past its tip.
@@ -279,12 +278,12 @@ class ReferenceGearbox:
         tip, pit = self.profile([0.0, np.pi / self.n_lobes])
         chord_normal = -1j * (pit - tip) / abs(pit - tip)
         from_tip = p - tip
-        on_vertex = _dot(from_tip, pit - tip) < 0
+        on_vertex = _dot_of(from_tip, pit - tip) < 0
         normal = np.where(on_vertex, from_tip / np.abs(from_tip), chord_normal)
         # The effective radius follows the normal around the vertex, from 0 at the tip: no jump of stiffness.
         turned = normal.imag / chord_normal.imag
         radius = q * (1 - (1 - turned) * self.curvature(0.0) * q)
-        return self.normal_force(_dot(from_tip, normal) - q, _dot(rate, normal), radius), normal
+        return self.normal_force(_dot_of(from_tip, normal) - q, _dot_of(rate, normal), radius), normal
 
     def _flank_end_contact(self, p: Plane, rate: Plane) -> tuple[Real, Plane]:
         """Force (N) and normal on the end of worn lobe 0's flank at the pit.
@@ -295,7 +294,7 @@ class ReferenceGearbox:
         distance = np.abs(p - pit)
         normal = (p - pit) / distance
         radius = q * (1 - self.curvature(np.pi / self.n_lobes) * q)
-        return self.normal_force(distance - q, _dot(rate, normal), radius), normal
+        return self.normal_force(distance - q, _dot_of(rate, normal), radius), normal
 
     def _outline_contact(self, p: Plane, rate: Plane) -> tuple[Real, Plane]:
         """Magnitudes and vectors (N, wheel frame) of the external sleeves' forces on the wheels, (2, n_pins).
@@ -313,8 +312,8 @@ class ReferenceGearbox:
         magnitude, vector = np.zeros(p.shape), np.zeros(p.shape, dtype=complex)
         for width, (force, normal) in (
             (1 - end_width, self._profile_contact(p, rate)),
-            (chord_width, _turned(turn, self._chord_contact(p / turn, rate / turn))),
-            (end_width, _turned(turn, self._flank_end_contact(p / turn, rate / turn))),
+            (chord_width, _turn_contact(turn, self._chord_contact(p / turn, rate / turn))),
+            (end_width, _turn_contact(turn, self._flank_end_contact(p / turn, rate / turn))),
         ):
             magnitude += width * force
             vector -= width * force * normal
@@ -326,7 +325,7 @@ class ReferenceGearbox:
         outward = offset / np.where(distance > 0, distance, 1.0)
         play = self.eccentricity + self.clearance
         radius = self.internal_sleeve_radius * (self.internal_sleeve_radius + play) / play
-        force = self.normal_force(play - distance, -_dot(rate, outward), radius)
+        force = self.normal_force(play - distance, -_dot_of(rate, outward), radius)
         return force, force * outward
 
     def contact_forces(self, coordinates: Real, velocities: Real) -> tuple[Real, Plane, Real, Plane]:
@@ -335,10 +334,10 @@ class ReferenceGearbox:
         From coordinates and velocities (n_coordinates,) in SI units: external sleeves, (2, n_pins) each, then
         internal sleeves, (2, 8) each.
         """
-        (at, angle), (speed, spin) = _split(coordinates), _split(velocities)
+        (at, angle), (speed, spin) = _split_bodies(coordinates), _split_bodies(velocities)
         wheel, wheel_speed, wheel_spin = at[WHEELS, None], speed[WHEELS, None], 1j * spin[WHEELS, None]
         turn = np.exp(1j * angle[WHEELS, None])
-        arm, hole = at[EXTERNAL] - wheel, turn * self._holes
+        arm, hole = at[EXTERNAL] - wheel, turn * self._hole_centres
         rate = speed[EXTERNAL] - wheel_speed - wheel_spin * arm
         centre = np.array(self.wheel_runouts)[:, None]
         external_force, external_vector = self._outline_contact(arm / turn - centre, rate / turn)
@@ -364,12 +363,12 @@ class ReferenceGearbox:
         )
 
     @cached_property
-    def _holes(self) -> Plane:
+    def _hole_centres(self) -> Plane:
         """Hole centres (2, 8) in the wheels' frames (m), facing the internal sleeves in the rest position."""
         return np.asarray(self._internal_points * np.exp(-1j * self.rest_angles(0.0)[:2, None]))
 
     @cached_property
-    def _mounts(self) -> tuple[NDArray[np.intp], Plane]:
+    def _joint_mounts(self) -> tuple[NDArray[np.intp], Plane]:
         """Parent of every body's joint and mounting point in the parent's frame (complex, m)."""
         parents = [HOUSING] * 2 + [INPUT] * 2 + [OUTPUT] * N_INTERNAL + [HOUSING] * self.n_pins
         cams = self.eccentricity * np.array([1.0, -1.0])
@@ -390,61 +389,35 @@ class ReferenceGearbox:
 
     def coordinates(self, phi: float, angles: ArrayLike) -> Real:
         """Coordinates u (n_coordinates,) that satisfy every joint, from phi and the three angles (rad)."""
-        angle = self._angles(phi, angles)
-        parents, points = self._mounts
-        return _join(np.exp(1j * angle[parents]) * points, angle)  # every parent turns about the origin
+        angle = self._body_angles(phi, angles)
+        parents, points = self._joint_mounts
+        return _join_bodies(
+            np.exp(1j * angle[parents]) * points, angle
+        )  # every parent turns about the origin
 
     def velocities(self, coordinates: Real, omega: float, rates: ArrayLike) -> Real:
         """Velocities u' (n_coordinates,) that satisfy every joint, from omega and three rates (rad/s)."""
-        spin = self._angles(omega, rates)
-        at, _ = _split(coordinates)
-        return _join(1j * spin[self._mounts[0]] * at[:HOUSING], spin)
+        spin = self._body_angles(omega, rates)
+        at, _ = _split_bodies(coordinates)
+        return _join_bodies(1j * spin[self._joint_mounts[0]] * at[:HOUSING], spin)
 
-    def _angles(self, phi: float, angles: ArrayLike) -> Real:
+    def _body_angles(self, phi: float, angles: ArrayLike) -> Real:
         """Angle of every body and the housing; sleeves do not turn without friction."""
         theta_1, theta_2, psi = np.asarray(angles, dtype=float)
         return np.concatenate([[phi, psi, theta_1, theta_2], np.zeros(N_INTERNAL + self.n_pins + 1)])
 
     def constraints(self, coordinates: Real, phi: float) -> Real:
         """Phi(u, t), shape (n_constraints,), in m and, for the driver (paper B eq. 3), rad."""
-        at, angle = _split(coordinates)
-        parents, points = self._mounts
+        at, angle = _split_bodies(coordinates)
+        parents, points = self._joint_mounts
         misfit = at[:HOUSING] - at[parents] - np.exp(1j * angle[parents]) * points
-        return np.append(_xy(misfit), angle[INPUT] - phi)
-
-    def corrected(
-        self, coordinates: ArrayLike, velocities: ArrayLike, phi: float, omega: float
-    ) -> tuple[Real, Real]:
-        """Initial conditions u, u' nearest to the given ones that fulfil every joint and the driver.
-
-        Phi(u, t) = 0 and D u' = (0, ..., 0, omega) to rounding, with the smallest change as measured by the
-        mass matrix; ``phi`` (rad) and ``omega`` (rad/s) are those of the input. Coordinates from
-        :meth:`coordinates` need no correction. Raises ValueError if the coordinates are not finite or too far
-        from any that fulfil the joints.
-        """
-        u, v = np.array(coordinates, dtype=float), np.array(velocities, dtype=float)
-        if not (np.all(np.isfinite(u)) and np.all(np.isfinite(v))):
-            raise ValueError("coordinates and velocities must be finite, got NaN or infinity")
-        inverse_mass = 1 / np.diag(self.mass_matrix)
-        speeds = np.append(np.zeros(2 * self.n_bodies), omega)
-        for _ in range(CORRECTIONS):
-            d = self.jacobian(u)
-            weighted = inverse_mass[:, None] * d.T
-            misfit = self.constraints(u, phi)
-            u -= weighted @ np.linalg.solve(d @ weighted, misfit)
-            if np.abs(misfit).max() < 1e-13:
-                v -= weighted @ np.linalg.solve(d @ weighted, d @ v - speeds)
-                return u, v
-        raise ValueError(
-            f"coordinates must lie near some that fulfil the joints; after {CORRECTIONS} corrections they "
-            f"still miss by {np.abs(misfit).max():.3g}"
-        )
+        return np.append(_as_xy(misfit), angle[INPUT] - phi)
 
     def jacobian(self, coordinates: Real) -> Real:
         """D = dPhi/du of paper B eq. 2, shape (n_constraints, n_coordinates)."""
-        _, angle = _split(coordinates)
-        parents, points = self._mounts
-        lever = _xy(1j * np.exp(1j * angle[parents]) * points)
+        _, angle = _split_bodies(coordinates)
+        parents, points = self._joint_mounts
+        lever = _as_xy(1j * np.exp(1j * angle[parents]) * points)
         # joint, direction, body or housing, coordinate
         d = np.zeros((self.n_bodies, 2, self.n_bodies + 1, 3))
         for body, parent in enumerate(parents):
@@ -457,19 +430,19 @@ class ReferenceGearbox:
 
     def gamma(self, coordinates: Real, velocities: Real, alpha: float) -> Real:
         """Right-hand side of D u'' = gamma, (n_constraints,): centripetal in m/s2, then alpha in rad/s2."""
-        (_, angle), (_, spin) = _split(coordinates), _split(velocities)
-        parents, points = self._mounts
-        return np.append(_xy(-(spin[parents] ** 2) * np.exp(1j * angle[parents]) * points), alpha)
+        (_, angle), (_, spin) = _split_bodies(coordinates), _split_bodies(velocities)
+        parents, points = self._joint_mounts
+        return np.append(_as_xy(-(spin[parents] ** 2) * np.exp(1j * angle[parents]) * points), alpha)
 
-    def _applied(self, at: Plane, on_wheels: tuple[Plane, Plane], load_torque: float) -> Real:
+    def _applied_forces(self, at: Plane, on_wheels: tuple[Plane, Plane], load_torque: float) -> Real:
         """F of paper B eq. 2; normal forces do not turn sleeves."""
         force, moment = np.zeros(len(at), dtype=complex), np.zeros(len(at))
         moment[OUTPUT] = load_torque
         for sleeves, vectors in zip((EXTERNAL, INTERNAL), on_wheels, strict=True):
             force[sleeves] -= vectors.sum(axis=0)
             force[WHEELS] += vectors.sum(axis=1)
-            moment[WHEELS] += _cross(at[sleeves] - at[WHEELS, None], vectors).sum(axis=1)
-        return _join(force[:HOUSING], moment)
+            moment[WHEELS] += _cross_of(at[sleeves] - at[WHEELS, None], vectors).sum(axis=1)
+        return _join_bodies(force[:HOUSING], moment)
 
     # Motion -------------------------------------------------------------------------------------------------
 
@@ -489,11 +462,11 @@ class ReferenceGearbox:
         """
         u = self.coordinates(phi, angles)
         v = self.velocities(u, omega, rates)
-        at, _ = _split(u)
+        at, _ = _split_bodies(u)
         external_force, external_vector, internal_force, internal_vector = self.contact_forces(u, v)
         d = self.jacobian(u)
         system = np.block([[self.mass_matrix, -d.T], [d, np.zeros((len(d), len(d)))]])
-        forces = self._applied(at, (external_vector, internal_vector), load_torque)
+        forces = self._applied_forces(at, (external_vector, internal_vector), load_torque)
         solved = np.linalg.solve(system, np.concatenate([forces, self.gamma(u, v, alpha)]))
         acceleration, multipliers = solved[: len(u)], solved[len(u) :]
         reactions = multipliers[:-1].reshape(-1, 2)[WHEELS]
@@ -503,13 +476,13 @@ class ReferenceGearbox:
             psi_acceleration=float(acceleration[2::3][OUTPUT]),
             multipliers=multipliers,
             cam_reactions=reactions,
-            input_torque=float(_cross(at[WHEELS], reactions @ np.array([1.0, 1j])).sum()),
+            input_torque=float(_cross_of(at[WHEELS], reactions @ np.array([1.0, 1j])).sum()),
             driver_torque=float(multipliers[-1]),
-            output_torque=float(_cross(at[INTERNAL], internal_vector).sum()),
+            output_torque=float(_cross_of(at[INTERNAL], internal_vector).sum()),
             external_force=external_force,
             internal_force=internal_force,
-            external_vector=_xy(external_vector),
-            internal_vector=_xy(internal_vector),
+            external_vector=_as_xy(external_vector),
+            internal_vector=_as_xy(internal_vector),
         )
 
     def integrate(
@@ -538,7 +511,14 @@ class ReferenceGearbox:
 
         def evaluate(t: float, y: Real) -> tuple[Real, Solution]:
             solution = self.accelerations(*driver(t), y[:3], y[3:], load(t))
-            _refuse_divergence(t, solution)
+            for kind in ("external", "internal"):
+                force = getattr(solution, f"{kind}_force")
+                for wheel, sleeve in np.argwhere(~(force < ABSURD_FORCE))[:1]:
+                    raise FloatingPointError(
+                        f"diverged at t = {t:.6g} s: {force[wheel, sleeve]:.3g} N between {kind} sleeve "
+                        f"{sleeve} and wheel {wheel}; use a smaller dt, a smaller stiffness_scale or fewer "
+                        "worn lobes"
+                    )
             return np.concatenate([y[3:], solution.theta_acceleration, [solution.psi_acceleration]]), solution
 
         time = [t0 + dt * step for step in range(round((t1 - t0) / dt) + 1)]
@@ -575,44 +555,33 @@ def ramped_load(torque: float = 22.0, ramp: float = 0.2) -> Load:
     return lambda t: torque * min(t / ramp, 1.0)
 
 
-def _refuse_divergence(t: float, solution: Solution) -> None:
-    for kind, force in (("external", solution.external_force), ("internal", solution.internal_force)):
-        wrong = np.argwhere(~(force < ABSURD_FORCE))
-        if len(wrong):
-            wheel, sleeve = wrong[0]
-            raise FloatingPointError(
-                f"diverged at t = {t:.6g} s: {force[wheel, sleeve]:.3g} N between {kind} sleeve {sleeve} and "
-                f"wheel {wheel}; use a smaller dt, a smaller stiffness_scale or fewer worn lobes"
-            )
-
-
-def _turned(turn: Plane, contact: tuple[Real, Plane]) -> tuple[Real, Plane]:
+def _turn_contact(turn: Plane, contact: tuple[Real, Plane]) -> tuple[Real, Plane]:
     """Force and normal of a contact, the normal turned by the unit complex number ``turn``."""
     force, normal = contact
     return force, normal * turn
 
 
-def _dot(a: Any, b: Any) -> Real:
+def _dot_of(a: Any, b: Any) -> Real:
     """Scalar product of plane vectors given as complex numbers."""
     return np.asarray((a * np.conj(b)).real)
 
 
-def _cross(a: Plane, b: Plane) -> Real:
+def _cross_of(a: Plane, b: Plane) -> Real:
     """z component of the vector product of plane vectors given as complex numbers."""
     return np.asarray((np.conj(a) * b).imag)
 
 
-def _xy(vectors: Plane) -> Real:
+def _as_xy(vectors: Plane) -> Real:
     """Plane vectors given as complex numbers, with a last axis for x and y instead."""
     return np.stack([vectors.real, vectors.imag], axis=-1)
 
 
-def _join(position: Plane, angle: Real) -> Real:
+def _join_bodies(position: Plane, angle: Real) -> Real:
     """Coordinates, body by body, from the positions of the bodies and the angles of bodies and housing."""
     return np.column_stack([position.real, position.imag, angle[:HOUSING]]).ravel()
 
 
-def _split(coordinates: Real) -> tuple[Plane, Real]:
+def _split_bodies(coordinates: Real) -> tuple[Plane, Real]:
     """Positions (complex) and angles of all bodies and, last and all zero, the housing."""
     x, y, angle = np.append(coordinates, np.zeros(3)).reshape(-1, 3).T
     return x + 1j * y, angle

@@ -46,7 +46,7 @@ def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput
     pin_angles = 2 * np.pi * np.arange(gearbox.n_pins) / gearbox.n_pins
     sleeve_angles = 2 * np.pi * np.arange(gearbox.n_internal_sleeves) / gearbox.n_internal_sleeves
     return KernelInput(
-        wheel=_wheel(gearbox, defects),
+        wheel=_wheel_constants(gearbox, defects),
         joint=_kernels.JointConstants(
             n_sleeves=gearbox.n_internal_sleeves,
             sleeve_radius=float(gearbox.internal_sleeve_radius),
@@ -56,16 +56,17 @@ def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput
         # The conservative law uses the radius of the pin for every pin contact, as on a plane flank.
         contact=contact_constants(gearbox, gearbox.pin_radius),
         joint_contact=contact_constants(gearbox, joint_effective_radius(gearbox)),
-        body=_kernels.BodyConstants(
-            wheel_mass=float(gearbox.wheel_mass),
-            wheel_inertia=float(gearbox.wheel_inertia),
-            output_inertia=float(gearbox.output_inertia),
-            brake_inertia=float(gearbox.brake_inertia),
-            meter_stiffness=float(gearbox.meter_stiffness),
-            meter_damping=float(gearbox.meter_damping),
+        body=_constants(_kernels.BodyConstants, gearbox),
+        friction=(
+            _constants(
+                _kernels.FrictionConstants,
+                gearbox,
+                sleeve_static_friction=float(gearbox.sleeve_static_friction or gearbox.sleeve_friction),
+            )
+            if gearbox.has_friction
+            else None
         ),
-        friction=_friction(gearbox),
-        pins=_table(
+        pins=_table_with(
             _outline.PIN_TABLE_SIZE,
             {
                 _outline.PIN_COS: np.cos(pin_angles),
@@ -75,8 +76,8 @@ def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput
                 _outline.PIN_ANGLE: pin_angles,
             },
         ),
-        mounts=_by_wheel(_mounts(gearbox, wear)),
-        lobes=_table(
+        mounts=_wheel_rows(_mount_columns(gearbox, wear)),
+        lobes=_table_with(
             _outline.LOBE_TABLE_SIZE,
             {
                 _outline.LOBE_COS: np.cos(lobe_angles),
@@ -85,15 +86,21 @@ def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput
                 _outline.PITCH_ERROR + _outline.COLUMNS: pitch_errors[1] / gearbox.pin_circle_radius,
             },
         ),
-        wear=np.concatenate([_by_wheel(wear), _by_wheel(radial)]),
-        sleeves=_table(
+        wear=np.concatenate([_wheel_rows(wear), _wheel_rows(radial)]),
+        sleeves=_table_with(
             _kernels.SLEEVE_TABLE_SIZE,
             {_kernels.SLEEVE_COS: np.cos(sleeve_angles), _kernels.SLEEVE_SIN: np.sin(sleeve_angles)},
         ),
     )
 
 
-def _table(size: int, rows: Mapping[Any, ArrayLike]) -> Float:
+def _constants(kind: Any, gearbox: CycloidalGearbox, **others: Any) -> Any:
+    """Return the constants of a kind: fields of the gearbox with the same names, and ``others``."""
+    same = {name: float(getattr(gearbox, name)) for name in kind._fields if name not in others}
+    return kind(**same, **others)
+
+
+def _table_with(size: int, rows: Mapping[Any, ArrayLike]) -> Float:
     """Table of ``size`` numbers, filled with given values from given indices on."""
     table = np.zeros(size)
     for index, values in rows.items():
@@ -101,23 +108,21 @@ def _table(size: int, rows: Mapping[Any, ArrayLike]) -> Float:
     return table
 
 
-def _by_wheel(values: Float) -> Float:
+def _wheel_rows(values: Float) -> Float:
     """Table with one row of COLUMNS numbers for each wheel."""
-    return _table(_outline.WHEEL_TABLE_SIZE, {0: values[0], _outline.COLUMNS: values[1]})
+    return _table_with(_outline.WHEEL_TABLE_SIZE, {0: values[0], _outline.COLUMNS: values[1]})
 
 
-def _wheel(gearbox: CycloidalGearbox, defects: LobeDefects) -> _outline.WheelConstants:
+def _wheel_constants(gearbox: CycloidalGearbox, defects: LobeDefects) -> Any:
     profile = gearbox.outline_profile
     tip, pit = profile.chord()
     pit_angle = math.pi / gearbox.n_lobes
     pit_normal = complex(profile.normal(pit_angle))
     pin_errors = np.hypot(gearbox.pin_radial_errors or [0.0], gearbox.pin_tangential_errors or [0.0])
-    return _outline.WheelConstants(
-        eccentricity=float(gearbox.eccentricity),
-        shortening=float(gearbox.shortening),
+    return _constants(
+        _outline.WheelConstants,
+        gearbox,
         n_lobes=int(gearbox.n_lobes),
-        pin_radius=float(gearbox.pin_radius),
-        pin_circle_radius=float(gearbox.pin_circle_radius),
         clearance=float(gearbox.pin_clearance),
         tip_x=tip.real,
         pit_x=pit.real,
@@ -135,7 +140,7 @@ def _wheel(gearbox: CycloidalGearbox, defects: LobeDefects) -> _outline.WheelCon
     )
 
 
-def _mounts(gearbox: CycloidalGearbox, wear: Float) -> Float:
+def _mount_columns(gearbox: CycloidalGearbox, wear: Float) -> Float:
     """One row per wheel: its angle at rest with cosine and sine, run-out, cam, and if it has defects."""
     z = gearbox.n_lobes
     # The wheels are mounted as close to 180 deg apart as their lobes allow (exactly, if z_s is odd).
@@ -145,25 +150,6 @@ def _mounts(gearbox: CycloidalGearbox, wear: Float) -> Float:
     has_defects = (wear > 0).any(axis=1)
     return np.column_stack(
         [rest, np.cos(rest), np.sin(rest), runouts.real, runouts.imag, cams.real, cams.imag, has_defects]
-    )
-
-
-def _friction(gearbox: CycloidalGearbox) -> _kernels.FrictionConstants | None:
-    if not gearbox.has_friction:
-        return None
-    return _kernels.FrictionConstants(
-        coulomb=float(gearbox.sleeve_friction),
-        static=float(gearbox.sleeve_static_friction or gearbox.sleeve_friction),
-        stribeck_speed=float(gearbox.stribeck_speed),
-        viscous=float(gearbox.sleeve_viscous_friction),
-        journal=float(gearbox.journal_friction),
-        transition_speed=float(gearbox.friction_transition_speed),
-        input_coulomb=float(gearbox.input_bearing_torque),
-        input_viscous=float(gearbox.input_bearing_viscosity),
-        output_coulomb=float(gearbox.output_bearing_torque),
-        output_viscous=float(gearbox.output_bearing_viscosity),
-        bearing_transition=float(gearbox.bearing_transition_speed),
-        sleeve_inertia=float(gearbox.sleeve_inertia),
     )
 
 

@@ -144,22 +144,6 @@ def _load_weights(weights, first, shift, half):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _weight_at(weights, first, step, half):
-    """Weights of the lobes from an index for each wheel on, plus a step of -2 to 1 lobes."""
-    before = choose(
-        step < -1.5,
-        _load_weights(weights, first, np.uintp(0), half),
-        _load_weights(weights, first, np.uintp(1), half),
-    )
-    after = choose(
-        step < 0.5,
-        _load_weights(weights, first, np.uintp(2), half),
-        _load_weights(weights, first, np.uintp(3), half),
-    )
-    return choose(step < -0.5, before, after)
-
-
-@inner_njit(fastmath=FASTMATH, forceinline=True)
 def _line_across(angle, middle, lever, normal, g, at):
     """The line across a flank where the outline may pass into a defect: value, slopes along v and u.
 
@@ -251,12 +235,29 @@ def _places_of_weights(place, b, lane, tables, half):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
+def _lobe_value(kind, index, n_places, step, tables, half):
+    """A weight of the lobes a step of -2 to 1 after those of an index for each wheel."""
+    weights, shift = tables.weights, np.uintp(kind) * n_places
+    index = (index[0] + shift, index[1] + shift)
+    before = choose(
+        step < -1.5,
+        _load_weights(weights, index, np.uintp(0), half),
+        _load_weights(weights, index, np.uintp(1), half),
+    )
+    after = choose(
+        step < 0.5,
+        _load_weights(weights, index, np.uintp(2), half),
+        _load_weights(weights, index, np.uintp(3), half),
+    )
+    return choose(step < -0.5, before, after)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
 def _lobe_error(pitched, index, n_places, step, tables, half):
     """Pitch error of the lobes a step after those of an index for each wheel."""
     if pitched is None:
         return _per_wheel((0.0, 0.0), tables.frames, half)
-    shift = np.uintp(rows.PITCH_ERROR) * n_places
-    return _weight_at(tables.weights, (index[0] + shift, index[1] + shift), step, half)
+    return _lobe_value(rows.PITCH_ERROR, index, n_places, step, tables, half)
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -318,8 +319,7 @@ def _wear_at(b, foot, at_foot, places, lane, tables, half):
     index, n_places, over = _places_of_weights(places, b, lane, tables, half)
     over = over + foot * g[at + rows.PER_PITCH]
     step = whole_below(over)
-    shift = np.uintp(rows.RADIAL) * n_places
-    depth = _weight_at(tables.weights, (index[0] + shift, index[1] + shift), step, half)
+    depth = _lobe_value(rows.RADIAL, index, n_places, step, tables, half)
     by_width = g[at + rows.WEAR_BY_WIDTH]
     # From the middle of the wear on, where the cosine is 1.
     share = smaller(larger((over - step - g[at + rows.WEAR_MIDDLE]) * by_width, -0.5), 0.5)
@@ -401,7 +401,7 @@ def _describe_defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches
     """
     g, at, frames, n_blocks = tables.rounded, lane * np.uintp(rows.N_COLUMNS), tables.frames, tables.n_blocks
     reach, line_reach, edge_reach = reaches
-    (index_0, index_1), n_places, over = _places_of_weights(place, b, lane, tables, half)
+    index, n_places, over = _places_of_weights(place, b, lane, tables, half)
     one, zero = _per_wheel((1.0, 1.0), frames, half), _per_wheel((0.0, 0.0), frames, half)
     step = whole_below(over)
     part = over - step
@@ -413,11 +413,9 @@ def _describe_defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches
     # The next place where lobes or their halves meet lies behind the pin, or ahead of it.
     passed = (at_half < 0.25) | ((at_half >= 0.5) & (at_half < 0.75))
     ahead = step + further
-    shift = np.uintp(rows.FIRST_HALF) * n_places
-    first = _weight_at(tables.weights, (index_0 + shift, index_1 + shift), ahead, half)
-    shift = np.uintp(rows.SECOND_HALF) * n_places
+    first = _lobe_value(rows.FIRST_HALF, index, n_places, ahead, tables, half)
     behind = ahead - choose(middle, zero, 1.0)
-    second = _weight_at(tables.weights, (index_0 + shift, index_1 + shift), behind, half)
+    second = _lobe_value(rows.SECOND_HALF, index, n_places, behind, tables, half)
     before, beyond = choose(middle, first, second), choose(middle, second, first)
     weight = choose(passed, beyond, before)
     used = gap < reach
@@ -425,7 +423,7 @@ def _describe_defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches
     from_meeting = 0.25 - magnitude(magnitude(at_half - 0.5) - 0.25)
     uneven = used & (from_meeting < MEETING) & (magnitude(before - beyond) > 0.0)
     if bits_of(uneven) != 0:
-        error = _lobe_error(tables.pitched, (index_0, index_1), n_places, ahead, tables, half)
+        error = _lobe_error(tables.pitched, index, n_places, ahead, tables, half)
         line = _line_across((part - further) * g[at + rows.PITCH] - error, middle, arm, normal, g, at)
         store(frames, rows.F_LINE * n_blocks + b, line[0])
         store(frames, rows.F_LINE_V * n_blocks + b, line[1])
@@ -436,8 +434,7 @@ def _describe_defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches
     used = used & ~lined & (weight > 0.0)
     # Chord and pit of the lobe to which the pin at rest belongs, and the nearest tip.
     up = choose(part >= 1.0 - LEAD, one, 0.0)
-    shift = np.uintp(rows.CHORD) * n_places
-    share = _weight_at(tables.weights, (index_0 + shift, index_1 + shift), step + up, half)
+    share = _lobe_value(rows.CHORD, index, n_places, step + up, tables, half)
     share = choose(part - up <= CHORD_ENDS, share, 0.0)
     side = zero
     for kind in range(rows.N_EDGE_KINDS):
@@ -445,13 +442,12 @@ def _describe_defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches
             side = -one
         elif kind == rows.ON_TIP:
             up = choose(part >= 0.5, one, 0.0)
-            shift = np.uintp(rows.TIP) * n_places
-            side = 2.0 * _weight_at(tables.weights, (index_0 + shift, index_1 + shift), step + up, half)
+            side = 2.0 * _lobe_value(rows.TIP, index, n_places, step + up, tables, half)
             share = magnitude(side) * 0.5
         tables.bits[(rows.ON_EDGE + kind) * n_blocks + b] = np.uint64(0)
         tables.bits[(rows.NEAR_EDGE + kind) * n_blocks + b] = np.uint64(0)
         if bits_of(share > 0.0) != 0:
-            error = _lobe_error(tables.pitched, (index_0, index_1), n_places, step + up, tables, half)
+            error = _lobe_error(tables.pitched, index, n_places, step + up, tables, half)
             angle = (part - up) * g[at + rows.PITCH] - error
             _edge_frames(kind, angle, share, side, arm, beyond_tip, pin, edge_reach, tables, at, b)
     return weight, used, lined

@@ -43,27 +43,23 @@ from cyclofeat.simulators.batch._vectors import (
 
 # Of all modules whose functions and constants are compiled here: numba's cache on disk notices changes of
 # this file only.
-SOURCES_CHECKSUM = 0xF83F12C9
+SOURCES_CHECKSUM = 0x77CA8E0E
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
 def _load_contact(stiffness, t, lanes):
     return (
-        load(t, stiffness, lanes),
-        load(t, rows.DAMPING, lanes),
-        load(t, rows.RELATIVE_DAMPING, lanes),
+        load(t, stiffness, lanes), load(t, rows.DAMPING, lanes), load(t, rows.RELATIVE_DAMPING, lanes),
         load(t, rows.INVERSE_RAMP, lanes),
-    )
+    )  # fmt: skip
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
 def _load_frame(table, row, lanes):
     return (
-        load(table, row, lanes),
-        load(table, row + 1, lanes),
-        load(table, row + 2, lanes),
+        load(table, row, lanes), load(table, row + 1, lanes), load(table, row + 2, lanes),
         load(table, row + 3, lanes),
-    )
+    )  # fmt: skip
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -85,10 +81,9 @@ def _flank_moments(flanks, row, n, n_rows, normal, turned, speeds, tables, lanes
         )  # fmt: skip
         if bits_of(gap < 0.0) != 0:
             radii = (
-                load(flanks, row + rows.F_RADIUS, lanes),
-                load(flanks, row + rows.F_RADIUS_SLOPE, lanes),
+                load(flanks, row + rows.F_RADIUS, lanes), load(flanks, row + rows.F_RADIUS_SLOPE, lanes),
                 load(flanks, row + rows.F_RADIUS_BEND, lanes),
-            )
+            )  # fmt: skip
             cam_arm, arm = flank_arms(frame, v, u, cam_n, cam_t, slope)
             weight = load(flanks, row + rows.F_WEIGHT, lanes)
             if n_rows == rows.N_LINED_ROWS:
@@ -200,11 +195,11 @@ def _sleeve_moments(w, turned, speeds, tables, lanes):
 
 
 @inner_njit(fastmath=FASTMATH)
-def _count_slots(w, tables, lanes):
-    """Note how many contacts of each kind the lane has that has most."""
-    for kind in range(3):
-        most = largest_lane(load(tables.lanes, rows.N_FLANKS + 2 * kind + w, lanes))
-        tables.slots[np.uintp(2 * kind + w)] = np.int64(most)
+def _count_slots(tables, lanes):
+    """Note how many contacts of each kind on each wheel the lane has that has most."""
+    for slot in range(6):
+        most = largest_lane(load(tables.lanes, rows.N_FLANKS + slot, lanes))
+        tables.slots[np.uintp(slot)] = np.int64(most)
 
 
 @inner_njit(fastmath=FASTMATH)
@@ -227,8 +222,7 @@ def _describe_lanes(bits, angle, at, step, tables, lanes, half):
         bits &= bits - np.uint64(1)
         if not describe_lane(lane, angle[at + lane], tables, lanes, half):
             _end_lane(lane, step, rows.FAR_DISPLACED, tables, lanes)
-    _count_slots(0, tables, lanes)
-    _count_slots(1, tables, lanes)
+    _count_slots(tables, lanes)
 
 
 @inner_njit(fastmath=FASTMATH)
@@ -239,8 +233,7 @@ def _end_lanes(bits, locked, step, tables, lanes):
         reason = rows.LOCKED_UP if (locked >> lane) & np.uint64(1) else rows.LEFT_RANGE
         bits &= bits - np.uint64(1)
         _end_lane(np.uintp(lane), step, reason, tables, lanes)
-    _count_slots(0, tables, lanes)
-    _count_slots(1, tables, lanes)
+    _count_slots(tables, lanes)
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -262,29 +255,8 @@ def _torque_and_rates(moment_out, load_torque, t, lanes):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _advance_states(when, rates, push, t, lanes):
-    """Advance all states by half a step or a whole one; ``push`` is the drive's share, and the brake's."""
-    zero = fill_lanes(0.0, t, lanes)
-    for k in range(np.uintp(4)):
-        advance_state(k, 8, when, load(t, rows.AT + 4 + k, lanes), zero, t, lanes)
-    advance_state(4, 8, when, rates[0], push[0], t, lanes)
-    advance_state(5, 8, when, rates[1], push[0], t, lanes)
-    advance_state(6, 8, when, rates[2], push[0], t, lanes)
-    advance_state(7, 8, when, rates[3], push[1], t, lanes)
-
-
-@inner_njit(fastmath=FASTMATH, forceinline=True)
 def _turned_eps(w, t, lanes):
     return load(t, rows.AT + w, lanes) - load(t, rows.SEEN_EPS + w, lanes)
-
-
-@inner_njit(fastmath=FASTMATH, forceinline=True)
-def _lanes_due(since, t, lanes):
-    """Lanes whose description no longer holds; for NaN it never does."""
-    holds = (since < load(t, rows.AHEAD, lanes)) & (since >= load(t, rows.BEHIND, lanes))
-    holds = holds & (magnitude(_turned_eps(0, t, lanes)) < HOLDS_EPS)
-    holds = holds & (magnitude(_turned_eps(1, t, lanes)) < HOLDS_EPS)
-    return bits_of(~holds & (load(t, rows.ALIVE, lanes) > 0.0))
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -297,7 +269,11 @@ def _all_moments(m, step, when, faulty, angle, drive, tables, lanes, half):
     t = tables.lanes
     phi, omega = load(angle, m, lanes), load(drive, rows.N_DRIVE_ROWS * m + rows.OMEGA, lanes)
     since = round_to(phi - load(tables.seen_phi, 0, lanes), t)
-    due = _lanes_due(since, t, lanes)
+    # The lanes whose description no longer holds; for NaN it never does.
+    holds = (since < load(t, rows.AHEAD, lanes)) & (since >= load(t, rows.BEHIND, lanes))
+    holds = holds & (magnitude(_turned_eps(0, t, lanes)) < HOLDS_EPS)
+    holds = holds & (magnitude(_turned_eps(1, t, lanes)) < HOLDS_EPS)
+    due = bits_of(~holds & (load(t, rows.ALIVE, lanes) > 0.0))
     if due != 0:
         _describe_lanes(due, angle, np.uintp(m) * lane_count(lanes), step, tables, lanes, half)
         since = round_to(phi - load(tables.seen_phi, 0, lanes), t)
@@ -329,6 +305,7 @@ def integrate_lanes(lanes, half, stages, first, n, dt, limit, faulty, angle_, dr
     tables = rows.Tables(*addresses(tables_[: rows.N_TABLES]), *tables_[rows.N_TABLES :])
     angle, drive, out = addresses((angle_, drive_, out_))
     t = tables.lanes
+    zero = fill_lanes(0.0, t, lanes)
     for m in range(stages * n):
         odd = stages == 2 and m % 2 == 1
         i = m // stages
@@ -337,7 +314,6 @@ def integrate_lanes(lanes, half, stages, first, n, dt, limit, faulty, angle_, dr
         row = rows.N_DRIVE_ROWS * m
         torque, rates, braked = _torque_and_rates(on_output, load(drive, row + rows.LOAD, lanes), t, lanes)
         push = load(drive, row + rows.PUSH, lanes)
-        push_brake = choose(braked, push, 0.0)
         if not odd:
             torque_in = load(drive, row + rows.ALPHA, lanes) * load(t, rows.SPIN_MASS, lanes) - on_cams
             result = rows.N_RESULTS * i
@@ -357,7 +333,12 @@ def integrate_lanes(lanes, half, stages, first, n, dt, limit, faulty, angle_, dr
                 _end_lanes(ended, bits_of(is_locked), first + i, tables, lanes)
                 if bits_of(load(t, rows.ALIVE, lanes) > 0.0) == 0:
                     return i
-        _advance_states(when, rates, (push, push_brake), t, lanes)
+        for k in range(np.uintp(4)):
+            advance_state(k, 8, when, load(t, rows.AT + 4 + k, lanes), zero, t, lanes)
+        advance_state(4, 8, when, rates[0], push, t, lanes)
+        advance_state(5, 8, when, rates[1], push, t, lanes)
+        advance_state(6, 8, when, rates[2], push, t, lanes)
+        advance_state(7, 8, when, rates[3], choose(braked, push, 0.0), t, lanes)
     return n
 
 

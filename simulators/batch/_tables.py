@@ -139,9 +139,6 @@ _ALIGNED = 64  # bytes: a vector then lies in as few lines of the cache as it ca
 _FLANK_REACH, _LINE_REACH, _EDGE_REACH = 1.5e-4, 2e-3, 1e-3
 # Displacement, as a share of the pin circle, up to which one of Newton's steps comes near enough to the foot.
 _CLOSE = 1.5e-3
-_PIN_COLUMNS = (
-    _outline.PIN_COS, _outline.PIN_SIN, _outline.PIN_RADIAL_ERROR, _outline.PIN_TANGENTIAL_ERROR,
-)  # fmt: skip
 
 
 def aligned_zeros(shape: Sequence[int], dtype: type) -> NDArray[Any]:
@@ -159,7 +156,7 @@ def batch_tables(
     widths: tuple[int, int],
     dtype: type,
 ) -> Tables:
-    """Return the tables of machines with equal numbers of lobes and sleeves, one in each lane.
+    """Return the tables of machines with equal numbers of lobes and sleeves, machine in each lane.
 
     Lanes without a machine are at rest. ``limits`` are the force on a cam in N and the time in s for which it
     locks a machine, ``widths`` the numbers of lanes and of pins of one wheel that are described at once.
@@ -199,27 +196,27 @@ def batch_tables(
     tables.pins[PIN_SHARE, :n_pins] = pins / n_pins
     sleeves = 2 * np.pi * np.arange(joint.n_sleeves) / joint.n_sleeves
     tables.sleeves[:] = np.cos(sleeves), np.sin(sleeves)
-    _empty_lanes(tables)
-    for lane, one in enumerate(machines):
-        _lane_rows(tables.lanes[:, lane], one, dt, limits)
-        _fill_geometry(tables.geometry[lane], one)
-        errors = tables.pins[3 + 2 * lane : 5 + 2 * lane, :n_pins]
-        for row, first in enumerate((_outline.PIN_RADIAL_ERROR, _outline.PIN_TANGENTIAL_ERROR)):
-            errors[row] = one.pins[int(first) : int(first) + n_pins]
+    # A lane without a machine computes nothing that is not a number.
+    tables.lanes[[GAP, INVERSE_RAMP, PIN_RADIUS]] = 1.0
+    tables.lanes[CAM_LESS_GAP : CAM_LESS_GAP + 2] = -0.5
+    for lane, machine in enumerate(machines):
+        _fill_lane(tables.lanes[:, lane], machine, dt, limits)
+        _fill_geometry(tables.geometry[lane], machine)
+        tables.pins[3 + 2 * lane : 5 + 2 * lane, :n_pins] = _pin_rows(machine)[2:]
         lobes = (np.arange(n_places) - FIRST_PLACE - wheel.n_lobes) % wheel.n_lobes
-        tables.weights[lane] = _lobe_weights(one)[:, :, lobes]
+        tables.weights[lane] = _lobe_weights(machine)[:, :, lobes]
     tables.rounded[:] = tables.geometry
     return tables
 
 
-def _lobe_weights(one: KernelInput) -> NDArray[np.float64]:
+def _lobe_weights(machine: KernelInput) -> NDArray[np.float64]:
     """Return the weights of all lobes: (2, N_WEIGHTS, n_lobes)."""
-    wear, radial = one.wear.reshape(2, 2, _outline.COLUMNS)[:, :, : one.wheel.n_lobes]
+    wear, radial = machine.wear.reshape(2, 2, _outline.COLUMNS)[:, :, : machine.wheel.n_lobes]
     removed = 1.0 * (wear == _outline.REMOVED)
     worn = wear * (1.0 - removed)
     weights = np.empty((2, N_WEIGHTS, wear.shape[1]))
-    lobes = _by_wheel(one.lobes[int(_outline.PITCH_ERROR) :])
-    weights[:, PITCH_ERROR] = lobes[:, : one.wheel.n_lobes]
+    lobes = _wheel_rows(machine.lobes[int(_outline.PITCH_ERROR) :])
+    weights[:, PITCH_ERROR] = lobes[:, : machine.wheel.n_lobes]
     weights[:, FIRST_HALF], weights[:, SECOND_HALF] = 1.0 - removed - worn, 1.0 - removed
     weights[:, RADIAL] = radial
     weights[:, CHORD], weights[:, TIP] = worn, removed - np.roll(removed, 1, axis=1)
@@ -234,27 +231,35 @@ def _spin_table(machines: Sequence[KernelInput], lanes: int, dtype: type) -> NDA
     n_contacts = 2 * (2 + N_EDGE_KINDS) * n_pins
     spins = aligned_zeros((N_SPIN_ROWS * n + 2 + N_NORMAL_ROWS * n_contacts, lanes), dtype)
     axles = spins[AXLE_X * n : (AXLE_Y + 1) * n].reshape(2, n, lanes)
-    for lane, one in enumerate(machines):
-        columns = (int(first) + np.arange(n_pins) for first in _PIN_COLUMNS)
-        c, s, radial, tangential = (one.pins[column] for column in columns)
-        radial = one.wheel.pin_circle_radius + radial
+    for lane, machine in enumerate(machines):
+        c, s, radial, tangential = _pin_rows(machine)
+        radial = machine.wheel.pin_circle_radius + radial
         axles[:, :n_pins, lane] = c * radial - s * tangential, s * radial + c * tangential
         angles = 2 * np.pi * np.arange(joint.n_sleeves) / joint.n_sleeves
-        axles[:, n_pins:, lane] = one.joint.pitch_radius * np.array([np.cos(angles), np.sin(angles)])
+        axles[:, n_pins:, lane] = machine.joint.pitch_radius * np.array([np.cos(angles), np.sin(angles)])
     return spins
 
 
-def _by_wheel(table: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rows of the exact kernel's tables, one for each wheel."""
+def _pin_rows(machine: KernelInput) -> NDArray[np.float64]:
+    """Return cosine, sine, radial and tangential error of each pin: (4, n_pins)."""
+    return machine.pins.reshape(-1, _outline.COLUMNS)[:4, : machine.wheel.n_lobes + 1]
+
+
+def _wheel_rows(table: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rows of one of the exact kernel's tables, one for each wheel."""
     return table.reshape(2, _outline.COLUMNS)
 
 
 def write_states(tables: Tables, states: Sequence[NDArray[np.float64]]) -> None:
     """Begin the lanes in the given states."""
     for lane, state in enumerate(states):
-        _write_column(tables.lanes[:, lane], state[:8])
+        tables_and_states = [(tables.lanes, state[:8])]
         if tables.spins is not None:
-            _write_column(tables.spins[:, lane], state[8:])
+            tables_and_states.append((tables.spins, state[8:]))
+        for table, values in tables_and_states:
+            column, n = table[:, lane], values.size
+            column[:n] = column[n : 2 * n] = values
+            column[3 * n : 4 * n] = column[:n] - values
 
 
 def read_states(tables: Tables) -> NDArray[np.float64]:
@@ -265,25 +270,12 @@ def read_states(tables: Tables) -> NDArray[np.float64]:
     return np.concatenate(parts).T.astype(float)
 
 
-def _write_column(column: NDArray[Any], state: NDArray[np.float64]) -> None:
-    """Write states where a lane's table begins with them."""
-    n = state.size
-    column[:n] = column[n : 2 * n] = state
-    column[3 * n : 4 * n] = column[:n] - state
-
-
-def _empty_lanes(tables: Tables) -> None:
-    """Numbers with which a lane without a machine computes nothing that is not a number."""
-    tables.lanes[[GAP, INVERSE_RAMP, PIN_RADIUS]] = 1.0
-    tables.lanes[CAM_LESS_GAP : CAM_LESS_GAP + 2] = -0.5
-
-
-def _lane_rows(lane: NDArray[Any], one: KernelInput, dt: float, limits: tuple[float, float]) -> None:
+def _fill_lane(lane: NDArray[Any], machine: KernelInput, dt: float, limits: tuple[float, float]) -> None:
     """Fill the constants of one lane."""
-    contact, joint, body, wheel = one.contact, one.joint, one.body, one.wheel
+    contact, joint, body, wheel = machine.contact, machine.joint, machine.body, machine.wheel
     hunt_crossley = contact.law == _kernels.HUNT_CROSSLEY_LAW
     gap = joint.gap_at_centre
-    mounts = _by_wheel(one.mounts)
+    mounts = _wheel_rows(machine.mounts)
     cams = np.hypot(mounts[:, _outline.CAM_X], mounts[:, _outline.CAM_Y])
     chord = np.array([wheel.pit_y, wheel.tip_x - wheel.pit_x])
     chord /= np.hypot(*chord)
@@ -293,7 +285,7 @@ def _lane_rows(lane: NDArray[Any], one: KernelInput, dt: float, limits: tuple[fl
         DAMPING: 0.0 if hunt_crossley else contact.damping,
         RELATIVE_DAMPING: contact.damping if hunt_crossley else 0.0,
         INVERSE_RAMP: contact.inverse_ramp,
-        JOINT_STIFFNESS: contact.stiffness_factor * np.sqrt(one.joint_contact.constant_radius),
+        JOINT_STIFFNESS: contact.stiffness_factor * np.sqrt(machine.joint_contact.constant_radius),
         GAP: gap,
         INVERSE_Z: 1 / wheel.n_lobes,
         PITCH_RADIUS: joint.pitch_radius,
@@ -314,38 +306,38 @@ def _lane_rows(lane: NDArray[Any], one: KernelInput, dt: float, limits: tuple[fl
         LOCKED_STEPS: limits[1] / dt,
         ALIVE: 1.0,
     }
-    for row, value in (values | _friction_rows(one)).items():
+    for row, value in (values | _friction_rows(machine)).items():
         lane[row] = value
     lane[CAM_LESS_GAP : CAM_LESS_GAP + 2] = (cams - gap) * (cams + gap)
     # Nothing is described yet: no turn of the input is below this border.
     lane[AHEAD] = -np.inf
 
 
-def _friction_rows(one: KernelInput) -> dict[int, float]:
+def _friction_rows(machine: KernelInput) -> dict[int, float]:
     """Return the constants of friction by their"""
-    friction = one.friction
+    friction = machine.friction
     if friction is None:
         return {}
     return {
-        SLEEVE_RADIUS: one.joint.sleeve_radius,
-        COULOMB: friction.coulomb,
-        AT_REST: friction.static - friction.coulomb,
+        SLEEVE_RADIUS: machine.joint.sleeve_radius,
+        COULOMB: friction.sleeve_friction,
+        AT_REST: friction.sleeve_static_friction - friction.sleeve_friction,
         INVERSE_STRIBECK: 1 / friction.stribeck_speed,
-        VISCOUS: friction.viscous,
-        JOURNAL: friction.journal,
-        INVERSE_TRANSITION: 1 / friction.transition_speed,
-        INPUT_COULOMB: friction.input_coulomb,
-        INPUT_VISCOUS: friction.input_viscous,
-        OUTPUT_COULOMB: friction.output_coulomb,
-        OUTPUT_VISCOUS: friction.output_viscous,
-        INVERSE_BEARING: 1 / friction.bearing_transition,
+        VISCOUS: friction.sleeve_viscous_friction,
+        JOURNAL: friction.journal_friction,
+        INVERSE_TRANSITION: 1 / friction.friction_transition_speed,
+        INPUT_COULOMB: friction.input_bearing_torque,
+        INPUT_VISCOUS: friction.input_bearing_viscosity,
+        OUTPUT_COULOMB: friction.output_bearing_torque,
+        OUTPUT_VISCOUS: friction.output_bearing_viscosity,
+        INVERSE_BEARING: 1 / friction.bearing_transition_speed,
         BY_SLEEVE_INERTIA: 1 / friction.sleeve_inertia,
     }
 
 
-def _fill_geometry(columns: NDArray[np.float64], one: KernelInput) -> None:
+def _fill_geometry(columns: NDArray[np.float64], machine: KernelInput) -> None:
     """Fill the geometry of one lane."""
-    wheel, mounts = one.wheel, _by_wheel(one.mounts)
+    wheel, mounts = machine.wheel, _wheel_rows(machine.mounts)
     z, e, inverse_m = float(wheel.n_lobes), wheel.eccentricity, 1 / wheel.shortening
     inverse_ez = 1 / (e * (z + 1))
     length = np.hypot(wheel.pit_x - wheel.tip_x, wheel.pit_y)
@@ -370,7 +362,7 @@ def _fill_geometry(columns: NDArray[np.float64], one: KernelInput) -> None:
         EDGE_Y: np.array([0.0, wheel.pit_y, 0.0]),
         EDGE_NX: np.array([wheel.pit_y / length, wheel.pit_nx, 1.0]),
         EDGE_NY: np.array([(wheel.tip_x - wheel.pit_x) / length, wheel.pit_ny, 0.0]),
-        CONSTANT_RADIUS: wheel.pin_radius if one.contact.law == _kernels.CONSERVATIVE_LAW else 0.0,
+        CONSTANT_RADIUS: wheel.pin_radius if machine.contact.law == _kernels.CONSERVATIVE_LAW else 0.0,
         NEAR: wheel.near,
         CLOSE: 0.0 if wheel.has_pitch_errors else _CLOSE * wheel.pin_circle_radius,
         PER_PITCH: z / (2 * np.pi),
@@ -387,7 +379,7 @@ def _fill_geometry(columns: NDArray[np.float64], one: KernelInput) -> None:
         CAM_LESS: mounts[:, _outline.CAM_X] - e * np.array([1, -1]),
         HAS_FAULTS: mounts[:, _outline.HAS_FAULTS],
         WEAR_MIDDLE: wheel.wear_first + 0.5 * wheel.wear_width,
-        WEAR_BY_WIDTH: 1 / wheel.wear_width if one.wear[_outline.RADIAL :].any() else 0.0,
+        WEAR_BY_WIDTH: 1 / wheel.wear_width if machine.wear[_outline.RADIAL :].any() else 0.0,
     }
     for column, value in values.items():
         columns[column : column + np.size(value)] = value

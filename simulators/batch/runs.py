@@ -39,9 +39,15 @@ def n_lanes() -> int:
 
 
 @dataclass(frozen=True)
-class Settings:
-    """Arguments of :func:`cyclofeat.simulators.simulate` that all runs of a batch share."""
+class Request:
+    """Arguments of :func:`cyclofeat.simulators.simulate` for one run in a batch."""
 
+    gearbox: CycloidalGearbox
+    defects: LobeDefects
+    constants: KernelInput
+    sampling: Sampling
+    courses: Courses | None = None
+    start_angle: float = 0.0
     sampling_rate: float = 25_600.0
     start: str = "rest"
     solver: Solver = field(default_factory=Solver)
@@ -49,52 +55,32 @@ class Settings:
     motion: bool = True
 
     @classmethod
-    def from_arguments(cls, arguments: Mapping[str, Any]) -> Settings:
-        """Return the settings among one run's arguments."""
-        names = {setting.name for setting in fields(cls)}
-        given = {name: value for name, value in arguments.items() if name in names}
-        settings = cls(**given | {"solver": given.get("solver") or Solver()})
-        one_of("start", settings.start, ("rest", "relaxed"))
-        return settings
-
-
-@dataclass(frozen=True)
-class Request:
-    """Arguments of :func:`cyclofeat.simulators.simulate` for one run in a batch."""
-
-    gearbox: CycloidalGearbox
-    defects: LobeDefects
-    constants: KernelInput
-    courses: Courses | None
-    start_angle: float
-    sampling: Sampling
-    settings: Settings
-
-    @classmethod
     def from_arguments(cls, arguments: Mapping[str, Any]) -> Request:
         """Return the request of one run's arguments; raise as ``simulate`` does."""
         gearbox, defects = machine(arguments.get("gearbox"), arguments.get("defects"))
-        settings = Settings.from_arguments(arguments)
-        return cls(
-            gearbox,
-            defects,
-            kernel_input(gearbox, defects),
-            arguments.get("courses"),
-            number("start_angle", arguments.get("start_angle", 0.0)),
-            Sampling.plan(arguments.get("duration", 0.6), settings.sampling_rate, settings.solver),
-            settings,
+        given = {name: value for name, value in arguments.items() if name in _OPTIONS}
+        given["solver"] = solver = given.get("solver") or Solver()
+        given["start_angle"] = number("start_angle", given.get("start_angle", 0.0))
+        one_of("start", given.get("start", "rest"), ("rest", "relaxed"))
+        sampling = Sampling.plan(
+            arguments.get("duration", 0.6), given.get("sampling_rate", cls.sampling_rate), solver
         )
+        return cls(gearbox, defects, kernel_input(gearbox, defects), sampling, **given)
 
     @property
-    def form(self) -> tuple[int, int, bool, bool, Settings]:
+    def form(self) -> tuple[Any, ...]:
         """Properties that all runs of a batch share."""
         gearbox, pitched = self.gearbox, self.constants.wheel.has_pitch_errors
-        return gearbox.n_lobes, gearbox.n_internal_sleeves, gearbox.has_friction, pitched, self.settings
+        of_machine = (gearbox.n_lobes, gearbox.n_internal_sleeves, gearbox.has_friction, pitched)
+        return (*of_machine, self.sampling_rate, self.start, self.solver, self.torque_in, self.motion)
 
     @property
     def cost(self) -> tuple[int, int]:
         """Defects of both wheels and number of steps, by which runs are grouped."""
         return self.defects.defect_count * len(self.defects.wheels), self.sampling.n_steps
+
+
+_OPTIONS = {field.name for field in fields(Request)} - {"gearbox", "defects", "constants", "sampling"}
 
 
 @functools.cache
@@ -111,14 +97,9 @@ def compile_error() -> str | None:
     return None
 
 
-_KNOWN_OPTIONS = {"gearbox", "defects", "start_angle", "courses", "duration", "forces", "points"} | {
-    setting.name for setting in fields(Settings)
-}
-
-
 def obstacle(request: Request, arguments: Mapping[str, Any]) -> str | None:
     """Return what only the exact kernel can do for a run, or None."""
-    unknown = set(arguments) - _KNOWN_OPTIONS
+    unknown = set(arguments) - _OPTIONS - {"gearbox", "defects", "duration", "forces", "points"}
     if unknown:
         return f"the option {min(unknown)!r}"
     if arguments.get("forces") or arguments.get("points"):
@@ -136,7 +117,7 @@ def group_requests(requests: Mapping[int, Request]) -> Iterator[dict[int, Reques
     A batch takes as long as its longest run, and each step as long as the lane with most contacts. So runs
     with as many defects and of similar length are grouped.
     """
-    by_form: dict[tuple[int, int, bool, bool, Settings], list[int]] = {}
+    by_form: dict[tuple[Any, ...], list[int]] = {}
     for key in sorted(requests, key=lambda key: requests[key].cost):
         by_form.setdefault(requests[key].form, []).append(key)
     for keys in by_form.values():
@@ -157,11 +138,10 @@ class SampledCourse:
     """
 
     def __init__(self, request: Request) -> None:
-        solver, sampling, stages = request.settings.solver, request.sampling, _stages(request.settings.solver)
+        solver, sampling, stages = request.solver, request.sampling, _stages(request.solver)
         self.n, self._step, self._time = stages * sampling.n_steps + 1, solver.dt / stages, sampling.time
         self._whole = DriveAndLoad(
-            request.gearbox, self.n, self._step, request.settings.sampling_rate, request.start_angle,
-            request.courses,
+            request.gearbox, self.n, self._step, request.sampling_rate, request.start_angle, request.courses,
         )  # fmt: skip
         self._evaluations = stages * sampling.steps
         self.angle, self.speed = np.empty(self._time.size), np.empty(self._time.size)
@@ -319,12 +299,12 @@ def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
     list of SimulationRun or None
         The bits of a run depend on its own request only.
     """
-    settings = requests[0].settings
+    first = requests[0]
     courses = [SampledCourse(request) for request in requests]
     states = [_start_state(request) for request in requests]
-    batch = BatchIntegration([request.constants for request in requests], courses, states, settings.solver)
-    torques = (rows.TORQUE_OUT, rows.TORQUE_IN) if settings.torque_in else (rows.TORQUE_OUT,)
-    motion = (rows.OUTPUT, rows.OUTPUT_RATE) if settings.motion else ()
+    batch = BatchIntegration([request.constants for request in requests], courses, states, first.solver)
+    torques = (rows.TORQUE_OUT, rows.TORQUE_IN) if first.torque_in else (rows.TORQUE_OUT,)
+    motion = (rows.OUTPUT, rows.OUTPUT_RATE) if first.motion else ()
     longest = max((request.sampling for request in requests), key=lambda sampling: sampling.n_steps)
     samples = Samples(longest, n_lanes(), torques, motion)
     for begin, results in batch.pieces(samples.again):
@@ -345,7 +325,7 @@ def _check_friction(request: Request, instants: Sequence[tuple[Float, Float]]) -
     """Warn of chatter as ``simulate`` does, by input and load, and state, at some steps."""
     if not instants:  # unchecked, or the run ends before the first of them
         return
-    solver = request.settings.solver
+    solver = request.solver
     inputs, states = (np.stack(parts) for parts in zip(*instants, strict=True))
     nearby = np.repeat(inputs[:, :, np.newaxis], 3, axis=2)
     nearby[:, 0] += nearby[:, 1] * [0.0, solver.dt / 2, solver.dt]
@@ -354,12 +334,12 @@ def _check_friction(request: Request, instants: Sequence[tuple[Float, Float]]) -
 
 def _start_state(request: Request) -> Float:
     """Return the state at the start."""
-    gearbox, settings, solver = request.gearbox, request.settings, request.settings.solver
+    gearbox, solver = request.gearbox, request.solver
     state = rest_state(gearbox)
-    if settings.start == "rest":
+    if request.start == "rest":
         return state
     course = drive_and_load(
-        gearbox, 3, solver.dt / 2, settings.sampling_rate, request.start_angle, request.courses
+        gearbox, 3, solver.dt / 2, request.sampling_rate, request.start_angle, request.courses
     )
     return simulation.relax(
         Integration(gearbox, request.constants, course, solver.dt, solver.integrator), state
@@ -393,12 +373,12 @@ def _lane_run(request: Request, course: SampledCourse, samples: Sequence[Float |
     return SimulationRun(
         gearbox=request.gearbox,
         defects=request.defects,
-        sampling_rate=float(request.settings.sampling_rate),
+        sampling_rate=float(request.sampling_rate),
         torque_out=torque_out,
         torque_in=torque_in,
         input_angle=course.angle,
         output_angle=None if angle is None else angle - course.angle / z,
         output_speed=None if rate is None else rate - course.speed / z,
-        dt=request.settings.solver.dt,
+        dt=request.solver.dt,
         kernel="batch",
     )

@@ -82,14 +82,14 @@ class RubbingGearbox(ReferenceGearbox):
         v = self.velocities(u, omega, shafts)
         rate = v.reshape(-1, 3)[:, 2]  # a view
         rate[bodies.EXTERNAL.start :], rate[bodies.INTERNAL] = external, internal
-        (at, _), (_, spin) = bodies._split(u), bodies._split(v)
+        (at, _), (_, spin) = bodies._split_bodies(u), bodies._split_bodies(v)
         _, outside, _, inside = self.contact_forces(u, v)
         rubbing, pressed, slip = self._sleeve_friction(u, v, (outside, inside))
         journals, bearings = self._journal_friction(spin, pressed), self._bearing_friction(spin)
 
         d = self.jacobian(u)
         system = np.block([[self.mass_matrix, -d.T], [d, np.zeros((len(d), len(d)))]])
-        applied = self._applied(at, (outside, inside), load_torque) + rubbing + journals + bearings
+        applied = self._applied_forces(at, (outside, inside), load_torque) + rubbing + journals + bearings
         solved = np.linalg.solve(system, np.concatenate([applied, self.gamma(u, v, alpha)]))
         acceleration, driver = solved[2 : len(u) : 3], float(solved[-1])
         psi = float(acceleration[bodies.OUTPUT])
@@ -113,7 +113,7 @@ class RubbingGearbox(ReferenceGearbox):
         Returns forces and moments on all bodies, the resultant on every sleeve, and the slip of external and
         internal sleeves.
         """
-        (at, _), (speed, spin) = bodies._split(u), bodies._split(v)
+        (at, _), (speed, spin) = bodies._split_bodies(u), bodies._split_bodies(v)
         force, moment = np.zeros(len(at), dtype=complex), np.zeros(len(at))
         pressed = force.copy()
         slips = []
@@ -127,14 +127,14 @@ class RubbingGearbox(ReferenceGearbox):
             )
             of_sleeve = speed[sleeves] + 1j * spin[sleeves] * radius * toward
             along = 1j * toward
-            slips.append(bodies._dot(of_wheel - of_sleeve, along))
+            slips.append(bodies._dot_of(of_wheel - of_sleeve, along))
             rub = self._friction(slips[-1], size) * along  # on the sleeve
             force[sleeves] += rub.sum(axis=0)
             force[bodies.WHEELS] -= rub.sum(axis=1)
-            moment[sleeves] += bodies._cross(point - at[sleeves], rub).sum(axis=0)
-            moment[bodies.WHEELS] -= bodies._cross(point - at[bodies.WHEELS, None], rub).sum(axis=1)
+            moment[sleeves] += bodies._cross_of(point - at[sleeves], rub).sum(axis=0)
+            moment[bodies.WHEELS] -= bodies._cross_of(point - at[bodies.WHEELS, None], rub).sum(axis=1)
             pressed[sleeves] += (rub - vector).sum(axis=0)
-        return bodies._join(force[: bodies.HOUSING], moment), pressed, (slips[0], slips[1])
+        return bodies._join_bodies(force[: bodies.HOUSING], moment), pressed, (slips[0], slips[1])
 
     def _journal_friction(self, spin: Real, pressed: Plane) -> Real:
         """Moments of the sleeves' axles; external ones belong to the housing, internal ones to the output."""
@@ -171,4 +171,4 @@ class RubbingGearbox(ReferenceGearbox):
 
 def _moments(moment: Real) -> Real:
     """Applied forces that are moments only, from those on all bodies and the housing."""
-    return bodies._join(np.zeros(moment.size - 1, dtype=complex), moment)
+    return bodies._join_bodies(np.zeros(moment.size - 1, dtype=complex), moment)

@@ -14,7 +14,7 @@ from reference_tools import SPEED, Kernel, State, kernel_state, random_lobes, re
 from rubbing_gearbox import RubbingGearbox
 
 from cyclofeat.simulators import CycloidalGearbox, GearboxLocked, LobeDefects, SimulationRun, Solver, simulate
-from cyclofeat.simulators._chatter import friction_rates
+from cyclofeat.simulators.simulation import friction_rates
 
 STEEL = CycloidalGearbox.steel()
 CONSERVATIVE = STEEL.replace(contact_law="conservative")

