@@ -19,16 +19,6 @@ if TYPE_CHECKING:
 Float = NDArray[np.float64]
 T = TypeVar("T")
 
-__all__ = [
-    "Display",
-    "axes_for",
-    "legend_above",
-    "one_of_result",
-    "plain_log_ticks",
-    "require_matplotlib",
-    "stated_speed",
-]
-
 
 class Display:
     """What all displays have once they are drawn.

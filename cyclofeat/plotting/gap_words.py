@@ -9,21 +9,6 @@ if TYPE_CHECKING:  # the gap loads the simulator: a picture of a result does not
     from cyclofeat.gap.summaries.summarise import Cell
     from cyclofeat.gap.where.locate import Row
 
-__all__ = [
-    "CONDITIONS",
-    "OURS",
-    "VERDICTS",
-    "alternative_name",
-    "cell_name",
-    "difference_words",
-    "effect_name",
-    "family_name",
-    "in_words",
-    "mean_difference_words",
-    "p_words",
-    "short_name",
-]
-
 _FAMILY_NAMES = {
     "speed": "input speed",
     "slow part": "slow fluctuation (below 4 Hz)",

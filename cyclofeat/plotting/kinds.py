@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from cyclofeat.features.registry import REGISTRY, Feature
 
-__all__ = ["Words", "feature_of", "words_of"]
-
 
 @dataclass(frozen=True)
 class Words:
