@@ -38,7 +38,7 @@ def simulated(n: int, rig: str, n_lobes: int, n_jobs: int) -> Data:
 def row(rig: str, n_lobes: int, n_jobs: int) -> list[str]:
     counter, n = RIGS[rig]
     data = simulated(n, rig, n_lobes, n_jobs)
-    model = LobeModel.train(data.training, n_splits=0, counter=counter)
+    model = LobeModel(n_splits=0, counter=counter, random_state=0).fit(data.training)
     answers = counted(model, data.judged)
     pairs = list(zip(data.judged, answers, strict=True))
     located = sum(a is not None and a.lobes == r.worn_lobes for r, a in pairs) / len(pairs)

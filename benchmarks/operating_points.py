@@ -25,6 +25,7 @@ from cyclofeat.counting import LobeCount, LobeModel
 from cyclofeat.datasets import make_rig_recordings, rig_preset
 from cyclofeat.models import load_default_model
 from cyclofeat.recordings import Recording
+from cyclofeat.recordings.windower import lobe_windower
 from cyclofeat.simulators import Noise, Solver
 
 SPEEDS, LOADS = (100.0, 1500.0), (3.0, 40.0)
@@ -69,7 +70,7 @@ def with_radial_wear(depth_um: float, n: int, n_jobs: int, **at: object) -> list
 
 
 def trained(recordings: Sequence[Recording]) -> LobeModel:
-    return LobeModel.train(recordings, n_splits=0)
+    return LobeModel(n_splits=0, random_state=0).fit(recordings)
 
 
 def blind(recording: Recording, random: np.random.Generator) -> Recording:
@@ -210,7 +211,7 @@ def rows(n_judged: int, n_trained: int, n_jobs: int) -> tuple[list[list[str]], l
     ):
         some = [one for one in judged if low <= float(getattr(one, name)) < high]
         rest = [one for one in training if not low <= float(getattr(one, name)) < high]
-        own = LobeModel.train(rest, n_splits=0, counter="rows", samples_per_turn=256)
+        own = LobeModel(lobe_windower(samples_per_turn=256), "rows", n_splits=0, random_state=0).fit(rest)
         add(f"{words} ({n_trained} assemblies of each count)", 0.93, some, counted(own, some))
     del training
     at: dict[str, float] = {"speed_rpm": 500.0, "load_nm": 22.0}

@@ -62,8 +62,8 @@ def rows(n: int, n_jobs: int) -> Iterator[list[str]]:
                 rich = rich or data.judged
                 model = trained(data.training)
                 yield [
-                    words, f"{speed:,.0f}", f"{rate / 1000:g}", str(model.samples_per_turn),
-                    str(model.counter[0].n_lines),  # type: ignore[index]
+                    words, f"{speed:,.0f}", f"{rate / 1000:g}", str(model.samples_per_turn_),
+                    str(model.counter_[0].n_lines),  # type: ignore[index]
                     right(data.judged, counted(model, data.judged)),
                     right(data.judged, counted(model, data.judged, blind)),
                     right(rich, counted(model, rich)),

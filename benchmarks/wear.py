@@ -141,12 +141,14 @@ def rows(rig: str, n_judged: int, n_oracle: int, n_jobs: int) -> tuple[list[list
     oracle = Oracle(rig, n_oracle, n_jobs)
     for noise in NOISES_NM[rig]:
         training = noisy(simulated(rig, PER_COUNT[rig], range(8), RANGE_UM, 0, n_jobs), noise, 4)
-        model = LobeModel.train(training, n_splits=0, n_trees=N_TREES, wear_um=RANGE_UM, **COUNTERS[rig])
-        assert model.wear is not None
+        model = LobeModel(n_splits=0, n_trees=N_TREES, wear_um=RANGE_UM, random_state=0, **COUNTERS[rig]).fit(
+            training
+        )
+        assert model.wear_ is not None
         answers = model.count_all(noisy(healthy, noise, 5))
         sound = np.mean([one.defect_count == 0 for one in answers])
         said.append(
-            f"{rig}, {noise:g} Nm: {model.wear.made_for()}; {sound:.3f} of {len(healthy)} healthy "
+            f"{rig}, {noise:g} Nm: {model.wear_.made_for()}; {sound:.3f} of {len(healthy)} healthy "
             "assemblies counted as healthy"
         )
         print(said[-1], flush=True)

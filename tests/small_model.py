@@ -7,16 +7,13 @@ import functools
 import numpy as np
 from sklearn.pipeline import Pipeline
 
-from cyclofeat import Recording, Windower
-from cyclofeat._base.files import MODEL_PACKAGES, package_versions
-from cyclofeat.counting import LobeLocator, LobeModel, TrainingDomain, passage_of_lobe_zero
-from cyclofeat.counting.estimators.trees import CountingTrees
+from cyclofeat import Recording
+from cyclofeat.counting import CountingTrees, LobeModel
 from cyclofeat.features import LobeMap
 
 RATE = 2000.0
 SPEED = 500 / 60
 SAMPLES = 3600  # of an output turn
-LINES = 44
 
 
 def recording(lobes, seed=0, turns=1, slowing=0.0, height=1.0, n_lobes=15, **labels):
@@ -49,35 +46,21 @@ def unlike_training(seed=0):
 
 @functools.cache
 def small_model(counts=(0, 1, 3), per_count=12):
-    """Few windows, few trees, but all parts: counter, locator, training domain."""
+    """A model of few trees that are not calibrated, but of all parts: counter, locator, training domain."""
     random = np.random.default_rng(5)
-    made = [
+    recordings = [
         recording(tuple(int(lobe) for lobe in (random.integers(15) + np.arange(count)) % 15), seed=seed)
         for seed, count in enumerate(np.tile(counts, per_count))
     ]
-    windows = Windower().windows(made)
-    lobe_map = LobeMap(RATE, input_speed_hz=SPEED, n_lines=LINES)
-    features = lobe_map.fit_transform(windows.X)
-    trees = CountingTrees(n_estimators=30, random_state=0).fit(features, windows.y)
-    worn = np.zeros((len(made), 15), dtype=bool)
-    for row, one in zip(worn, made, strict=True):
-        row[list(one.worn_lobes)] = True
-    locator = LobeLocator(RATE, input_speed_hz=SPEED, n_trees=20, random_state=0)
-    locator.fit(windows.X, worn, passage_of_lobe_zero(windows.start_angle))
-    card = {
-        "description": "bursts <i>by hand</i>", "n_windows": len(windows), "sources": ["surrogate"],
-        "classes": list(counts), "calibrated": False, "cross_validation": None,
-        "versions": package_versions(*MODEL_PACKAGES),
-    }  # fmt: skip
-    domain = TrainingDomain().fit(features, windows.y, groups=windows.groups)
-    counter = Pipeline([("lobe_map", lobe_map), ("trees", trees)])
-    return LobeModel(counter, locator, 15, card, domain, RATE, SPEED)
+    counter = Pipeline([("lobe_map", LobeMap(RATE)), ("trees", CountingTrees(30, random_state=0))])
+    model = LobeModel(counter=counter, n_splits=0, random_state=0, description="bursts <i>by hand</i>")
+    return model.fit(recordings)
 
 
 @functools.cache
 def shaft_model(counts=(0, 1, 3), per_count=8):
-    """What ``LobeModel.train`` makes of such recordings: it counts at any sampling rate, near their speed."""
-    return LobeModel.train(labelled(counts, per_count), n_splits=2, n_trees=20)
+    """A default model of such recordings, with few trees."""
+    return LobeModel(n_splits=2, n_trees=20, random_state=0).fit(labelled(counts, per_count))
 
 
 def labelled(counts=(0, 1, 3), per_count=8, n_lobes=15, **labels):
@@ -106,4 +89,6 @@ def recordings_with_wear(n=24, counts=(0, 1, 3), seed=0, turns=(2,)):
 @functools.cache
 def wear_model(counter="trees"):
     """A model that learned the depth of the wear."""
-    return LobeModel.train(recordings_with_wear(), n_splits=0, n_trees=25, wear_um=(5, 200), counter=counter)
+    return LobeModel(counter=counter, n_splits=0, n_trees=25, wear_um=(5, 200), random_state=0).fit(
+        recordings_with_wear()
+    )

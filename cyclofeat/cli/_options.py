@@ -374,13 +374,13 @@ def add_model_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_model_file(parser: argparse.ArgumentParser) -> None:
+def add_model_file(
+    parser: argparse.ArgumentParser,
+    description: str = "model file that train wrote, with its card in the same folder (default: the packaged "
+    "model of the quantity, trained on simulated assemblies of rig R2 at 100 to 1,500 RPM and 3 to 40 Nm)",
+) -> None:
     """Add the options that name a model and state how it is loaded."""
-    parser.add_argument(
-        "--model",
-        help="model file that train wrote, with its card in the same folder (default: the packaged model of "
-        "the quantity, trained on simulated assemblies of rig R2 at 100 to 1,500 RPM and 3 to 40 Nm)",
-    )
+    parser.add_argument("--model", help=description)
     parser.add_argument(
         "--trust",
         "--trust-model",
@@ -403,15 +403,14 @@ def read_model(arguments: argparse.Namespace) -> LobeModel:
     """Return the model that the options name, or the packaged one, which is then stated."""
     _import_scikit_learn()
     from cyclofeat.models import load_default_model, load_model
-    from cyclofeat.models.card import read_card
     from cyclofeat.models.persistence import as_lobe_model
 
     if arguments.model is None:
         model = load_default_model(arguments.quantity or QUANTITIES[0])
-        note(f"model: {model_name(arguments)}, trained on {model.card['description']}")
+        note(f"model: {model_name(arguments)}, trained on {model.card_['description']}")
         return model
     loaded = load_model(arguments.model, trusted=arguments.trust, allow=arguments.allow)
-    return as_lobe_model(loaded, read_card(arguments.model))
+    return as_lobe_model(loaded)
 
 
 def count_with_warnings(model: LobeModel, recording: Recording) -> LobeCount:
@@ -419,7 +418,7 @@ def count_with_warnings(model: LobeModel, recording: Recording) -> LobeCount:
     from cyclofeat.datasets.readers import record_warnings
 
     count = model.count(recording)
-    of_record = record_warnings(recording, reduction=model.n_lobes)
+    of_record = record_warnings(recording, reduction=model.n_lobes_)
     return replace(count, warnings=(*count.warnings, *of_record))
 
 

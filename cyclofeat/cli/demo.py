@@ -11,7 +11,7 @@ from cyclofeat._base.progress import Progress, Steps
 from cyclofeat._base.words import lobes_text
 from cyclofeat.cli._options import add_target
 from cyclofeat.cli._printing import Printed
-from cyclofeat.cli.evaluate import cross_validated
+from cyclofeat.cli.evaluate import cross_validate
 
 if TYPE_CHECKING:
     from cyclofeat.counting import Evaluation
@@ -69,7 +69,8 @@ def demonstrate(
     origin = f"{len(training)} simulated assemblies of rig R1"
     with Steps() as step:
         step(f"training on {origin}")
-        save_model(model_file, LobeModel.train(training, n_splits=0, description=origin))
+        model = LobeModel(n_splits=0, random_state=0, description=origin)
+        save_model(model_file, model.fit(training))
         step("counting recordings from files")
         # Count as a user would: from files, with the stored model.
         model = load_model(model_file)
@@ -79,8 +80,9 @@ def demonstrate(
         ]
         settings = {"model file": model_file}
         write_count_report(model, counted, pages[0], settings=settings, most_sections=_SECTIONS)
-    scores = cross_validated(
-        training, Protocol(random_state=0, n_jobs=n_jobs), page=pages[1], files=f"none: {origin}"
+    protocol = Protocol(random_state=0, n_jobs=n_jobs)
+    scores = cross_validate(
+        LobeModel(random_state=0), training, protocol, page=pages[1], files=f"none: {origin}"
     )
     return Demonstration(model_file, pages, counted, scores, time.monotonic() - began)
 

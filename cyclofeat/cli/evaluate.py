@@ -1,4 +1,4 @@
-"""``cyclofeat evaluate``: how often counters are right on assemblies that they have not seen."""
+"""``cyclofeat evaluate``: how often a counter is right on assemblies that it has not seen."""
 
 from __future__ import annotations
 
@@ -6,129 +6,168 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cyclofeat._base.progress import Progress
-from cyclofeat.cli._options import add_reading_options, add_target, read_all
+from cyclofeat._base.quantities import QUANTITIES
+from cyclofeat._base.words import number
+from cyclofeat.cli._options import (
+    add_idle,
+    add_model_file,
+    add_reading_options,
+    add_target,
+    read_all,
+    read_model,
+)
 from cyclofeat.cli._printing import Printed, note
+from cyclofeat.cli.train import add_counter_options, untrained_model
 
 if TYPE_CHECKING:
-    from cyclofeat.counting import Evaluation, Protocol
+    from cyclofeat.counting import Evaluation, LobeModel, Protocol
     from cyclofeat.recordings import Recording
 
-_MAIN, _BY_LOBE, _PAPERS = "lobe map", "lobes one by one", "Shannon entropy (papers)"
+_PAPERS = "Shannon entropy (papers)"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", nargs="*", metavar="FILE", help="labelled recordings or folders")
+    add_model_file(
+        parser,
+        "model to test on the recordings: a file that train wrote, with its card in the same folder, or a "
+        f"packaged model, {', '.join(QUANTITIES)} (default: cross-validate the model that train would make)",
+    )
+    add_counter_options(parser)
     parser.add_argument("--folds", type=int, default=5, help="number of folds (default 5)")
     parser.add_argument("--seed", type=int, default=0, help="seed of folds and counters (default 0)")
     parser.add_argument(
         "--jobs", type=int, default=-1, help="processes that fit folds side by side (default: all cores)"
     )
-    add_target(
-        parser,
-        "--report",
-        "page",
-        metavar="FILE.html",
-        help="page to write; takes longer: it has calibrated probabilities and, where files state worn lobes "
-        "and an absolute angle, results for each lobe",
-    )
+    add_target(parser, "--report", "page", metavar="FILE.html", help="page to write")
     add_reading_options(parser)
+    of_training = ("--counter", "--samples-per-turn", "--epochs", "--wear", "--folds", "--jobs")
+    add_idle(parser, *of_training, beside=["--model"])
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Evaluation]:
-    """Evaluate the lobe counter and the papers' best feature on the same folds."""
+    """Test a stored model, or cross-validate the one that train would make."""
     if not arguments.files:
         raise ValueError("evaluate needs labelled recording files")
     from cyclofeat.counting import Protocol
 
     protocol = Protocol(n_splits=arguments.folds, random_state=arguments.seed, n_jobs=arguments.jobs)
+    if arguments.model is None:
+        model = untrained_model(arguments)
+    elif arguments.model in QUANTITIES:
+        packaged = argparse.Namespace(**vars(arguments) | {"model": None, "quantity": arguments.model})
+        model = read_model(packaged)
+    else:
+        model = read_model(arguments)
     recordings = read_all(arguments.files, arguments)
+    if any(recording.defect_count is None or recording.assembly is None for recording in recordings):
+        raise ValueError("evaluate needs files that state defect_count and assembly, some do not")
     files = ", ".join(arguments.files[:5]) + (", ..." if len(arguments.files) > 5 else "")
-    thorough = bool(arguments.report)
-    return cross_validated(recordings, protocol, page=arguments.report, files=files, thorough=thorough)
+    if arguments.model is None:
+        return cross_validate(model, recordings, protocol, page=arguments.report, files=files)
+    results = {arguments.model: _test(model, recordings, protocol)}
+    if arguments.report:
+        _write_page(
+            results, arguments.report, recordings, files,
+            folds="none: the model was trained before, on assemblies that must be others than these",
+            settings={"trained on": model.card_["description"], "for recordings": model.made_for()},
+        )  # fmt: skip
+    return results
 
 
-def cross_validated(
+def cross_validate(
+    model: LobeModel,
     recordings: Sequence[Recording],
     protocol: Protocol,
     *,
     page: str | Path | None,
     files: str,
-    thorough: bool = False,
 ) -> dict[str, Evaluation]:
-    """Return the evaluation of each counter on the same folds of the same windows; write the report ``page``.
+    """Evaluate an untrained model, and one with the papers' best feature, on the same folds of assemblies.
 
-    Recordings state ``assembly`` and ``defect_count``; ``files`` are those that were read. If ``thorough``,
-    the probabilities are calibrated too and, where all recordings state worn lobes and an absolute angle, the
-    counter that locates lobes is scored.
+    Recordings state ``assembly`` and ``defect_count``; ``files`` are those that were read. Write the report
+    ``page`` if one is given.
     """
-    from cyclofeat.counting import (
-        GroupCalibratedCounter,
-        evaluate,
-        make_entropy_counter,
-        make_lobe_counter,
-        passage_of_lobe_zero,
-    )
-    from cyclofeat.recordings import Windower
-    from cyclofeat.recordings.recording import common_n_lobes, common_speed
+    from cyclofeat.counting import LobeModel, evaluate, make_entropy_counter
 
-    speed, n_lobes = common_speed(recordings), common_n_lobes(recordings)
-    if speed is None:
-        raise ValueError("the recordings state no nominal speed: give --speed (RPM)")
-    windows = Windower(input_speed_hz=speed, reduction=n_lobes).windows(recordings)
-    labels = windows.y
-    if labels is None or windows.groups is None:
-        raise ValueError("evaluate needs files that state defect_count and assembly, some do not")
+    seed = model.random_state
+    # The windows set the rate.
+    entropy = LobeModel(model.windower, make_entropy_counter(128.0, random_state=seed), random_state=seed)
     results: dict[str, Evaluation] = {}
-
-    def add(name: str, counter: Any, X: Any, **more: Any) -> None:
+    for name, candidate in {str(model.counter): model, _PAPERS: entropy}.items():
         with Progress(name) as progress:
-            timed = replace(protocol, progress=progress)
-            results[name] = evaluate(counter, X, labels, windows.groups, protocol=timed, **more)
-
-    machine: dict[str, Any] = {"input_speed_hz": speed, "n_lobes": n_lobes}
-    counter = make_lobe_counter(windows.sampling_rate, **machine)
-    # A lobe map learns nothing from other windows: made once, it serves every fold.
-    with Progress("mapping lobes"):
-        features = counter["lobe_map"].fit_transform(windows.X)
-    # Calibrated as train does; it changes no count.
-    add(_MAIN, GroupCalibratedCounter(counter["trees"]) if thorough else counter["trees"], features)
-    worn = windows.worn_table(n_lobes) if thorough else None
-    if worn is not None:
-        by_lobe = make_lobe_counter(windows.sampling_rate, **machine, kind="lobes")
-        passage = passage_of_lobe_zero(windows.start_angle, n_lobes)
-        add(_BY_LOBE, by_lobe, windows.X, lobes=(worn, passage))
-    add(_PAPERS, make_entropy_counter(windows.sampling_rate), windows.X)
-    if page is not None:
-        from cyclofeat.report import write_evaluation_report
-
-        n_splits, seed = protocol.n_splits, protocol.random_state
-        n_samples = windows.X.shape[1]
-        with Progress("writing the report"):
-            written = write_evaluation_report(
-                results,
-                page,
-                sources=[recording.source for recording in recordings],
-                folds=f"{n_splits} folds, assemblies of every count shared out by the seed {seed}",
-                settings={
-                    "files": files,
-                    "recordings": len(recordings),
-                    "one window": f"one output turn, {n_samples} samples at {windows.sampling_rate:g} Hz",
-                    "nominal speed": f"{60 * speed:g} RPM",
-                    f"probabilities of the {_MAIN}": ("" if thorough else "not ") + "calibrated",
-                },
+            results[name] = evaluate(
+                candidate.set_params(n_splits=0), recordings, protocol=replace(protocol, progress=progress)
             )
-        note(f"report: {written}")
+    if page is not None:
+        shared_out = f"assemblies of every count shared out by the seed {protocol.random_state}"
+        _write_page(
+            results, page, recordings, files, folds=f"{protocol.n_splits} folds, {shared_out}",
+            settings={"options of the model": repr(model)},
+        )  # fmt: skip
     return results
 
 
+def _test(model: LobeModel, recordings: Sequence[Recording], protocol: Protocol) -> Evaluation:
+    """Test a trained model, and say so if it was trained on assemblies of the recordings."""
+    from cyclofeat.counting import evaluate
+
+    learned = set(model.card_.get("assemblies") or ())
+    both = learned & {recording.assembly for recording in recordings}
+    if both:
+        note(
+            "assemblies of the recordings have names of training assemblies, such as "
+            f"{min(both, key=str)!r}: if they are the same, the scores are too high"
+        )
+    return evaluate(model, recordings, protocol=replace(protocol, hold_out="nothing"))
+
+
+def _write_page(
+    results: dict[str, Evaluation],
+    page: str | Path,
+    recordings: Sequence[Recording],
+    files: str,
+    *,
+    folds: str,
+    settings: dict[str, object],
+) -> None:
+    from cyclofeat.report import write_evaluation_report
+
+    with Progress("writing the report"):
+        written = write_evaluation_report(
+            results, page, sources=[recording.source for recording in recordings], folds=folds,
+            settings={"files": files, "recordings": len(recordings), **settings},
+        )  # fmt: skip
+    note(f"report: {written}")
+
+
 def printed(arguments: argparse.Namespace, results: dict[str, Evaluation]) -> Printed:
-    main = results[_MAIN]
-    n_windows = main.labels.size
-    lines = [f"{n_windows} windows, folds by assembly; 95 % bootstrap intervals over assemblies"]
-    lines += [f"{name:26s} {scores}" for name, scores in results.items()]
-    lines.append(f"confusion matrix of the {_MAIN} (rows true, columns predicted):")
+    name, main = next(iter(results.items()))
+    made = "tested as stored" if arguments.model else "folds by assembly"
+    lines = [
+        f"{number(main.labels.size, 'recording')}, assemblies: {main.groups.size}, {made}; 95 % bootstrap "
+        "intervals over assemblies"
+    ]
+    width = max(map(len, results))
+    for method, scores in results.items():
+        lines.append(f"{method:{width}s}  {scores}")
+        if scores.windows is not None:
+            lines.append(f"{'':{width}s}  of single windows: {scores.windows}")
+    if main.refused is not None:
+        lines.append(f"{name} refuses {main.refused:.1%} of the recordings{_accepted_text(main)}")
+        lines += [f"  {n} x {reason}" for reason, n in main.refusals().items()]
+    lines.append(
+        f"confusion matrix of {name} (rows true, columns predicted), counts {main.classes.tolist()}:"
+    )
     lines.append(str(main.confusion))
-    return Printed("\n".join(lines), {name: scores.to_dict() for name, scores in results.items()})
+    return Printed("\n".join(lines), {method: scores.to_dict() for method, scores in results.items()})
+
+
+def _accepted_text(result: Evaluation) -> str:
+    if result.accepted_accuracy is None or result.accepted_accuracy_interval is None:
+        return ""
+    low, high = result.accepted_accuracy_interval
+    return f"; accuracy of the others {result.accepted_accuracy:.3f} [{low:.3f}, {high:.3f}]"

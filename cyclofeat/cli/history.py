@@ -78,7 +78,9 @@ class HistoryWriter:
             name = self.default_name if recording.assembly is None else str(recording.assembly)
         if not name:
             raise ValueError("the file states no assembly: give --gearbox NAME with --history")
-        self.history.add(name, str(path.resolve()), _time(path, recording), count, recording, self.model.card)
+        self.history.add(
+            name, str(path.resolve()), _time(path, recording), count, recording, self.model.card_
+        )
         return name
 
     def state(self, name: str) -> GearboxState:

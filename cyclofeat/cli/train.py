@@ -63,36 +63,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--lobes", choices=("consecutive", "random", "mixed"), default="consecutive",
         help="worn lobes of the simulated assemblies: neighbours (default), any, or half of each",
     )  # fmt: skip
-    parser.add_argument(
-        "--counter", choices=("trees", "rows"), default="trees",
-        help="trees (default), or rows: more accurate for neighbouring worn lobes, above all at many speeds "
-        "and loads, and for early wear (--wear) of some 500 --assemblies and more; takes minutes to learn",
-    )  # fmt: skip
-    parser.add_argument(
-        "--samples-per-turn", type=int, metavar="N", default=_PER_TURN,
-        help="samples per input turn of the windows (default 128: 44 lobe lines). With --counter rows, 256 "
-        "hold 88, more accurate at low speeds; recordings to be counted must hold as many",
-    )  # fmt: skip
-    parser.add_argument(
-        "--epochs", type=int, metavar="N",
-        help="times that --counter rows sees each window, in other variants (default 40, more where they are "
-        "few); of ten thousand and more, 80 count better, in twice the time",
+    wear = add_counter_options(parser)
+    wear.add_argument(
+        "--mixed-wear", type=_range_of("um"), metavar="LOW:HIGH",
+        help="about a third of the simulated worn assemblies have radial wear, such as 60:200 um, the others "
+        "the papers' chord; both are counted, no depth is learned",
     )  # fmt: skip
     parser.add_argument(
         "--coarser", metavar="MODEL",
         help="model with fewer samples per turn, which the file is to hold too: it counts the recordings "
         "that do not hold as many",
-    )  # fmt: skip
-    wear = parser.add_mutually_exclusive_group()
-    wear.add_argument(
-        "--wear", type=_range_of("um"), metavar="LOW:HIGH",
-        help="learn the depth of radial wear, such as 5:200 um, and count from all windows of a recording at "
-        "once; simulated lobes then have such wear in place of the papers' chord",
-    )  # fmt: skip
-    wear.add_argument(
-        "--mixed-wear", type=_range_of("um"), metavar="LOW:HIGH",
-        help="about a third of the simulated worn assemblies have radial wear, such as 60:200 um, the others "
-        "the papers' chord; both are counted, no depth is learned",
     )  # fmt: skip
     parser.add_argument(
         "--sampling-rate", type=float, metavar="HZ",
@@ -110,7 +90,64 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_options(parser, sampling_rate=False)
     add_idle(parser, *_SIMULATION, beside=["recordings"])
     add_idle(parser, *_OF_FILES, without=["recordings"])
+
+
+def add_counter_options(parser: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGroup:
+    """Add the options that choose what is trained; return the group of options about wear."""
+    parser.add_argument(
+        "--counter", choices=("trees", "rows"), default="trees",
+        help="trees (default), or rows: more accurate for neighbouring worn lobes, above all at many speeds "
+        "and loads, and for early wear (--wear) of some 500 --assemblies and more; takes minutes to learn",
+    )  # fmt: skip
+    parser.add_argument(
+        "--samples-per-turn", type=int, metavar="N", default=_PER_TURN,
+        help="samples per input turn of the windows (default 128: 44 lobe lines). With --counter rows, 256 "
+        "hold 88, more accurate at low speeds; recordings to be counted must hold as many",
+    )  # fmt: skip
+    parser.add_argument(
+        "--epochs", type=int, metavar="N",
+        help="times that --counter rows sees each window, in other variants (default 40, more where they are "
+        "few); of ten thousand and more, 80 count better, in twice the time",
+    )  # fmt: skip
     add_idle(parser, "--epochs", without=["--counter rows"])
+    wear = parser.add_mutually_exclusive_group()
+    wear.add_argument(
+        "--wear", type=_range_of("um"), metavar="LOW:HIGH",
+        help="learn the depth of radial wear, such as 5:200 um, and count from all windows of a recording at "
+        "once; simulated lobes then have such wear in place of the papers' chord",
+    )  # fmt: skip
+    return wear
+
+
+def untrained_model(arguments: argparse.Namespace) -> LobeModel:
+    """Return the model that the options choose, to be trained on recordings.
+
+    Raises
+    ------
+    ImportError
+        For ``--counter rows`` if JAX or Optax is not installed.
+    ValueError
+        If options exclude each other.
+    """
+    from cyclofeat.counting import LobeModel
+    from cyclofeat.recordings.windower import lobe_windower
+
+    if arguments.counter == "rows":
+        libraries()  # or an error before the work
+        if arguments.epochs is not None:
+            whole("epochs", arguments.epochs, 1)
+    elif arguments.samples_per_turn > _PER_TURN:
+        raise ValueError(
+            f"--samples-per-turn takes at most {_PER_TURN} without --counter rows, got "
+            f"{arguments.samples_per_turn}"
+        )
+    windower = None
+    if arguments.samples_per_turn != _PER_TURN:
+        windower = lobe_windower(samples_per_turn=arguments.samples_per_turn)
+    return LobeModel(
+        windower, arguments.counter, epochs=arguments.epochs, wear_um=arguments.wear,
+        random_state=arguments.seed,
+    )  # fmt: skip
 
 
 def _range_of(unit: str) -> Callable[[str], tuple[float, float]]:
@@ -133,19 +170,10 @@ def _range_of(unit: str) -> Callable[[str], tuple[float, float]]:
 
 def run(arguments: argparse.Namespace) -> LobeModel:
     """Read or simulate recordings, train on them, and write the model."""
-    from cyclofeat.counting import LobeModel
     from cyclofeat.models import load_model, save_model
 
     coarser = None if arguments.coarser is None else load_model(arguments.coarser)
-    if arguments.counter == "rows":
-        libraries()  # or an error before the work
-        if arguments.epochs is not None:
-            whole("epochs", arguments.epochs, 1)
-    elif arguments.samples_per_turn > _PER_TURN:
-        raise ValueError(
-            f"--samples-per-turn takes at most {_PER_TURN} without --counter rows, got "
-            f"{arguments.samples_per_turn}"
-        )
+    model = untrained_model(arguments)
     if arguments.recordings:
         recordings = read_all(arguments.recordings, arguments)
         origin = f"{len(recordings)} recordings from files"
@@ -158,10 +186,7 @@ def run(arguments: argparse.Namespace) -> LobeModel:
             origin += f", {n_radial} of them with radial wear of {low:g} to {high:g} um"
     with Steps() as step:
         step(f"training on {origin}")
-        model = LobeModel.train(
-            recordings, random_state=arguments.seed, description=origin, wear_um=arguments.wear,
-            counter=arguments.counter, samples_per_turn=arguments.samples_per_turn, epochs=arguments.epochs,
-        )  # fmt: skip
+        model.set_params(description=origin).fit(recordings)
     save_model(arguments.out, model)  # what was learned is kept where the other does not match
     if coarser is not None:
         model = model.with_coarser(coarser)
@@ -226,17 +251,17 @@ def _around(nominal: float) -> tuple[float, float]:
 def printed(arguments: argparse.Namespace, model: LobeModel) -> Printed:
     from cyclofeat.counting import score_text
 
-    card = model.card
+    card = model.card_
     located = "locates lobes"
-    if model.locator is None:
+    if model.locator_ is None:
         located = "does not locate lobes (not all state worn_lobes and an absolute angle)"
     scores = card["cross_validation"]
     if scores is None:
         accuracy = "too few assemblies per count to cross-validate (5 needed): accuracy unknown"
     else:
         accuracy = f"cross-validated over {scores['n_assemblies']} assemblies: {score_text(scores)}"
-    if model.wear is not None:
-        accuracy += f"\n{_of_wear(model.wear)}"
+    if model.wear_ is not None:
+        accuracy += f"\n{_of_wear(model.wear_)}"
     text = (
         f"{arguments.out}: counts {card['classes']}, trained on {card['description']}\n"
         f"for recordings {model.made_for()}; {located}\n"

@@ -13,23 +13,17 @@ name                         job
 ``ConformalRegressor``       a number with an interval of a chosen coverage
 ``TrainingDomain``           test of whether windows resemble those of training
 ``evaluate``                 test with whole assemblies, or whole conditions, held out
-``learning_curve``           evaluation against the number of training assemblies
-``noise_sweep``              evaluation against noise
 ``LobeLocator``              probability per lobe of being worn
-``LobeModel``                counter and locator for whole recordings
+``LobeModel``                estimator that counts and locates the worn lobes of recordings
 ``LobeStream``               the same for samples that arrive in pieces
-``RecordingCounter``         estimator that trains a ``LobeModel`` in ``fit``
-``REFUSED``                  what ``predict`` returns for a refused recording: -1
 ``RadialWear``               count and depth of radial wear from several windows in a row
 ``counts_frame``             answers for many recordings as a data frame
 ``plan_measurement``         length of a recording that tells n worn lobes from n + 1; least wear that shows
 ``Protocol``                 choice of what is held out, and of how intervals are computed
-``train_and_test``           evaluation on other windows than those of training
 ===========================  ====================================================================
 
 The default model of ``cyclofeat train`` is a ``LobeModel``: a ``LobeMap`` with trees
-(``CountingTrees``) counts, ``CountingTrees``            extremely randomised trees, fast for few windows
-``GroupCalibratedCounter`` calibrates, ``LobeLocator`` locates, and
+(``CountingTrees``) counts, ``GroupCalibratedCounter`` calibrates, ``LobeLocator`` locates, and
 ``TrainingDomain`` and the speed check refuse.
 """
 
@@ -45,8 +39,6 @@ from cyclofeat.counting.estimators.trees import CountingTrees
 from cyclofeat.counting.evaluation.assembly_folds import grouped_folds as grouped_folds
 from cyclofeat.counting.evaluation.evaluate import Protocol, evaluate
 from cyclofeat.counting.evaluation.evaluation import Evaluation, score_text
-from cyclofeat.counting.model._predictions import REFUSED
-from cyclofeat.counting.model._speed import other_speed as other_speed
 from cyclofeat.counting.model._training import samples_per_turn_at as samples_per_turn_at
 from cyclofeat.counting.model.lobe_count import LobeCount, WindowCount, counts_frame
 from cyclofeat.counting.model.lobe_model import LobeModel
@@ -55,11 +47,9 @@ from cyclofeat.counting.model.radial_wear import RadialWear, WearDepth
 from cyclofeat.counting.model.radial_wear import lobe_lines_nm as lobe_lines_nm
 from cyclofeat.counting.model.radial_wear import runs_of as runs_of
 from cyclofeat.counting.model.radial_wear import wear_features as wear_features
-from cyclofeat.counting.model.recording_counter import RecordingCounter
 from cyclofeat.counting.planning import MeasurementPlan, plan_measurement
 
 __all__ = [
-    "REFUSED",
     "ConformalRegressor",
     "CountingTrees",
     "EntropyLadder",
@@ -73,7 +63,6 @@ __all__ = [
     "MeasurementPlan",
     "Protocol",
     "RadialWear",
-    "RecordingCounter",
     "RowCounter",
     "TrainingDomain",
     "WearDepth",

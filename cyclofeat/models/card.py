@@ -138,11 +138,10 @@ def make_card(
 ) -> dict[str, Any]:
     """Make the card of a counter, without the sum and size of its file."""
     model = counter if isinstance(counter, LobeModel) else None
-    made = {} if model is None else model.card
-    inner = counter if model is None else model.counter
+    made = {} if model is None else model.card_
+    inner = counter if model is None else model.counter_
     rate = _parameter(counter, "sampling_rate") if sampling_rate is None else float(sampling_rate)
-    any_speed = model is not None and model.input_speed_hz is None
-    if rate is None and not any_speed:
+    if rate is None and model is None:
         raise ValueError(
             "sampling_rate must be given (Hz): no step of the counter states it, and it cannot be guessed"
         )
@@ -158,7 +157,7 @@ def make_card(
         "versions": versions,
         "sampling_rate": rate,
         "window_samples": samples,
-        "samples_per_turn": model.samples_per_turn if model is not None and any_speed else None,
+        "samples_per_turn": None if model is None else model.samples_per_turn_,
         "window_s": None if rate is None else samples / rate,
         "input_speed_hz": _parameter(counter, "input_speed_hz"),
         "n_lobes": _parameter(counter, "n_lobes"),
@@ -194,7 +193,7 @@ def _plain(value: Any) -> Any:
 def _parameter(counter: Any, name: str) -> Any:
     """Return a number that the model or one of the counter's steps states; None if none does."""
     if isinstance(counter, LobeModel):
-        return getattr(counter, name)
+        return counter.n_lobes_ if name == "n_lobes" else None
     stated = (getattr(part, name, None) for part in estimators_in(counter))
     return next((value for value in stated if value is not None), None)
 

@@ -24,7 +24,7 @@ from sklearn.base import BaseEstimator
 # Schemas of skops that the reader knows.
 _PROTOCOLS = (0, 1, 2)
 # Rooms whose estimators and dataclasses a file may hold.
-_ROOMS = re.compile(r"cyclofeat\.(counting|features)(\.\w+)+")
+_ROOMS = re.compile(r"cyclofeat\.(counting|features|recordings)(\.\w+)+")
 # Of scikit-learn's estimators those that counters are made of, and some whose answers are numpy's
 # arithmetic. Others are compiled and believe their numbers: a file could make them read foreign memory.
 _OF_SKLEARN = frozenset({

@@ -252,35 +252,32 @@ def load_default_model(quantity: str = "output_torque") -> LobeModel:
     >>> model = load_default_model("motor_current")
     >>> model.made_for()
     'of motor current at 99.23 to 1511 RPM and 3 to 40 Nm, with at least 37 samples per input turn'
-    >>> model.samples_per_turn, model.coarser.samples_per_turn
+    >>> model.samples_per_turn_, model.coarser_.samples_per_turn_
     (128, 37)
     """
     loaded: LobeModel = load_model(default_model_path(quantity), allow=_TESTED_WITH)
     return loaded
 
 
-def as_lobe_model(loaded: Any, card: Mapping[str, Any]) -> LobeModel:
-    """Make a model for whole recordings of what :func:`load_model` returned, and its card.
+def as_lobe_model(loaded: Any) -> LobeModel:
+    """Return a loaded model; raise ``ValueError`` for a counter of windows.
 
     Raises
     ------
     ValueError
-        Where a counter's windows are not of one output turn.
+        For a counter of windows: :class:`~cyclofeat.counting.LobeModel` trains it on recordings.
     """
     if isinstance(loaded, LobeModel):
         return loaded
-    return LobeModel.of_counter(
-        loaded,
-        sampling_rate=card["sampling_rate"],
-        input_speed_hz=card["input_speed_hz"] or 500 / 60,
-        n_lobes=card["n_lobes"] or 15,
-        description=card["training"]["description"],
+    raise ValueError(
+        f"the model must count recordings, got {type(loaded).__name__}, which counts windows: train it with "
+        "LobeModel(counter=...).fit(recordings)"
     )
 
 
 def _check_counter(counter: Any) -> None:
     if isinstance(counter, LobeModel):
-        counter = counter.counter
+        counter = counter.counter_
     elif not isinstance(counter, BaseEstimator) or not hasattr(counter, "predict_proba"):
         raise TypeError(
             f"counter must be a LobeModel or a classifier with predict_proba, got {type(counter).__name__}"

@@ -233,7 +233,7 @@ class LobeMapDisplay(Display):
         return cls.from_recording(
             recording,
             input_speed_hz=model.speed_of(recording),
-            n_lobes=model.n_lobes,
+            n_lobes=model.n_lobes_,
             marks=LobeMarks(counted=counted.lobes, probability=counted.lobe_probability),
             outline=outline,
         )

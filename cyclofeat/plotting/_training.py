@@ -137,17 +137,17 @@ class TrainingDisplay(Display):
         from cyclofeat.models.card import feature_definitions
 
         model = model.suited_to(recording)
-        domain = model.domain
+        domain = model.domain_
         if domain is None:
             raise ValueError("model must have a domain to compare with, got one without (one assembly only?)")
         windows = model.windows(recording)
-        features = np.asarray(features_seen(model.counter, windows.X))
-        names = feature_definitions(model.counter)["columns"]
+        features = np.asarray(features_seen(model.counter_, windows.X))
+        names = feature_definitions(model.counter_)["columns"]
         return cls(
             features=features,
             names=names if len(names) == features.shape[1] else [],
             training=TrainingMoments(
-                model.counter.classes_,
+                model.counter_.classes_,
                 domain.means_ * domain.scale_ + domain.location_,
                 np.sqrt(np.diag(np.linalg.inv(domain.precision_))) * domain.scale_,
             ),
@@ -258,7 +258,7 @@ def _slot_lobes(model: LobeModel, windows: WindowSet) -> NDArray[np.int64] | Non
     from cyclofeat.counting import passage_of_lobe_zero
     from cyclofeat.models.card import estimators_in
 
-    lobe_map = next((part for part in estimators_in(model.counter) if isinstance(part, LobeMap)), None)
+    lobe_map = next((part for part in estimators_in(model.counter_) if isinstance(part, LobeMap)), None)
     if lobe_map is None:
         return None
     n = lobe_map.n_lobes

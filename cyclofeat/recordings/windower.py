@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -192,6 +192,16 @@ class Windower:
                     "samples_per_turn and duration exclude each other: windows over the angle hold output "
                     f"turns (output_turns), got duration = {self.duration}"
                 )
+
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
+        """Return the parameters by name, as scikit-learn's estimators do."""
+        return {parameter.name: getattr(self, parameter.name) for parameter in dataclasses.fields(self)}
+
+    def set_params(self, **params: Any) -> Self:
+        """Set parameters, as scikit-learn's searches do; they are checked as those of a new windower."""
+        for name, value in vars(dataclasses.replace(self, **params)).items():
+            object.__setattr__(self, name, value)
+        return self
 
     def transform(self, recordings: Recording | Iterable[Recording]) -> tuple[Float, Int, NDArray[Any]]:
         """Windows with the labels that training and evaluation need.
@@ -482,7 +492,7 @@ class Windower:
         return f"a window of {length}" + (f" after skip_s = {self.skip_s:g} s" if self.skip_s else "")
 
 
-def lobe_windower(n_lobes: int, samples_per_turn: int = SAMPLES_PER_TURN) -> Windower:
+def lobe_windower(n_lobes: int | None = None, samples_per_turn: int = SAMPLES_PER_TURN) -> Windower:
     """Return the windower of lobe counters: windows over the angle of :data:`WINDOW_TURNS` output turns."""
     return Windower(WINDOW_TURNS, reduction=n_lobes, samples_per_turn=samples_per_turn, remove_mean=True)
 

@@ -163,8 +163,8 @@ def summarise_count(
         "sections": sections,
         "n_more": len(rows) - len(sections),
         "features": _feature_definitions(sections),
-        "n_lobes": model.n_lobes,
-        "calibrated": bool(model.card.get("calibrated")),
+        "n_lobes": model.n_lobes_,
+        "calibrated": bool(model.card_.get("calibrated")),
         "model": _describe_model(model),
         "provenance": [
             *((str(label), str(value)) for label, value in (settings or {}).items()),
@@ -233,8 +233,8 @@ def _recording_section(model: LobeModel, item: CountedRecording, most_samples: i
     count, recording = item.count, item.recording
     shares = sorted(count.probability.items())
     speed_hz = model.speed_of(recording)
-    described = describe(recording.replace(speed_rpm=60 * speed_hz), reduction=model.n_lobes)
-    of_record = record_warnings(recording, reduction=model.n_lobes)
+    described = describe(recording.replace(speed_rpm=60 * speed_hz), reduction=model.n_lobes_)
+    of_record = record_warnings(recording, reduction=model.n_lobes_)
     return {
         "heading": count_heading(count.defect_count),
         "reason": count.reason,
@@ -297,9 +297,7 @@ def _describe_recorded(
         f"{recording.unit}, mean {recording.torque.mean():.4g} {recording.unit}",
         "speed stated": f"{stated:g} RPM, the nominal speed by file or option"
         if stated is not None
-        else "none"
-        if model.input_speed_hz is None
-        else f"none: taken as the model's {60 * model.input_speed_hz:g} RPM",
+        else "none",
         "speed measured": by,
         "load stated": None if recording.load_nm is None else f"{recording.load_nm:g} Nm",
         "angle": angle,
@@ -334,11 +332,11 @@ def _draw_evidence(
         lobe_map = LobeMapDisplay.from_recording(
             recording,
             input_speed_hz=speed_hz,
-            n_lobes=model.n_lobes,
+            n_lobes=model.n_lobes_,
             marks=LobeMarks(counted=count.lobes, probability=count.lobe_probability or None),
-            outline=_disc_outline(model.n_lobes, count.lobes),
+            outline=_disc_outline(model.n_lobes_, count.lobes),
         )
-        at: dict[str, Any] = {"input_speed_hz": lobe_map.input_speed_hz, "n_lobes": model.n_lobes}
+        at: dict[str, Any] = {"input_speed_hz": lobe_map.input_speed_hz, "n_lobes": model.n_lobes_}
         pictures = recording_pictures(
             torque,
             SpectrumDisplay.from_recording(recording, **at),
@@ -351,7 +349,7 @@ def _draw_evidence(
         unmarked = SpectrumDisplay.from_recording(recording.replace(speed_rpm=None))
         pictures = recording_pictures(torque, unmarked, **of_torque)
     evidence: dict[str, Any] = {"pictures": pictures, "distance": None, "features": []}
-    if model.domain is not None:
+    if model.domain_ is not None:
         display = TrainingDisplay.from_estimator(model, recording)
         nearest = tuple(sorted(count.probability, key=lambda c: -count.probability[c])[:2])
         evidence["distance"] = distance_picture(display)
@@ -405,7 +403,7 @@ def _describe_distance(count: LobeCount) -> dict[str, str]:
 def _describe_model(model: LobeModel) -> list[tuple[str, str]]:
     from cyclofeat.counting import score_text
 
-    card = model.card
+    card = model.card_
     scores = card.get("cross_validation")
     sources = ", ".join(card.get("sources", ()))
     lines = {
@@ -414,7 +412,7 @@ def _describe_model(model: LobeModel) -> list[tuple[str, str]]:
         "windows": card.get("n_windows"),
         "counts": ", ".join(map(str, card["classes"])),
         "for recordings": model.made_for(),
-        "depth of wear": None if model.wear is None else model.wear.made_for(),
+        "depth of wear": None if model.wear_ is None else model.wear_.made_for(),
         "cross-validation": "none: accuracy unknown"
         if scores is None
         else f"{score_text(scores)}; window by window, {scores['n_assemblies']} assemblies held out in turn, "

@@ -33,13 +33,14 @@ def write_evaluation_report(
 ) -> Path:
     """Write the report of an evaluation as one HTML file, and return its path.
 
-    Accuracy with its interval comes first, then all methods, the confusion matrix, each count, sets of lobes,
-    calibration, the assemblies that were counted wrong, and the folds. A file of that name is replaced.
+    Accuracy with its interval comes first, then all methods, refusals, the confusion matrix, each count, sets
+    of lobes, calibration, the assemblies that were counted wrong, and the folds. A file of that name is
+    replaced.
 
     Parameters
     ----------
     results : mapping from str to cyclofeat.counting.Evaluation
-        By method, on the same windows; details are those of the first.
+        By method, on the same windows or recordings; details are those of the first.
     path : path-like
         File to write, ``*.html``.
     sources : sequence of str or None
@@ -56,7 +57,7 @@ def write_evaluation_report(
     FileNotFoundError
         If the folder does not exist.
     ValueError
-        If there are no results, or they are of different windows.
+        If there are no results, or they are of different windows or recordings.
 
     Examples
     --------
@@ -85,9 +86,10 @@ def summarise_evaluation(
     Returns
     -------
     dict
-        ``title``, ``version``, ``surrogate``, ``origin``, ``main`` (name of the first method), ``tiles``,
-        ``methods``, ``guess``, ``classes``, ``confusion``, ``calibration``, ``wrong``, ``n_more_wrong``,
-        ``folds`` and ``provenance``.
+        ``title``, ``version``, ``surrogate``, ``origin``, ``main`` (name of the first method), ``unit``
+        (``"recording"`` or ``"window"``), ``tiles``, ``methods``, ``guess``, ``classes``, ``parts`` (pictures
+        of recordings, and of their windows), ``refusals``, ``wrong``, ``n_more_wrong``, ``folds`` and
+        ``provenance``.
     """
     if not results:
         raise ValueError("results must hold at least one evaluation, got none")
@@ -96,38 +98,60 @@ def summarise_evaluation(
         if not (np.array_equal(result.labels, first.labels) and np.array_equal(result.groups, first.groups)):
             raise ValueError(f"results must be of the same windows, but {name!r} is of others than {main!r}")
     require_matplotlib()
-    from cyclofeat.plotting import EvaluationDisplay
-    from cyclofeat.report._figures import calibration_picture, confusion_picture
-
-    _, surrogate, said_of_origin = describe_origin(sources)
+    _, surrogate, origin_text = describe_origin(sources)
     wrong = _wrong_assemblies(first)
-    labels, display = first.labels, EvaluationDisplay(first)
+    labels = first.labels
+    unit = "window" if first.windows is None else "recording"
+    parts = [_draw_pictures(unit, first)]
+    if first.windows is not None:
+        parts.append(_draw_pictures("window", first.windows))
+    trained = "a model that was trained without its assembly"
     return {
         "title": "Counting on assemblies not seen before",
         "version": __version__,
         "surrogate": surrogate,
-        "origin": said_of_origin if sources else "",
+        "origin": origin_text if sources else "",
         "main": main,
+        "unit": unit,
+        "counted_by": "the stored model" if first.protocol == "nothing" else trained,
         "confidence": f"{100 * first.confidence:.3g}",
-        "n_windows": int(labels.size),
+        "n_rows": int(labels.size),
         "n_assemblies": int(first.groups.size),
-        "tiles": _score_tiles(first, results),
+        "tiles": _score_tiles(first, results, unit),
         "methods": [_method_row(name, result) for name, result in results.items()],
         "guess": float(np.max(np.unique(labels, return_counts=True)[1]) / labels.size),
         "with_lobes": any(result.exact_lobes is not None for result in results.values()),
+        "with_windows": any(result.windows is not None for result in results.values()),
         "classes": _class_rows(first),
-        "confusion": confusion_picture(display),
-        "calibration": None if first.certainty is None else calibration_picture(display),
+        "parts": parts,
+        "refusals": None if first.reasons is None else list(first.refusals().items()),
         "wrong": wrong[:_MOST_WRONG],
         "n_more_wrong": max(len(wrong) - _MOST_WRONG, 0),
         "protocol": first.protocol,
         "folds": str(folds),
         "provenance": [
             *((str(label), str(value)) for label, value in (settings or {}).items()),
-            ("windows", str(labels.size)),
+            ("windows", str(labels.size if first.windows is None else first.windows.labels.size)),
             ("assemblies", str(first.groups.size)),
             ("made with", versions_line()),
         ],
+    }
+
+
+def _draw_pictures(unit: str, result: Evaluation) -> dict[str, Any]:
+    """Return the pictures of the confusion and of the calibration of recordings or windows."""
+    from cyclofeat.plotting import EvaluationDisplay
+    from cyclofeat.report._figures import calibration_picture, confusion_picture
+
+    display = EvaluationDisplay(result)
+    return {
+        "unit": unit,
+        "n": int(result.labels.size),
+        "accuracy": f"{result.accuracy:.3f}",
+        "range": _range_text(result.accuracy_interval),
+        "confusion": confusion_picture(display),
+        "calibration": None if result.certainty is None else calibration_picture(display),
+        "calibration_error": _rounded_text(result.calibration_error),
     }
 
 
@@ -139,11 +163,21 @@ def _range_text(limits: Sequence[float] | None) -> str:
     return "" if limits is None else f"{limits[0]:.3f} to {limits[1]:.3f}"
 
 
-def _score_tiles(first: Evaluation, results: Mapping[str, Evaluation]) -> list[dict[str, str]]:
+def _score_tiles(first: Evaluation, results: Mapping[str, Evaluation], unit: str) -> list[dict[str, str]]:
     name, lobes = next(((n, r) for n, r in results.items() if r.exact_lobes is not None), ("", first))
-    by = "of windows" if lobes is first else f"of windows, by {name}"
+    by = f"of {unit}s" if lobes is first else f"of {unit}s, by {name}"
+    windows = first.windows
     tiles: list[tuple[str, float | None, Sequence[float] | None, str]] = [
-        ("Accuracy", first.accuracy, first.accuracy_interval, "of windows counted right"),
+        ("Accuracy", first.accuracy, first.accuracy_interval, f"of {unit}s counted right"),
+        (
+            "Accuracy without refused", first.accepted_accuracy, first.accepted_accuracy_interval,
+            f"of {unit}s that are not refused",
+        ),
+        ("Refused", first.refused, None, f"of {unit}s"),
+        (
+            "Single windows", None if windows is None else windows.accuracy,
+            None if windows is None else windows.accuracy_interval, "of output turns counted right alone",
+        ),
         (
             "Mean absolute error", first.mean_absolute_error, first.mean_absolute_error_interval,
             "worn lobes too many or too few",
@@ -173,11 +207,14 @@ def _method_row(name: str, result: Evaluation) -> dict[str, Any]:
         "calibration": _rounded_text(result.calibration_error),
         "lobes": _rounded_text(result.exact_lobes),
         "lobes_range": _range_text(result.exact_lobes_interval),
+        "windows": "" if result.windows is None else f"{result.windows.accuracy:.3f}",
+        "accepted": _rounded_text(result.accepted_accuracy),
+        "refused": _rounded_text(result.refused),
     }
 
 
 def _class_rows(result: Evaluation) -> list[dict[str, Any]]:
-    """Each count: how often it was recognised, and how often an answer of it was right."""
+    """Return for each count how often it was recognised, and how often an answer of it was right."""
     rows = []
     for k, row in enumerate(result.class_scores()):
         others = np.where(np.arange(result.classes.size) == k, 0, result.confusion[k])
@@ -196,16 +233,16 @@ def _class_rows(result: Evaluation) -> list[dict[str, Any]]:
 
 
 def _wrong_assemblies(result: Evaluation) -> list[dict[str, Any]]:
-    """Assemblies that were not always counted right, the worst first."""
-    rows = []
+    """Return the assemblies that were not always counted right, the worst first."""
+    rows, unit = [], "window" if result.windows is None else "recording"
     order = np.argsort(result.group_accuracy, kind="stable")
     for k in order[result.group_accuracy[order] < 1]:
-        windows = result.assemblies == result.groups[k]
-        said = Counter(result.predictions[windows].tolist())
+        rows_of_group = result.assemblies == result.groups[k]
+        answers = Counter(result.predictions[rows_of_group].tolist())
         rows.append({
             "assembly": str(result.groups[k]),
-            "true": ", ".join(str(count) for count in np.unique(result.labels[windows])),
-            "said": ", ".join(f"{count} ({number(n, 'window')})" for count, n in said.most_common()),
+            "true": ", ".join(str(count) for count in np.unique(result.labels[rows_of_group])),
+            "said": ", ".join(f"{count} ({number(n, unit)})" for count, n in answers.most_common()),
             "accuracy": f"{result.group_accuracy[k]:.2f}",
         })  # fmt: skip
     return rows

@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
+import copy
 import re
 
 import numpy as np
 import pytest
 from pages import parse, words
+from small_model import small_model
 
 from cyclofeat import Recording
 from cyclofeat._base import displays
 from cyclofeat._base.displays import html_card
-from cyclofeat.counting import LobeCount, LobeModel, evaluate
+from cyclofeat.counting import LobeCount, evaluate
 from cyclofeat.simulators import Hum, Rig
 
 HOSTILE = '"><script>alert(1)</script>'
 ANSWER = LobeCount(2, {0: 0.125, 2: 0.875}, (3, 4), (0.0, 0.1, 0.0, 0.75, 1.0), False, 3, (HOSTILE,))
 
 
-class Same:
-    """Classifier that answers with a constant."""
-
-    classes_ = np.array([0, 2])
-    n_features_in_ = 4
+def described_model():
+    model = copy.copy(small_model())
+    model.card_ = model.card_ | {"description": HOSTILE}
+    return model
 
 
 def evaluation():
@@ -43,8 +44,8 @@ CARDS = {
         ["Refused, not reliable: No worn lobe", "no lobe lines", "2.00 (1: edge of the training)"],
     ),
     "model": (
-        LobeModel.of_counter(Same(), sampling_rate=4 / 1.8, description=HOSTILE),
-        ["2.22222 Hz and 500 RPM", HOSTILE, "0, 2", "none: accuracy unknown"],
+        described_model(),
+        ["of output torque at 500 RPM", HOSTILE, "0, 1, 3", "none: accuracy unknown", "not calibrated"],
     ),
     "evaluation": (evaluation(), ["Accuracy 0.500", "20 assemblies, 40 windows (stratified)"]),
     "rig": (

@@ -10,7 +10,6 @@ import re
 import subprocess
 import sys
 import weakref
-from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -21,7 +20,7 @@ import small_model
 from cyclofeat import __version__
 from cyclofeat.cli import main
 from cyclofeat.cli._options import add_reading_options, option_of
-from cyclofeat.counting import LobeModel, evaluate, make_lobe_counter
+from cyclofeat.counting import LobeModel, Protocol, evaluate
 from cyclofeat.datasets import read_recording, write_recording
 from cyclofeat.models import save_model
 from cyclofeat.simulators import (
@@ -46,7 +45,7 @@ def folder(tmp_path_factory, surrogates):
     folder = tmp_path_factory.mktemp("cli")
     save_model(
         folder / "model.joblib",
-        LobeModel.train(surrogates[12:], n_splits=0, n_trees=60),
+        LobeModel(n_splits=0, n_trees=60, random_state=0).fit(surrogates[12:]),
     )
     for recording in surrogates[:8]:
         write_recording(folder / f"{recording.assembly}.npz", recording)
@@ -232,8 +231,7 @@ def test_training_simulates_the_effects_of_a_rig(capsys, tmp_path):
 
 
 def test_train_and_count(capsys, folder, tmp_path, monkeypatch):
-    fewer = partial(LobeModel.train, n_trees=30, n_splits=2)
-    monkeypatch.setattr(LobeModel, "train", fewer)
+    monkeypatch.setattr("cyclofeat.counting.LobeModel", partial(LobeModel, n_trees=30, n_splits=2))
     model = tmp_path / "small.joblib"
     code, out, _ = run(capsys, "train", folder, "--out", model)
     assert code == 0
@@ -252,7 +250,7 @@ def test_train_and_count(capsys, folder, tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_train_learns_the_depth_of_the_wear(capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr(LobeModel, "train", partial(LobeModel.train, n_trees=10, n_splits=0))
+    monkeypatch.setattr("cyclofeat.counting.LobeModel", partial(LobeModel, n_trees=10, n_splits=0))
     (tmp_path / "known").mkdir()
     for one in small_model.recordings_with_wear(8, counts=(0, 3)):
         write_recording(tmp_path / "known" / f"{one.assembly}.npz", one)
@@ -499,42 +497,52 @@ def test_a_refused_run_up_is_named_with_the_option_that_leaves_it_out(capsys, tm
     assert not any("--skip" in warning for warning in counted["warnings"])
 
 
-def test_evaluate_labelled_files(capsys, tmp_path, monkeypatch, surrogates):
-    shared_out = []
+@pytest.fixture
+def labelled_files(tmp_path, monkeypatch):
+    """Files of 18 assemblies with 0, 1 or 3 worn lobes, and models of few trees."""
+    monkeypatch.setattr("cyclofeat.counting.LobeModel", partial(LobeModel, n_trees=20))
+    known = small_model.labelled(per_count=6, turns=2)
+    for one in known:
+        write_recording(tmp_path / f"{one.assembly}.npz", one)
+    return tmp_path, known
 
-    def alone(*windows, protocol, **options):
-        shared_out.append(protocol.n_jobs)
-        return evaluate(*windows, **options, protocol=replace(protocol, n_jobs=None))
 
-    monkeypatch.setattr("cyclofeat.counting.evaluate", alone)
-    for recording in surrogates[:16]:
-        write_recording(tmp_path / f"{recording.assembly}.npz", recording)
-    code, out, _ = run(capsys, "evaluate", tmp_path, "--folds", 2, "--json", "--jobs", 3)
-    assert code == 0
-    assert shared_out == [3, 3]
+def test_evaluate_cross_validates_what_train_makes(capsys, labelled_files):
+    folder, known = labelled_files
+    report = folder / "evaluation.html"
+    code, out, err = run(capsys, "evaluate", folder, "--folds", 2, "--jobs", 1, "--json", "--report", report)
+    assert code == 0, err
     result = json.loads(out)
-    assert result["lobe map"]["n_assemblies"] == 16
-    assert result["Shannon entropy (papers)"]["n_windows"] == 16
-    code, out, _ = run(capsys, "evaluate", tmp_path, "--folds", 2)
-    assert "accuracy" in out
-    assert "confusion matrix" in out
-
-
-@pytest.mark.slow
-def test_evaluate_writes_a_report_with_lobes_and_calibration(capsys, tmp_path, monkeypatch, surrogates):
-    fewer = partial(make_lobe_counter, n_trees=20)
-    monkeypatch.setattr("cyclofeat.counting.make_lobe_counter", fewer)
-    for recording in surrogates[4:12]:
-        write_recording(tmp_path / f"{recording.assembly}.npz", recording)
-    report = tmp_path / "evaluation.html"
-    code, out, _ = run(capsys, "evaluate", tmp_path, "--folds", 2, "--json", "--jobs", 1, "--report", report)
-    assert code == 0
-    result = json.loads(out)
-    assert list(result) == ["lobe map", "lobes one by one", "Shannon entropy (papers)"]
-    assert "exact_lobes" in result["lobes one by one"]
+    assert list(result) == ["trees", "Shannon entropy (papers)"]
+    expected = evaluate(
+        LobeModel(n_trees=20, n_splits=0, random_state=0), known,
+        protocol=Protocol(n_splits=2, random_state=0),
+    )  # fmt: skip
+    assert result["trees"] == json.loads(json.dumps(expected.to_dict()))
+    assert (result["trees"]["n_recordings"], result["trees"]["windows"]["n_windows"]) == (18, 36)
     page = report.read_text(encoding="utf-8")
-    for part in ("SURROGATE", "Exactly the right lobes", "2 folds", f"{result['lobe map']['accuracy']:.3f}"):
+    for part in ("SURROGATE", "Exactly the right lobes", "2 folds", f"{expected.accuracy:.3f}", "Refusals"):
         assert part in page
+
+
+def test_evaluate_tests_a_stored_model(capsys, labelled_files):
+    folder, known = labelled_files
+    model = small_model.shaft_model()
+    save_model(folder / "model.skops", model)
+    unlike = small_model.unlike_training().replace(defect_count=1, assembly="strange")
+    write_recording(folder / "strange.npz", unlike.replace(torque=np.tile(unlike.torque, 2)))
+    files = [folder / f"{one.assembly}.npz" for one in known] + [folder / "strange.npz"]
+    code, out, err = run(capsys, "evaluate", *files, "--model", folder / "model.skops")
+    assert code == 0, err
+    assert "assemblies of the recordings have names of training assemblies, such as 'A0'" in err
+    assert "19 recordings, assemblies: 19, tested as stored" in out
+    assert "refuses " in out
+    assert f" x {model.count(unlike).reason}" in out
+    code, out, _ = run(capsys, "evaluate", *files, "--model", folder / "model.skops", "--json")
+    (scores,) = json.loads(out).values()
+    answers = model.count_all([*known, unlike.replace(torque=np.tile(unlike.torque, 2))])
+    assert scores["refused"] == np.mean([answer.refused for answer in answers])
+    assert sum(scores["reasons"].values()) == sum(answer.refused for answer in answers)
 
 
 def test_a_report_is_no_folder(capsys, folder, tmp_path):

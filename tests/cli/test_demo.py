@@ -10,7 +10,7 @@ import pytest
 from small_model import recording
 
 from cyclofeat.cli import demo, main
-from cyclofeat.counting import LobeModel, make_lobe_counter
+from cyclofeat.counting import LobeModel
 from cyclofeat.models import load_model
 
 
@@ -31,8 +31,7 @@ def made(monkeypatch):
 
     monkeypatch.setattr("cyclofeat.datasets.make_rig_recordings", rig_recordings)
     # A few trees do.
-    monkeypatch.setattr("cyclofeat.counting.make_lobe_counter", partial(make_lobe_counter, n_trees=20))
-    monkeypatch.setattr(LobeModel, "train", partial(LobeModel.train, n_trees=20))
+    monkeypatch.setattr("cyclofeat.counting.LobeModel", partial(LobeModel, n_trees=20))
     drawn = {"light": "data:,", "dark": "data:,", "alt": "", "width": 1, "height": 1}
     monkeypatch.setattr("cyclofeat.report._figures.draw_picture", lambda *_, **__: drawn)
     return asked

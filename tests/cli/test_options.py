@@ -39,7 +39,7 @@ ALWAYS = {
     | {"--strict"},
     "history": {"FILE", "--jsonl", "--gearbox", "--report", "--strict"}
     | {"--false-alarms-per-month", "--recordings-per-month"},
-    "evaluate": READING | {"FILE", "--folds", "--seed", "--jobs", "--report"},
+    "evaluate": READING | {"FILE", "--model", "--seed", "--report"},
     "plan": {"--worn-count", "--noise", "--confidence", "--speed", "--wear"},
     "campaign": {"--example"},
     "gap": {"MEASURED", "--prepare", "--seed"},

@@ -10,9 +10,10 @@ import time
 import numpy as np
 import pytest
 
+from cyclofeat import Recording
 from cyclofeat.cli import main
 from cyclofeat.cli.watch import DoneList, FolderWatch
-from cyclofeat.counting import GroupCalibratedCounter, LobeModel, make_lobe_counter
+from cyclofeat.counting import LobeModel
 from cyclofeat.models import save_model
 
 RATE = 25_600
@@ -27,9 +28,11 @@ def torque(n, seed=0):
 @pytest.fixture(scope="module")
 def model_file(tmp_path_factory):
     counts = np.tile([0, 3], 4)
-    counter = GroupCalibratedCounter(make_lobe_counter(RATE, n_trees=20))
-    counter.fit(np.stack([torque(n, k) for k, n in enumerate(counts)]), counts)
-    model = LobeModel.of_counter(counter, sampling_rate=RATE)
+    recordings = [
+        Recording(torque(n, k), RATE, speed_rpm=500, defect_count=int(n), assembly=k)
+        for k, n in enumerate(counts)
+    ]
+    model = LobeModel(n_trees=20, n_splits=0, random_state=0).fit(recordings)
     return save_model(tmp_path_factory.mktemp("model") / "m.joblib", model)
 
 

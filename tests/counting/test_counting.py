@@ -37,7 +37,7 @@ def windows(surrogates):
 def model(surrogates):
     """Trained on six assemblies of each count, the last two of each left for testing."""
     known = [r for r in surrogates if not held_out(r, surrogates)]
-    return LobeModel.train(known, n_splits=0, n_trees=60)
+    return LobeModel(n_splits=0, n_trees=60, random_state=0).fit(known)
 
 
 def held_out(recording, recordings):
@@ -249,10 +249,10 @@ def test_a_model_is_for_the_discs_of_its_recordings(surrogates):
         for recording in surrogates
         if recording.defect_count in (0, 3)
     ]
-    model = LobeModel.train(of_eleven, n_splits=0, n_trees=10)
-    assert model.n_lobes == model.counter[0].n_lobes == 11
+    model = LobeModel(n_splits=0, n_trees=10, random_state=0).fit(of_eleven)
+    assert model.n_lobes_ == model.counter_[0].n_lobes == 11
     with pytest.raises(ValueError, match="n_lobes must be the same for all recordings, got 11, 15"):
-        LobeModel.train([*of_eleven, surrogates[0]])
+        LobeModel().fit([*of_eleven, surrogates[0]])
     with pytest.raises(ValueError, match="n_lobes of the recording is 13, .* trained for discs of 11"):
         model.count(of_eleven[0].replace(n_lobes=13))
 
@@ -276,9 +276,9 @@ def test_recordings_of_several_rates_and_speeds_train_a_model(surrogates):
         one.replace(torque=one.torque[::2], angle=one.angle[::2], sampling_rate=12_800.0) if k % 2 else one
         for k, one in enumerate(surrogates)
     ]
-    model = LobeModel.train(mixed, n_splits=0, n_trees=60)
+    model = LobeModel(n_splits=0, n_trees=60, random_state=0).fit(mixed)
     assert model.sampling_rate is model.input_speed_hz is None
-    low, high = model.card["speeds_rpm"]
+    low, high = model.card_["speeds_rpm"]
     assert 490 < low < 500 < high < 510
     rate = 1.04 * 25_600.0
     for one in surrogates[:8]:
@@ -292,9 +292,9 @@ def test_recordings_of_several_rates_and_speeds_train_a_model(surrogates):
 
 def test_training_needs_labels_of_more_than_one_kind(surrogates):
     with pytest.raises(ValueError, match="must all state their defect_count"):
-        LobeModel.train([surrogates[0].replace(defect_count=None, worn_lobes=None)])
+        LobeModel().fit([surrogates[0].replace(defect_count=None, worn_lobes=None)])
     with pytest.raises(ValueError, match="at least two defect counts, got 0 only"):
-        LobeModel.train([r for r in surrogates if r.defect_count == 0])
+        LobeModel().fit([r for r in surrogates if r.defect_count == 0])
 
 
 @pytest.mark.parametrize("share", [0.9, 1 / 2, 1 / 3, 1 / 4, 2.0])

@@ -12,7 +12,7 @@ SIZES = (11, 21)
 
 @functools.cache
 def model_of(n_lobes: int) -> LobeModel:
-    return LobeModel.train(labelled(n_lobes=n_lobes), n_splits=0, n_trees=20)
+    return LobeModel(n_splits=0, n_trees=20, random_state=0).fit(labelled(n_lobes=n_lobes))
 
 
 @pytest.mark.parametrize("n_lobes", SIZES)

@@ -215,12 +215,12 @@ def test_a_model_trained_on_lobes_apart_counts_lobe_by_lobe():
                 worn_lobes=sorted(int(lobe) for lobe in lobes),
             )
         )
-    model = LobeModel.train(recordings[:-2], n_splits=0, n_trees=30)
-    assert type(model.counter) is LobeCounter
-    assert model.locator is model.counter
+    model = LobeModel(n_splits=0, n_trees=30, random_state=0).fit(recordings[:-2])
+    assert type(model.counter_) is LobeCounter
+    assert model.locator_ is model.counter_
     assert [model.count(recording).lobes for recording in recordings[-2:]] == [(0, 2, 4), (3, 7)]
     of_rows = [r for r, lobes in zip(recordings[:60], sets, strict=False) if len(lobes) < 2]
-    assert type(LobeModel.train(of_rows, n_splits=0, n_trees=10).counter) is Pipeline
+    assert type(LobeModel(n_splits=0, n_trees=10, random_state=0).fit(of_rows).counter_) is Pipeline
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ def slower(one: Recording) -> Recording:
 
 @functools.cache
 def slow_model() -> LobeModel:
-    return LobeModel.train([slower(one) for one in labelled()], n_splits=0, n_trees=20)
+    return LobeModel(n_splits=0, n_trees=20, random_state=0).fit([slower(one) for one in labelled()])
 
 
 @pytest.mark.slow
@@ -39,7 +39,7 @@ def test_a_model_has_as_many_samples_per_turn_as_its_poorest_recording():
     assert slow_model().samples_per_turn == PER_TURN
     mixed = [slower(one) if one.assembly == "A7" else one for one in labelled()]
     with pytest.warns(UserWarning, match=r"recordings\[\d+\] holds 57 samples per input turn, most"):
-        assert LobeModel.train(mixed, n_splits=0, n_trees=5).samples_per_turn == PER_TURN
+        assert LobeModel(n_splits=0, n_trees=5, random_state=0).fit(mixed).samples_per_turn_ == PER_TURN
     n_lines = lines_held(PER_TURN, 1.0, 15)
     assert n_lines == 21
     assert slow_model().counter[0].n_lines == slow_model().locator.lobe_map_.n_lines == n_lines
@@ -118,7 +118,7 @@ def test_too_few_samples_are_an_error_that_says_what_to_train():
     poor = [one.replace(torque=one.torque[::12], angle=one.angle[::12], sampling_rate=RATE / 12)
             for one in labelled()]  # fmt: skip
     with pytest.raises(ValueError, match=r"sampling_rate of 166.667 Hz is too low .*: 19 samples per input"):
-        LobeModel.train(poor, n_splits=0)
+        LobeModel(n_splits=0).fit(poor)
 
 
 @pytest.mark.slow
@@ -132,9 +132,8 @@ def test_the_file_of_a_model_keeps_the_samples_per_turn(tmp_path):
 
 @pytest.mark.slow
 def test_the_depth_of_wear_is_learned_too():
-    model = LobeModel.train(
-        [slower(one) for one in recordings_with_wear(n=12)], n_splits=0, n_trees=15, wear_um=(5, 200)
-    )
+    model = LobeModel(n_splits=0, n_trees=15, wear_um=(5, 200), random_state=0)
+    model.fit([slower(one) for one in recordings_with_wear(n=12)])
     deep = slower(recording((4, 5, 6), seed=94, turns=2, height=0.6))  # 120 um
     depth = model.count(deep).wear_um
     assert depth.low_um <= 120 <= depth.high_um

@@ -12,7 +12,7 @@ from scipy.special import logsumexp, softmax
 from cyclofeat._base.training import first_weights
 from cyclofeat.counting import LobeModel, RowCounter, passage_of_lobe_zero
 from cyclofeat.counting.estimators import _row_network
-from cyclofeat.counting.model._training import some_of_each_count
+from cyclofeat.counting.model._training import draw_of_each_count
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.models import load_model, save_model
 from cyclofeat.recordings.windower import lobe_windower
@@ -167,7 +167,7 @@ def test_scale_and_mean_of_the_torque_do_not_matter(counter, judged):
 
 @pytest.mark.slow
 def test_model_of_rows_counts_recordings_and_is_small_on_disk(training, judged, tmp_path):
-    model = LobeModel.train(training, n_splits=0, counter="rows")
+    model = LobeModel(n_splits=0, counter="rows", random_state=0).fit(training)
     answers = model.count_all(judged)
     assert np.mean([a.defect_count == r.defect_count for a, r in zip(answers, judged, strict=True)]) >= 0.9
     assert [len(one.lobes) for one in answers] == [one.defect_count for one in answers]
@@ -175,10 +175,12 @@ def test_model_of_rows_counts_recordings_and_is_small_on_disk(training, judged, 
     assert path.stat().st_size < 2e6
     again = load_model(path).count_all(judged)
     assert [one.probability for one in again] == [one.probability for one in answers]
-    n_learned = model.card["n_windows"]
+    n_learned = model.card_["n_windows"]
     whole = sum(len(model.windows(one)) for one in training)
     assert whole < n_learned <= whole + len(training) // 3, "of a third, windows by their lines too"
-    assert LobeModel.train(training, n_splits=0, counter="rows", epochs=2).counter.n_epochs == 2
+    assert (
+        LobeModel(n_splits=0, counter="rows", epochs=2, random_state=0).fit(training).counter_.n_epochs == 2
+    )
 
 
 def test_rejects_lobes_that_are_no_row():
@@ -192,25 +194,27 @@ def test_rejects_lobes_that_are_no_row():
 
 
 def test_model_names_the_counters_that_it_knows():
-    with pytest.raises(ValueError, match="counter must be 'trees' or 'rows', got 'lines'"):
-        LobeModel.train([], counter="lines")
+    with pytest.raises(
+        ValueError, match="counter must be 'trees', 'rows' or a classifier of windows, got 'lines'"
+    ):
+        LobeModel(counter="lines").fit([])
 
 
 def test_more_samples_per_turn_than_trees_use_are_refused():
     with pytest.raises(
         ValueError, match="at most 128 for counter='trees', which uses 44 lobe lines, got 256"
     ):
-        LobeModel.train([], samples_per_turn=256)
+        LobeModel(lobe_windower(samples_per_turn=256)).fit([])
 
 
 def test_what_is_learned_without_its_tachometer_is_a_share_of_each_count():
     """Also where counts come in turn, and their number is a multiple of what the share leaves out."""
     recordings = [SimpleNamespace(defect_count=number % 3) for number in range(36)]
-    some = some_of_each_count(recordings, 1 / 3, 0)
+    some = draw_of_each_count(recordings, 1 / 3, 0)
     assert np.bincount([recordings[k].defect_count for k in some]).tolist() == [4, 4, 4]
-    assert some == sorted({*some}) == some_of_each_count(recordings, 1 / 3, 0)
+    assert some == sorted({*some}) == draw_of_each_count(recordings, 1 / 3, 0)
 
 
 def test_epochs_are_refused_where_they_have_no_effect():
     with pytest.raises(ValueError, match="epochs must be None unless counter='rows', got 80 with counter="):
-        LobeModel.train([], epochs=80)
+        LobeModel(epochs=80).fit([])

@@ -102,8 +102,8 @@ def test_counts_and_depths_of_assemblies_never_seen(unseen):
 def test_each_run_of_a_long_recording_is_learned_with_its_count_and_depth(unseen):
     """Recordings of 2, 5 and 3 output turns hold 1, 2 and 1 runs of two, and windows that are in none."""
     varied = recordings_with_wear(24, turns=(2, 5, 3, 2))
-    model = LobeModel.train(varied, n_splits=0, n_trees=25, wear_um=(5, 200))
-    assert model.wear.accuracy > 0.7
+    model = LobeModel(n_splits=0, n_trees=25, random_state=0, wear_um=(5, 200)).fit(varied)
+    assert model.wear_.accuracy > 0.7
     deep = [one for one in unseen[0] if one.meta["wear_um"] > 50]
     counts = model.count_all(deep)
     assert np.mean([c.defect_count == r.defect_count for r, c in zip(deep, counts, strict=True)]) >= 0.9
@@ -116,25 +116,25 @@ def test_where_no_wear_is_seen_the_answer_says_what_may_be_there(model, unseen):
         assert (count.wear_um.depth_um is None) == (count.defect_count == 0)
     healthy = next(count.wear_um for count in unseen[1] if count.defect_count == 0)
     assert healthy.low_um == 0
-    assert healthy.high_um == model.wear.limit_um
-    assert 5 < model.wear.limit_um < 100
-    assert str(healthy) == f"below what can be seen (up to {model.wear.limit_um:.3g} um may be there)"
+    assert healthy.high_um == model.wear_.limit_um
+    assert 5 < model.wear_.limit_um < 100
+    assert str(healthy) == f"below what can be seen (up to {model.wear_.limit_um:.3g} um may be there)"
 
 
 def test_a_sound_disc_is_as_frequent_as_keeps_false_alarms_rare(model):
     """One healthy run more than 5 % at most; with equal odds each needs as much evidence as the others."""
-    wear = model.wear
+    wear = model.wear_
     n_healthy = sum(not one.defect_count for one in recordings_with_wear(24))
     assert wear.false_alarms <= 0.05 + 1 / n_healthy
     assert wear.sound_odds >= 1
-    assert model.card["wear"]["sound_odds"] == wear.sound_odds
+    assert model.card_["wear"]["sound_odds"] == wear.sound_odds
 
 
 @pytest.mark.parametrize("n_runs", [1, 4])
 def test_odds_of_a_sound_disc_count_once_however_many_runs_there_are(model, n_runs):
     answers = np.full((n_runs, model.classes_.size), 0.6 / (model.classes_.size - 1))
     answers[:, 0] = 0.4
-    equal, seven = (replace(model.wear, sound_odds=odds).probability(answers) for odds in (1.0, 7.0))
+    equal, seven = (replace(model.wear_, sound_odds=odds).probability(answers) for odds in (1.0, 7.0))
     assert_allclose(seven[0] / seven[1:], 7 * equal[0] / equal[1:])
     assert seven.sum() == pytest.approx(1)
 
@@ -162,9 +162,9 @@ def test_a_window_with_a_fault_is_no_part_of_a_run(model):
 
 
 def test_models_without_wear_say_nothing():
-    model = LobeModel.train(recordings_with_wear(4, counts=(0, 3)), n_splits=0, n_trees=10)
-    assert model.wear is None
-    assert "wear" not in model.card
+    model = LobeModel(n_splits=0, n_trees=10, random_state=0).fit(recordings_with_wear(4, counts=(0, 3)))
+    assert model.wear_ is None
+    assert "wear" not in model.card_
     count = model.count(recording((4, 5, 6), seed=77, turns=2))
     assert count.wear_um is None
     assert not any(key.startswith("wear_um") for key in count.to_dict())
@@ -184,8 +184,8 @@ def test_stored_models_state_the_same_depth(model, unseen, tmp_path, suffix):
     if suffix == "skops":
         pytest.importorskip("skops")
     file = save_model(tmp_path / f"model.{suffix}", model)
-    assert read_card(file)["training"]["wear"] == model.card["wear"]
-    assert model.card["wear"]["output_turns"] == 2
+    assert read_card(file)["training"]["wear"] == model.card_["wear"]
+    assert model.card_["wear"]["output_turns"] == 2
     loaded = load_model(file, trusted=True)
     recordings, counts = unseen
     assert loaded.count(recordings[1]).to_dict() == counts[1].to_dict()
@@ -204,6 +204,6 @@ def test_depths_must_be_stated_and_within_the_range(wear_um, message):
     shallow = recording((3,), seed=1, turns=2, meta={"wear_um": 30.0})
     healthy = recording((), seed=2, turns=2)
     with pytest.raises(ValueError, match=message):
-        LobeModel.train([healthy, shallow], wear_um=wear_um)
+        LobeModel(wear_um=wear_um).fit([healthy, shallow])
     with pytest.raises(ValueError, match="that of assembly A1 is None"):
-        LobeModel.train([healthy, shallow.replace(meta={})], wear_um=(5, 200))
+        LobeModel(wear_um=(5, 200)).fit([healthy, shallow.replace(meta={})])

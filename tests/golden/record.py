@@ -27,7 +27,6 @@ import golden_cases as cases  # noqa: E402
 from cyclofeat.counting import LobeLocator, LobeModel, passage_of_lobe_zero  # noqa: E402
 from cyclofeat.datasets import make_rig_recordings  # noqa: E402
 from cyclofeat.models import save_model  # noqa: E402
-from cyclofeat.recordings.windower import lobe_windower  # noqa: E402
 
 PER_COUNT = {"R1": 8, "R2": 12}  # training assemblies of each count
 N_TREES, N_LOCATOR_TREES = 40, 24  # few: the file shall be small
@@ -66,17 +65,20 @@ def record_recordings() -> None:
 
 def record_model() -> None:
     made = [one for rig, n in PER_COUNT.items() for one in surrogates(rig, n, 91)]
-    model = LobeModel.train(
-        made, n_splits=0, n_trees=N_TREES, description=f"{len(made)} simulated assemblies of rigs R1 and R2"
-    )
-    windows = lobe_windower(model.n_lobes).windows(made)
+    model = LobeModel(
+        n_splits=0,
+        n_trees=N_TREES,
+        random_state=0,
+        description=f"{len(made)} simulated assemblies of rigs R1 and R2",
+    ).fit(made)
+    windows = model.windower_.windows(made)
     locator = LobeLocator(
         windows.sampling_rate,
         input_speed_hz=1.0,
         n_trees=N_LOCATOR_TREES,
         random_state=0,
         speed_tolerance=0.0,
-    ).fit(windows.X, windows.worn_table(model.n_lobes), passage_of_lobe_zero(windows.start_angle))
+    ).fit(windows.X, windows.worn_table(model.n_lobes_), passage_of_lobe_zero(windows.start_angle))
     save_model(cases.MODEL, dataclasses.replace(model, locator=locator))
 
 

@@ -191,7 +191,7 @@ def rig_files(tmp_path_factory, surrogates):
     (folder / "arriving").mkdir()
     write_recording(folder / "arriving" / "one.npz", one)
     os.utime(folder / "arriving" / "one.npz", (settled, settled))
-    save_model(folder / "model.skops", LobeModel.train(made, n_splits=0, n_trees=30))
+    save_model(folder / "model.skops", LobeModel(n_splits=0, n_trees=30, random_state=0).fit(made))
     return folder
 
 

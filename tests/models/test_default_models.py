@@ -32,13 +32,13 @@ def test_each_quantity_has_a_small_model_of_this_version(quantity):
     # Models of another version are refused: make default-models.
     assert card["versions"]["cyclofeat"] == __version__
     model = load_default_model(quantity)
-    assert model.card["quantity"] == quantity
+    assert model.card_["quantity"] == quantity
     assert feature_definitions(model) == card["features"]
-    assert model.card["classes"] == list(range(8))
-    low, high = model.card["speeds_rpm"]
+    assert model.card_["classes"] == list(range(8))
+    low, high = model.card_["speeds_rpm"]
     assert low < 110
     assert high > 1400
-    assert "simulated assemblies of rig R2" in model.card["description"]
+    assert "simulated assemblies of rig R2" in model.card_["description"]
 
 
 def test_an_unknown_quantity_is_refused():

@@ -71,7 +71,7 @@ def model(data):
         Recording(x, RATE, assembly=a, defect_count=n, speed_rpm=500)
         for x, n, a in zip(X, counts.tolist(), assemblies.tolist(), strict=True)
     ]
-    return LobeModel.train(recordings, n_splits=0, n_trees=20, description="bumps")
+    return LobeModel(n_splits=0, n_trees=20, random_state=0, description="bumps").fit(recordings)
 
 
 @pytest.fixture
@@ -192,7 +192,7 @@ def test_the_card_tells_what_a_user_must_know(model, tmp_path):
     assert card["training"]["description"] == "bumps"
     assert card["scores"] == {"accuracy": 0.5}
     assert set(card["versions"]) >= {"python", "numpy", "scipy", "scikit-learn", "cyclofeat", "skops"}
-    assert len(card["features"]["columns"]) == model.counter[0].get_feature_names_out().size
+    assert len(card["features"]["columns"]) == model.counter_[0].get_feature_names_out().size
     assert card["features"]["definitions"] == {
         name: REGISTRY[name].version for name in card["features"]["definitions"]
     }
@@ -412,22 +412,9 @@ def test_another_definition_of_a_feature_is_refused_unless_allowed(stored):
     load_model(file, allow=("features",))
 
 
-def test_a_counter_from_a_file_counts_recordings(counters, data, tmp_path):
-    for kind in ("plain", "lobes"):
-        file = save_model(tmp_path / f"{kind}.skops", counters[kind], description="bumps")
-        model = as_lobe_model(load_model(file), read_card(file))
-        assert model.card["description"] == "bumps"
-        count = model.count(Recording(np.tile(data[0][1], 2), RATE, speed_rpm=500))
-        assert (count.defect_count, count.n_windows) == (2, 2)
-        assert not count.refused
-    assert np.isnan(count.distance)
-
-
-def test_a_counter_of_other_windows_is_no_model_of_recordings(counters):
-    with pytest.raises(
-        ValueError, match="one output turn, 5760 samples at 6400 Hz and 1000 RPM, got .* 11520"
-    ):
-        LobeModel.of_counter(counters["plain"], sampling_rate=RATE, input_speed_hz=1000 / 60)
+def test_a_counter_of_windows_is_no_model_of_recordings(stored):
+    with pytest.raises(ValueError, match="must count recordings, got .* which counts windows: train it with"):
+        as_lobe_model(load_model(stored["skops"]))
 
 
 def test_the_file_of_a_model_is_data(stored):

@@ -1,12 +1,13 @@
 """Orders by what they belong to, and a recording beside the training windows."""
 
+import copy
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from small_model import RATE, SPEED, recording, small_model, unlike_training
 
-from cyclofeat import Recording, Windower
-from cyclofeat.counting import LobeModel
+from cyclofeat import Recording
 from cyclofeat.plotting import LobeMapDisplay, OrderDisplay, TrainingDisplay, TrainingMoments
 
 
@@ -78,9 +79,9 @@ def test_orders_refuse(call, message):
 def test_the_nearest_distance_is_the_domain_s_own(model):
     one = recording((4, 5, 6), seed=100, turns=2)
     display = TrainingDisplay.from_estimator(model, one)
-    features = model.counter[:-1].transform(Windower().windows([one]).X)
+    features = model.counter_[:-1].transform(model.windows(one).X)
     assert_allclose(display.features, features)
-    assert_allclose(display.distances.min(axis=1), model.domain.distance(features))
+    assert_allclose(display.distances.min(axis=1), model.domain_.distance(features))
     assert display.classes[display.distances.mean(axis=0).argmin()] == 3
 
 
@@ -158,6 +159,7 @@ def test_training_refuses(model):
         display.plot(kind="x")
     with pytest.raises(ValueError, match=r"counts must be of \[0, 1, 3\], got 2"):
         display.plot(kind="lobe_slot_rms", counts=(2,))
-    without = LobeModel.of_counter(model.counter, sampling_rate=RATE)
+    without = copy.copy(model)
+    without.domain_ = None
     with pytest.raises(ValueError, match="model must have a domain"):
         TrainingDisplay.from_estimator(without, recording(()))

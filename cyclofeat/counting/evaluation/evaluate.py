@@ -315,6 +315,7 @@ class Answers:
         X = self.data.X[test]
         self.folds[test] = self.folds.max() + 1
         classes = np.union1d(self.classes, getattr(fitted, "classes_", self.classes))
+        proba: Float | None = None
         if hasattr(fitted, "count_all"):
             counts = fitted.count_all(X)
             self.counts |= dict(zip(test.tolist(), counts, strict=True))
@@ -322,7 +323,8 @@ class Answers:
             proba = np.array([[count.probability.get(c, 0.0) for c in classes.tolist()] for count in counts])
         else:
             self.predictions[test] = fitted.predict(X)
-            proba = aligned_proba(fitted, X, classes) if hasattr(fitted, "predict_proba") else None
+            if hasattr(fitted, "predict_proba"):
+                proba = aligned_proba(fitted, X, classes)
         if proba is not None:
             # A counter may know counts that the test does not contain, or other folds.
             wider = np.zeros((len(self.data.y), classes.size))
@@ -398,12 +400,20 @@ def score_answers(answers: Answers, protocol: Protocol, conditions: NDArray[Any]
         value, limits = score(expected_calibration_error, sums)
         more |= {"calibration_error": value, "calibration_error_interval": limits}
         more |= {"certainty": answers.certainty, "probabilities": answers.proba}
-    if answers.exact is not None:
-        value, limits = share(answers.exact)
+    exact, reasons = answers.exact, answers.reasons
+    if answers.counts:
+        counts = [answers.counts[row] for row in range(labels.size)]
+        reasons = np.array([count.reason for count in counts])
+        worn = [recording.worn_lobes for recording in answers.data.X]
+        if None not in worn and all(count.absolute for count in counts):
+            exact = np.array([set(c.lobes) == set(lobes) for c, lobes in zip(counts, worn, strict=True)])
+        more["windows"] = score_answers(answers.of_windows(), protocol)
+    if exact is not None:
+        value, limits = share(exact)
         more |= {"exact_lobes": value, "exact_lobes_interval": limits}
-    if answers.reasons is not None:
-        accepted = answers.reasons == ""
-        more |= {"reasons": answers.reasons, "refused": float(np.mean(~accepted))}
+    if reasons is not None:
+        accepted = reasons == ""
+        more |= {"reasons": reasons, "refused": float(np.mean(~accepted))}
         if accepted.any():
             value, limits = share(right, among=accepted)
             more |= {"accepted_accuracy": value, "accepted_accuracy_interval": limits}
@@ -411,8 +421,6 @@ def score_answers(answers: Answers, protocol: Protocol, conditions: NDArray[Any]
         more["by_condition"] = {
             name: float(right[conditions == name].mean()) for name in np.unique(conditions).tolist()
         }
-    if answers.counts:
-        more["windows"] = score_answers(answers.of_windows(), protocol)
     return Evaluation(
         accuracy=accuracy,
         mean_absolute_error=error,

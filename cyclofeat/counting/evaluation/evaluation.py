@@ -155,7 +155,7 @@ class Evaluation:
             "confidence": self.confidence,
             "classes": self.classes.tolist(),
             "confusion": self.confusion.tolist(),
-            "n_windows": int(self.predictions.size),
+            "n_windows" if self.windows is None else "n_recordings": int(self.predictions.size),
             "n_assemblies": int(self.groups.size),
             "protocol": self.protocol,
         }

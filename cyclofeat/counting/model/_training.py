@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +13,15 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
 from cyclofeat._base.arguments import ArgumentError
+from cyclofeat._base.checks import whole
 from cyclofeat.counting.calibration.group_calibrated_counter import GroupCalibratedCounter
 from cyclofeat.counting.calibration.training_domain import features_seen
+from cyclofeat.counting.estimators._lobe_map import held_lobe_map
 from cyclofeat.counting.estimators.lobe_counter import LobeCounter
 from cyclofeat.counting.estimators.lobe_locator import LobeLocator, passage_of_lobe_zero
-from cyclofeat.counting.estimators.pipelines import make_lobe_counter
 from cyclofeat.counting.estimators.row_counter import RowCounter
-from cyclofeat.counting.evaluation.assembly_folds import fewest_assemblies
+from cyclofeat.counting.estimators.trees import CountingTrees
+from cyclofeat.counting.evaluation.assembly_folds import fewest_assemblies, fit_clone
 from cyclofeat.counting.evaluation.evaluate import (
     Answers,
     LabelledData,
@@ -28,10 +30,14 @@ from cyclofeat.counting.evaluation.evaluate import (
     score_answers,
 )
 from cyclofeat.counting.model.turning import Turning, angle_by_lines
+from cyclofeat.features import LobeMap
 from cyclofeat.recordings import Recording, WindowSet
-from cyclofeat.recordings.windower import SAMPLES_PER_TURN, lobe_windower
+from cyclofeat.recordings.windower import SAMPLES_PER_TURN, Windower
 from cyclofeat.signal.lobes import N_LINES, lines_held
 from cyclofeat.signal.windows import Float
+
+if TYPE_CHECKING:
+    from cyclofeat.counting.model.lobe_model import LobeModel
 
 # Share by which a speed may lie outside those of training.
 SPEED_MARGIN = 0.05
@@ -56,13 +62,13 @@ def samples_per_turn_at(
     return per_turn
 
 
-def samples_per_turn_of(
+def common_samples_per_turn(
     recordings: Sequence[Recording], turnings: Sequence[Turning], n_lobes: int, most: int
 ) -> int:
-    """Return how many samples per input turn windows have: what all recordings hold, at most ``most``."""
+    """Return the samples per input turn that all recordings hold, at most ``most``."""
     held = [
-        one.sampling_rate / (turning.speed_hz * (1 + SPEED_MARGIN))
-        for one, turning in zip(recordings, turnings, strict=True)
+        recording.sampling_rate / (turning.speed_hz * (1 + SPEED_MARGIN))
+        for recording, turning in zip(recordings, turnings, strict=True)
     ]
     fewest = int(np.argmin(held))
     per_turn = samples_per_turn_at(recordings[fewest].sampling_rate, turnings[fewest].speed_hz, n_lobes, most)
@@ -77,110 +83,151 @@ def samples_per_turn_of(
     return per_turn
 
 
-def some_of_each_count(recordings: Sequence[Recording], share: float, random_state: int) -> list[int]:
-    """Return the numbers of a random share of the recordings of each count, rounded up."""
+def draw_of_each_count(recordings: Sequence[Recording], share: float, random_state: int | None) -> list[int]:
+    """Return the indices of a random fraction of the recordings of each count, rounded up."""
     random = np.random.default_rng(random_state)
-    counts = np.array([one.defect_count for one in recordings])
-    some: list[int] = []
+    counts = np.array([recording.defect_count for recording in recordings])
+    drawn: list[int] = []
     for count in np.unique(counts):
         of_count = random.permutation(np.flatnonzero(counts == count))
-        some += of_count[: int(np.ceil(share * of_count.size))].tolist()
-    return sorted(some)
+        drawn += of_count[: int(np.ceil(share * of_count.size))].tolist()
+    return sorted(drawn)
 
 
 def windows_to_learn(
-    recordings: Sequence[Recording],
-    turnings: Sequence[Turning],
-    again: Sequence[int],
-    n_lobes: int,
-    samples_per_turn: int,
+    recordings: Sequence[Recording], turnings: Sequence[Turning], again: Sequence[int], windower: Windower
 ) -> WindowSet:
     """Return the windows of recordings, then those of some of them ``again``, as if without tachometer."""
-    number = list(range(len(recordings)))
-    angles = [one.angle for one in turnings]
+    assert windower.reduction is not None
+    index = list(range(len(recordings)))
+    angles = [turning.angle for turning in turnings]
     for k in again:
-        recording, turning = recordings[k], turnings[k]
-        by_lines = None if recording.angle is None else angle_by_lines(recording, turning, n_lobes)
-        if by_lines is not None:
-            number.append(k)
-            angles.append(by_lines)
-    windows = lobe_windower(n_lobes, samples_per_turn).windows([recordings[k] for k in number], angles)
-    return replace(windows, recording=np.array(number)[windows.recording])
+        if recordings[k].angle is not None:
+            by_lines = angle_by_lines(recordings[k], turnings[k], windower.reduction)
+            if by_lines is not None:
+                index.append(k)
+                angles.append(by_lines)
+    windows = windower.windows([recordings[k] for k in index], angles)
+    return replace(windows, recording=np.array(index)[windows.recording])
 
 
-def fitted_counter(
-    windows: WindowSet,
-    made_for: dict[str, Any],
-    protocol: Protocol | None,
-    *,
-    rows: bool,
-    epochs: int | None,
-) -> tuple[BaseEstimator, LobeLocator | LobeCounter | RowCounter | None, dict[str, Any] | None, Float]:
-    """Fit counter and locator (if worn lobes are known); return them, cross-validated scores and features."""
-    member = windows.recording if windows.groups is None else windows.groups
-    n_lobes = made_for["n_lobes"]
-    worn = windows.worn_table(n_lobes)
-    passage = None if worn is None else passage_of_lobe_zero(windows.start_angle, n_lobes)
-    if rows and (worn is None or _any_apart(worn)):
+def counter_of_windows(model: LobeModel) -> Callable[[WindowSet, int], BaseEstimator]:
+    """Return the function that makes the unfitted counter of a model for given windows of discs.
+
+    Raises
+    ------
+    ValueError
+        If options of the model exclude each other.
+    """
+    kind, windower = model.counter, model.windower
+    if isinstance(kind, str) and kind not in ("trees", "rows"):
+        raise ValueError(f"counter must be 'trees', 'rows' or a classifier of windows, got {kind!r}")
+    if kind == "trees" and windower is not None and (windower.samples_per_turn or 0) > SAMPLES_PER_TURN:
         raise ValueError(
-            "recordings must all state an absolute angle and worn_lobes that are neighbours for "
-            "counter='rows', some do not"
+            f"samples_per_turn must be at most {SAMPLES_PER_TURN} for counter='trees', which uses {N_LINES} "
+            f"lobe lines, got {windower.samples_per_turn}"
         )
-    if rows:
-        n_lines = max(N_LINES, round(N_LINES * windows.sampling_rate / SAMPLES_PER_TURN))
-        counter = make_lobe_counter(windows.sampling_rate, kind="rows", **made_for).set_params(
-            n_lines=n_lines, n_epochs=epochs
-        )
-        counter.fit(windows.X, windows.y, groups=member, worn=worn, passage=passage)
-        scores = _held_out_scores(counter.oob_decision_function_, windows, protocol)
-        return counter, counter, scores, features_seen(counter, windows.X)
-    if worn is not None and _any_apart(worn):
-        counter = make_lobe_counter(windows.sampling_rate, kind="lobes", **made_for)
-        scores = _cross_validation(counter, windows.X, windows, protocol, (worn, passage))
-        counter.fit(windows.X, windows.y, groups=member, worn=worn, passage=passage)
-        return counter, counter, scores, features_seen(counter, windows.X)
-    plain = make_lobe_counter(windows.sampling_rate, **made_for)
+    if model.epochs is not None:
+        whole("epochs", model.epochs, 1)
+        if kind != "rows":
+            raise ValueError(
+                f"epochs must be None unless counter='rows', got {model.epochs} with counter={kind!r}"
+            )
+
+    def make(windows: WindowSet, n_lobes: int) -> BaseEstimator:
+        rate, seed = windows.sampling_rate, model.random_state
+        worn = windows.worn_table(n_lobes)
+        of_rows = isinstance(kind, RowCounter) or kind == "rows"
+        if of_rows and (worn is None or _any_apart(worn)):
+            raise ValueError(
+                "recordings must all state an absolute angle and worn_lobes that are neighbours for "
+                "counter='rows', some do not"
+            )
+        if not isinstance(kind, str):
+            counter = clone(kind)
+        elif kind == "rows":
+            n_lines = max(N_LINES, round(N_LINES * rate / SAMPLES_PER_TURN))
+            counter = RowCounter(rate, n_lines=n_lines, n_epochs=model.epochs, random_state=seed)
+        elif worn is not None and _any_apart(worn):
+            counter = LobeCounter(rate, n_trees=model.n_trees, random_state=seed)
+        else:
+            lobe_map = held_lobe_map(rate, 1.0, n_lobes, speed_tolerance=0.0)
+            trees = CountingTrees(n_estimators=model.n_trees, random_state=seed)
+            calibrated = GroupCalibratedCounter(trees, random_state=seed)
+            counter = Pipeline([("lobe_map", lobe_map), ("trees", calibrated)])
+        # The angle is the time of windows: one turn per unit, exactly.
+        known = {"sampling_rate": rate, "input_speed_hz": 1.0, "n_lobes": n_lobes, "speed_tolerance": 0.0}
+        names = [name for name in counter.get_params(deep=True) if name.rpartition("__")[2] in known]
+        return counter.set_params(**{name: known[name.rpartition("__")[2]] for name in names})
+
+    return make
+
+
+def fit_counter(
+    counter: BaseEstimator, windows: WindowSet, n_lobes: int, protocol: Protocol | None
+) -> tuple[Any, dict[str, Any] | None, Float]:
+    """Fit a counter to windows; return it, its cross-validated scores, and the features that it sees."""
+    assert windows.y is not None
+    X, y, worn = windows.X, windows.y, windows.worn_table(n_lobes)
+    metadata = {"groups": windows.recording if windows.groups is None else windows.groups}
+    lobes = None
+    if worn is not None:
+        lobes = worn, passage_of_lobe_zero(windows.start_angle, n_lobes)
+        metadata |= {"worn": lobes[0], "passage": lobes[1]}
+    if isinstance(counter, RowCounter):
+        counter.fit(X, y, **metadata)
+        scores = _scores_of_training(counter.oob_decision_function_, windows, protocol)
+        return counter, scores, features_seen(counter, X)
+    if not (isinstance(counter, Pipeline) and isinstance(counter[0], LobeMap)):
+        scores = _cross_validated_scores(counter, X, windows, protocol, lobes)
+        fitted = fit_clone(counter, X, y, **metadata)
+        return fitted, scores, features_seen(fitted, X)
     # A lobe map learns nothing from other windows, so that all folds can share it.
-    features = np.asarray(plain["lobe_map"].fit_transform(windows.X))
-    # Calibration raises all probabilities to one power, which never changes the count: the scores of the
-    # uncalibrated trees are those of the model.
-    scores = _cross_validation(plain["trees"], features, windows, protocol)
-    random_state = made_for["random_state"]
-    trees = GroupCalibratedCounter(plain["trees"], random_state=random_state)
-    trees.fit(features, windows.y, groups=member)
-    locator = None
-    if worn is not None and passage is not None and worn.any() and not worn.all():
-        locator = LobeLocator(
-            windows.sampling_rate, made_for["input_speed_hz"], n_lobes, random_state=random_state,
-            speed_tolerance=made_for["speed_tolerance"],
-        )  # fmt: skip
-        locator.fit(windows.X, worn, passage)
-    return Pipeline([("lobe_map", plain["lobe_map"]), ("trees", trees)]), locator, scores, features
+    features = np.asarray(counter[0].fit_transform(X))
+    behind = counter[1:] if len(counter) > 2 else counter[-1]
+    scores = _cross_validated_scores(behind, features, windows, protocol, lobes)
+    fitted = fit_clone(behind, features, y, **metadata)
+    steps = fitted.steps if len(counter) > 2 else [(counter.steps[-1][0], fitted)]
+    seen = features_seen(fitted, features) if len(counter) > 2 else features
+    return Pipeline([counter.steps[0], *steps]), scores, seen
 
 
-def _cross_validation(
-    counter: BaseEstimator,
-    X: Float,
-    windows: WindowSet,
-    protocol: Protocol | None,
-    lobes: tuple[Any, Any] | None = None,
+def fit_locator(
+    counter: BaseEstimator, windows: WindowSet, n_lobes: int, random_state: int | None
+) -> LobeLocator | LobeCounter | RowCounter | None:
+    """Return what locates worn lobes: the counter, or a fitted locator where worn lobes are known."""
+    if isinstance(counter, (LobeCounter, RowCounter)):
+        return counter
+    worn = windows.worn_table(n_lobes)
+    if worn is None or not worn.any() or worn.all():
+        return None
+    locator = LobeLocator(windows.sampling_rate, 1.0, n_lobes, random_state=random_state, speed_tolerance=0.0)
+    return locator.fit(windows.X, worn, passage_of_lobe_zero(windows.start_angle, n_lobes))
+
+
+def _cross_validated_scores(
+    counter: BaseEstimator, X: Float, windows: WindowSet, protocol: Protocol | None, lobes: Any
 ) -> dict[str, Any] | None:
     """Return scores with whole assemblies held out; None if there are too few assemblies."""
     if protocol is None or windows.y is None or windows.groups is None:
         return None
     if fewest_assemblies(windows.groups, windows.y) < protocol.n_splits:
         return None
-    scores = evaluate(clone(counter), X, windows.y, windows.groups, lobes=lobes, protocol=protocol).to_dict()
-    # the calibration error of uncalibrated trees is not that of the model
-    return {name: value for name, value in scores.items() if not name.startswith("calibration_error")}
+    uncalibrated = isinstance(counter, GroupCalibratedCounter)
+    if isinstance(counter, GroupCalibratedCounter):
+        # Calibration raises all probabilities to one power, which never changes the count.
+        counter = counter.counter
+    scores = evaluate(counter, X, windows.y, windows.groups, lobes=lobes, protocol=protocol).to_dict()
+    if uncalibrated:  # the calibration error is not that of the model
+        scores = {name: value for name, value in scores.items() if not name.startswith("calibration_error")}
+    return scores
 
 
-def _held_out_scores(proba: Float, windows: WindowSet, protocol: Protocol | None) -> dict[str, Any] | None:
-    """Return scores of what a counter said of assemblies that it had held out; None without folds."""
-    if protocol is None or windows.y is None or windows.groups is None or not np.isfinite(proba).all():
+def _scores_of_training(proba: Float, windows: WindowSet, protocol: Protocol | None) -> dict[str, Any] | None:
+    """Return scores of out-of-fold probabilities; None without folds."""
+    if protocol is None or windows.groups is None or not np.isfinite(proba).all():
         return None
-    data = LabelledData.checked(windows.X, windows.y, windows.groups)
-    answers = Answers.empty(data)
+    answers = Answers.empty(LabelledData.checked(windows.X, windows.y, windows.groups))
     predictions = answers.classes[proba.argmax(axis=1)]
     answers = replace(answers, proba=proba, certainty=proba.max(axis=1), predictions=predictions)
     return score_answers(answers, protocol).to_dict()

@@ -82,8 +82,8 @@ class LobeCount:
     windows : tuple of WindowCount
         The answer of each window.
     wear_um : WearDepth or None
-        Depth of the wear, where the model learned it (:meth:`LobeModel.train`), the recording holds as many
-        output turns as that takes, and it is not refused.
+        Depth of the wear, where the model learned it (``wear_um`` of :class:`LobeModel`), the recording holds
+        as many output turns as that takes, and it is not refused.
     """
 
     defect_count: int

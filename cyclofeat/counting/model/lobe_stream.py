@@ -16,7 +16,6 @@ from cyclofeat.counting.model.lobe_count import LobeCount, WindowCount
 from cyclofeat.counting.model.lobe_model import LobeModel
 from cyclofeat.recordings import Recording
 from cyclofeat.recordings.window_stream import StreamWindow, WindowStream
-from cyclofeat.recordings.windower import lobe_windower
 from cyclofeat.signal.windows import Float
 
 
@@ -43,9 +42,8 @@ class LobeStream:
     sampling_rate : float
         In Hz.
     speed_rpm : float, optional
-        Nominal speed of the input shaft in turns per minute; required without an angle, unless the model has
-        an ``input_speed_hz``. Of a model with a coarser one, that which the rate suits at this speed counts;
-        without a speed, the finest.
+        Nominal speed of the input shaft in turns per minute; required without an angle. Of a model with a
+        coarser one, that which the rate suits at this speed counts; without a speed, the finest.
     angle_is_absolute : bool, default=False
         As of :class:`~cyclofeat.Recording`.
     block_turns : int, optional
@@ -54,8 +52,7 @@ class LobeStream:
     Raises
     ------
     ValueError
-        If the model does not suit the rate or speed, takes windows over time and ``block_turns`` is missing,
-        or a speed is needed and missing.
+        If the model does not suit the rate, or a speed is needed and missing.
 
     Examples
     --------
@@ -84,33 +81,25 @@ class LobeStream:
         self.block_turns = None if block_turns is None else checks.whole("block_turns", block_turns, 1)
         self._labels: dict[str, Any] = {
             "speed_rpm": speed_rpm,
-            "n_lobes": model.n_lobes,
-            "quantity": str(model.card.get("quantity", "output_torque")),
+            "n_lobes": model.n_lobes_,
+            "quantity": str(model.card_.get("quantity", "output_torque")),
         }
         nothing = Recording(np.zeros(8), self.sampling_rate, **self._labels)
         model.check(nothing)  # quantity, rate and stated speed
         if speed_rpm is not None:
             self.model = model.suited_to(nothing)
         self._block = 0
-        if self.block_turns is None:
-            if model.input_speed_hz is not None:
-                raise ValueError(
-                    "block_turns must be given: the model takes windows over time, which are counted in "
-                    "blocks of output turns"
-                )
-        else:
+        if self.block_turns is not None:
             if self.angle_is_absolute:
                 raise ValueError("angle_is_absolute must be False with block_turns: blocks have no angle")
-            speed_hz = model.input_speed_hz if speed_rpm is None else speed_rpm / 60
-            if speed_hz is None:
+            if speed_rpm is None:
                 raise ValueError("speed_rpm must be given (nominal speed of the input) with block_turns")
-            self._block = round(self.block_turns * model.n_lobes / speed_hz * self.sampling_rate)
+            self._block = round(self.block_turns * model.n_lobes_ / (speed_rpm / 60) * self.sampling_rate)
         self._begin()
 
     def _begin(self) -> None:
-        windower = lobe_windower(self.model.n_lobes, self.model.samples_per_turn)
         self._windows = WindowStream(
-            windower, self.sampling_rate, angle_is_absolute=self.angle_is_absolute, **self._labels
+            self.model.windower_, self.sampling_rate, angle_is_absolute=self.angle_is_absolute, **self._labels
         )
         self._pieces: list[Float] = []
         self._n_samples = 0
@@ -176,9 +165,9 @@ class LobeStream:
                 "angle must increase strictly, in rad, also from piece to piece (an angle that starts again "
                 "at each turn: numpy.unwrap)"
             )
-        if steps.max(initial=0.0) > 2 * np.pi * self.model.n_lobes:
+        if steps.max(initial=0.0) > 2 * np.pi * self.model.n_lobes_:
             raise ValueError(
-                f"angle must be in rad and advance by less than an output turn ({self.model.n_lobes} of the "
+                f"angle must be in rad and advance by less than an output turn ({self.model.n_lobes_} of the "
                 f"input) from one sample to the next, got {steps.max():.4g} rad: where that many samples are "
                 "lost, call result() or open a new stream"
             )
@@ -215,7 +204,7 @@ class LobeStream:
             )
         if self._angles is not None:
             turns = (self._angles[1] - self._angles[0]) / (2 * np.pi)
-            doubt = self.model._untrained_speed(turns / (self._n_samples - 1) * self.sampling_rate)
+            doubt = self.model.untrained_speed(turns / (self._n_samples - 1) * self.sampling_rate)
         else:
             assert self.block_turns is not None
             blocks = number(self.block_turns, "output turn")
@@ -235,7 +224,7 @@ class LobeStream:
         stop = windows.start_angle + 2 * np.pi * windows.X.shape[1] / windows.sampling_rate
         assert recording.angle is not None
         stop_s = np.interp(stop, recording.angle, np.arange(recording.n_samples)) / self.sampling_rate
-        faults = window_faults(recording, windows, stop_s, self.model.n_lobes)
+        faults = window_faults(recording, windows, stop_s, self.model.n_lobes_)
         if not self._answers:
             self._first_angle = float(windows.start_angle[0])
         prepared = PreparedWindows(windows, stop_s, faults, "", (), self._first_angle)
@@ -245,7 +234,7 @@ class LobeStream:
 
     def _wear_answers(self, window: Float, fault: str) -> Float | None:
         """Return what the run tells that a window completes; None where it completes none."""
-        wear = self.model.wear
+        wear = self.model.wear_
         if wear is None:
             return None
         self._run = [] if fault else [*self._run, window]
@@ -278,5 +267,5 @@ class LobeStream:
 
     def _keep(self, answered: AnsweredWindows) -> None:
         self._answers.append(answered)
-        classes: NDArray[np.int64] = self.model.classes_
+        classes: NDArray[np.int64] = self.model.counter_.classes_
         self._counted += answered.counts(classes, answered.reasons())

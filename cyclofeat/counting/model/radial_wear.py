@@ -130,7 +130,7 @@ class RadialWear:
         *,
         n_lobes: int,
         n_trees: int = 300,
-        random_state: int = 0,
+        random_state: int | None = 0,
         rows: RowCounter | None = None,
     ) -> RadialWear:
         """Train on windows over the angle of the shaft.
@@ -142,7 +142,7 @@ class RadialWear:
         stated : (depths_um, range_um)
             Depth of each recording's wear in um, not used where no lobe is worn; least and largest depth.
         n_lobes, n_trees, random_state : int
-            As of :meth:`LobeModel.train`.
+            As of :class:`LobeModel`.
         rows : RowCounter, optional
             Counts the runs, with the lobe lines that these hold; worn lobes are known and neighbours.
             Default: trees.
