@@ -32,7 +32,8 @@ class _AddedTorque(Effect):
     place = "load_and_speed"
 
     def overrides(self, hook: str) -> bool:
-        return hook == ("load_fluctuation" if self.place == "load_and_speed" else "change_torque")
+        unused = "change_torque" if self.place == "load_and_speed" else "load_fluctuation"
+        return hook != unused and super().overrides(hook)
 
     def load_fluctuation(
         self, gearbox: CycloidalGearbox, duration: float, random: Generator

@@ -7,13 +7,16 @@ import inspect
 import linecache
 import os
 import sys
+import traceback
 import types
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.effects.effect import Effect
 from cyclofeat.simulators.effects.library import is_known, register_effect
+
+Base = TypeVar("Base", Effect, Simulator)
 
 _PREFIX = "cyclofeat_effects_"
 
@@ -98,7 +101,7 @@ def _run(file: str, text: str, *, replace: bool = False) -> types.ModuleType:
         exec(compile(text, file, "exec"), vars(module))
         for kind in _effects_in(module):
             _register(kind, file, replace=replace)
-        for simulator in _simulators_in(module):
+        for simulator in _classes_in(module, Simulator):
             simulator.__reduce__ = _reduce  # type: ignore[method-assign, assignment]
     except BaseException as error:
         sys.modules.pop(name)
@@ -126,24 +129,17 @@ def _register(kind: type[Effect], file: str, *, replace: bool = False) -> None:
     kind.__reduce__ = _reduce  # type: ignore[method-assign, assignment]
 
 
-def _effects_in(module: types.ModuleType) -> list[type[Effect]]:
-    """Return the public effects that a module defines."""
-    return [
-        kind
-        for name, kind in vars(module).items()
-        if inspect.isclass(kind)
-        and issubclass(kind, Effect)
-        and kind.__module__ == module.__name__
-        and not name.startswith("_")
-    ]
-
-
-def _simulators_in(module: types.ModuleType) -> list[type[Simulator]]:
+def _classes_in(module: types.ModuleType, base: type[Base]) -> list[type[Base]]:
+    """Return the subclasses of a base that a module defines."""
     return [
         kind
         for kind in vars(module).values()
-        if inspect.isclass(kind) and issubclass(kind, Simulator) and kind.__module__ == module.__name__
+        if inspect.isclass(kind) and issubclass(kind, base) and kind.__module__ == module.__name__
     ]
+
+
+def _effects_in(module: types.ModuleType) -> list[type[Effect]]:
+    return [kind for kind in _classes_in(module, Effect) if not kind.__name__.startswith("_")]
 
 
 def _reduce(made: Effect | Simulator) -> tuple[Any, ...]:
@@ -168,9 +164,5 @@ def _line_of(error: Exception, file: str) -> int:
     """Return the line of the file at which an error arose."""
     if isinstance(error, SyntaxError):
         return error.lineno or 1
-    line, trace = 1, error.__traceback__
-    while trace is not None:
-        if trace.tb_frame.f_code.co_filename == file:
-            line = trace.tb_lineno
-        trace = trace.tb_next
-    return line
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+    return lines[-1] or 1 if lines else 1
