@@ -142,12 +142,12 @@ def _effects_in(module: types.ModuleType) -> list[type[Effect]]:
     return [kind for kind in _classes_in(module, Effect) if not kind.__name__.startswith("_")]
 
 
-def _reduce(made: Effect | Simulator) -> tuple[Any, ...]:
+def _reduce(instance: Effect | Simulator) -> tuple[Any, ...]:
     """Pickle with the text that defines the class: other processes do not have the module."""
-    module = sys.modules[type(made).__module__]
+    module = sys.modules[type(instance).__module__]
     text = vars(module)["__effects_text__"]
-    kind: Any = type(made)
-    parameters = {name: getattr(made, name) for name in inspect.signature(kind).parameters}
+    kind: Any = type(instance)
+    parameters = {name: getattr(instance, name) for name in inspect.signature(kind).parameters}
     return _rebuild, (module.__file__, text, kind.__qualname__, parameters)
 
 
@@ -156,8 +156,8 @@ def _rebuild(file: str, text: str, name: str, parameters: dict[str, Any]) -> Eff
     kind = getattr(_run(file, text, replace=True), name)
     if issubclass(kind, Effect):
         _register(kind, file, replace=True)
-    made: Effect | Simulator = kind(**parameters)
-    return made
+    instance: Effect | Simulator = kind(**parameters)
+    return instance
 
 
 def _line_of(error: Exception, file: str) -> int:

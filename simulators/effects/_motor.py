@@ -170,6 +170,10 @@ def motor_effects(gearbox: CycloidalGearbox | None = None) -> tuple[Effect, ...]
     ----------
     gearbox : CycloidalGearbox, default ``CycloidalGearbox.steel()``
 
+    Returns
+    -------
+    tuple of Effect
+
     Examples
     --------
     >>> from cyclofeat.simulators import Rig

@@ -296,22 +296,51 @@ class Effect(BaseEstimator):
         return values
 
     def samples_needed(self, n_samples: int) -> int:
-        """Return the number of samples from which the effect makes ``n_samples``; by default as many."""
+        """Return the number of samples from which the effect makes ``n_samples``; by default as many.
+
+        Parameters
+        ----------
+        n_samples : int
+
+        Returns
+        -------
+        int
+        """
         return n_samples
 
     def check_settings(self) -> None:
         """Raise TypeError or ValueError for wrong settings; by default accept all."""
 
     def needs_simulation(self) -> bool:
-        """Return True unless the effect can be applied to a torque simulated before."""
+        """Return True unless the effect can be applied to a torque simulated before.
+
+        Returns
+        -------
+        bool
+        """
         return any(self.overrides(hook) for hook in _PLACE_OF_HOOK if hook != "change_torque")
 
     def overrides(self, hook: str) -> bool:
-        """Return True if the effect overrides a hook."""
+        """Return True if the effect overrides a hook.
+
+        Parameters
+        ----------
+        hook : str
+            Name of the method.
+
+        Returns
+        -------
+        bool
+        """
         return _overrides(type(self), hook)
 
     def check(self) -> Self:
-        """Return the effect itself; raise TypeError or ValueError for a wrong parameter or setting."""
+        """Return the effect itself; raise TypeError or ValueError for a wrong parameter or setting.
+
+        Returns
+        -------
+        Effect
+        """
         for name, parameter in self.parameters.items():
             parameter.check(f"{name} of {self.effect_id}", getattr(self, name))
         self.check_settings()
@@ -329,6 +358,10 @@ class Effect(BaseEstimator):
         ----------
         random : numpy.random.Generator
             Advances by one number per parameter, so that ranges do not change the draws of others.
+
+        Returns
+        -------
+        Effect
         """
         self.check()
         drawn = {}
@@ -345,6 +378,10 @@ class Effect(BaseEstimator):
         ----------
         random : numpy.random.Generator
             Advances by one number per fitted parameter.
+
+        Returns
+        -------
+        Effect
         """
         drawn = {}
         for name in self.vector_names():
@@ -353,19 +390,39 @@ class Effect(BaseEstimator):
         return self.with_parameters(**drawn)
 
     def with_parameters(self, **values: Any) -> Self:
-        """Return a checked copy with single parameters changed."""
+        """Return a checked copy with single parameters or settings changed.
+
+        Parameters
+        ----------
+        **values : object
+            New values by name.
+
+        Returns
+        -------
+        Effect
+        """
         changed = copy.copy(self)
         if values:
             changed.set_params(**values)
         return changed.check()
 
     def neutral(self) -> Self:
-        """Return a copy whose output equals its input to the last bit."""
+        """Return a copy whose output equals its input to the last bit.
+
+        Returns
+        -------
+        Effect
+        """
         values = {name: p.neutral for name, p in self.parameters.items() if p.neutral is not None}
         return self.with_parameters(**values)
 
     def vector_names(self) -> list[str]:
-        """Return the names of the fitted parameters, in the order of :meth:`to_vector`."""
+        """Return the names of the fitted parameters, in the order of :meth:`to_vector`.
+
+        Returns
+        -------
+        list of str
+        """
         return [name for name, parameter in self.parameters.items() if parameter.prior is not None]
 
     @property
@@ -375,14 +432,23 @@ class Effect(BaseEstimator):
         return next((name for name in names if self.parameters[name].neutral is not None), names[0])
 
     def vector_bounds(self) -> tuple[Float, Float]:
-        """Return lower and upper bounds of :meth:`to_vector`, each of shape (n_fitted,)."""
+        """Return lower and upper bounds of :meth:`to_vector`.
+
+        Returns
+        -------
+        low, high : ndarray, shape (n_fitted,)
+        """
         fitted = [self.parameters[name] for name in self.vector_names()]
         low = [parameter.fit_value(parameter.low) for parameter in fitted]
         high = [parameter.fit_value(parameter.high) for parameter in fitted]
         return np.array(low), np.array(high)
 
     def to_vector(self) -> Float:
-        """Return the fitted parameters, shape (n_fitted,), in logarithms where they are fitted so.
+        """Return the fitted parameters, in logarithms where they are fitted so.
+
+        Returns
+        -------
+        ndarray, shape (n_fitted,)
 
         Raises
         ------
@@ -413,6 +479,10 @@ class Effect(BaseEstimator):
         vector : array-like, shape (n_fitted,)
             Inside :meth:`vector_bounds`.
 
+        Returns
+        -------
+        Effect
+
         Raises
         ------
         ValueError
@@ -425,7 +495,7 @@ class Effect(BaseEstimator):
                 f"vector of {self.effect_id} must have shape ({len(names)},), for {', '.join(names)}, "
                 f"got {values.shape}"
             )
-        given = {}
+        parameters = {}
         for name, value in zip(names, values.tolist(), strict=True):
             parameter = self.parameters[name]
             number = math.exp(min(value, 700.0)) if parameter.log else value
@@ -433,11 +503,16 @@ class Effect(BaseEstimator):
             for bound in (parameter.low, parameter.high):
                 if math.isfinite(bound) and math.isclose(number, bound, rel_tol=1e-12):
                     number = bound
-            given[name] = number
-        return self.with_parameters(**given)
+            parameters[name] = number
+        return self.with_parameters(**parameters)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the effect as a file holds it: its name under ``"effect"``, then parameters and settings.
+
+        Returns
+        -------
+        dict
+            In types that JSON knows.
 
         Examples
         --------
@@ -452,7 +527,13 @@ class Effect(BaseEstimator):
         return {"effect": self.effect_id, **settings_to_file(values)}
 
     def file_keys(self) -> list[str]:
-        """Return the names of the parameters and settings that a file holds: all that no name states."""
+        """Return the names of the parameters and settings that a file holds.
+
+        Returns
+        -------
+        list of str
+            All but ``of`` where the effect's name states it.
+        """
         kind: Any = type(self)  # mypy takes the instances' hash for that of the class
         return [name for name in _arguments(kind) if name != "of" or not isinstance(kind.effect_id, Of)]
 
@@ -482,7 +563,8 @@ def _overrides(kind: type[Effect], hook: str) -> bool:
 def _constructor(cls: type[Effect]) -> Callable[..., None]:
     """Return a constructor that takes the parameters and settings of a class in their order."""
     kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
-    defaults = {name: one.default_value() for name, one in cls.parameters.items()} | dict(cls.settings)
+    defaults: dict[str, Any] = {key: value.default_value() for key, value in cls.parameters.items()}
+    defaults |= cls.settings
     arguments = [inspect.Parameter(name, kind, default=value) for name, value in defaults.items()]
     signature = inspect.Signature([inspect.Parameter("self", kind), *arguments])
 

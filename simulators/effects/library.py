@@ -106,6 +106,11 @@ def register_effect(kind: Kind, *, replace: bool = False) -> Kind:
     replace : bool, default False
         Replace another registered effect of that name; effects of the toolkit are never replaced.
 
+    Returns
+    -------
+    Effect subclass
+        The class itself.
+
     Raises
     ------
     TypeError
@@ -155,6 +160,10 @@ def is_known(kind: type[Effect]) -> bool:
 
 def unregister_effect(effect_id: str) -> None:
     """Remove a registered effect from those known.
+
+    Parameters
+    ----------
+    effect_id : str
 
     Raises
     ------
