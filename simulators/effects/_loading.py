@@ -10,13 +10,11 @@ import sys
 import traceback
 import types
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.effects.effect import Effect
 from cyclofeat.simulators.effects.library import is_known, register_effect
-
-Base = TypeVar("Base", Effect, Simulator)
 
 _PREFIX = "cyclofeat_effects_"
 
@@ -129,7 +127,7 @@ def _register(kind: type[Effect], file: str, *, replace: bool = False) -> None:
     kind.__reduce__ = _reduce  # type: ignore[method-assign, assignment]
 
 
-def _classes_in(module: types.ModuleType, base: type[Base]) -> list[type[Base]]:
+def _classes_in(module: types.ModuleType, base: type[Any]) -> list[type[Any]]:
     """Return the subclasses of a base that a module defines."""
     return [
         kind
