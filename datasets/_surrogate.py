@@ -43,7 +43,7 @@ def make_rig_recordings(
     duration: float | None = None,
     output_turns: float | None = None,
     sampling_rate: float = 25_600.0,
-    random_state: int = 0,
+    random_state: int | None = None,
     n_jobs: int = 1,
     with_angle: bool = False,
     progress: Callable[[int, int], object] | None = None,
@@ -88,8 +88,9 @@ def make_rig_recordings(
         Length in turns of the output at the nominal speed, instead of ``duration``.
     sampling_rate : float, default 25600
         In Hz.
-    random_state : int, default 0
-        Seed. The same arguments give the same recordings, to the last bit, for every ``n_jobs``.
+    random_state : int, optional
+        Seed. The same arguments give the same recordings, to the last bit, for every ``n_jobs``. Default:
+        other recordings each time.
     n_jobs : int, default 1
         Number of threads; -1 for all processors. ``joblib.parallel_config`` chooses other workers.
     with_angle : bool, default False
@@ -147,7 +148,7 @@ def make_rig_recordings(
 
     Examples
     --------
-    >>> recordings = make_rig_recordings(1, [0, 2], rig="R0", duration=0.1)
+    >>> recordings = make_rig_recordings(1, [0, 2], rig="R0", duration=0.1, random_state=0)
     >>> [(r.assembly, r.defect_count, r.source, r.n_samples) for r in recordings]
     [('R0-0-0000', 0, 'surrogate', 2560), ('R0-0-0001', 2, 'surrogate', 2560)]
 
@@ -156,14 +157,14 @@ def make_rig_recordings(
     >>> from cyclofeat.simulators import Hum, Quantisation, TorqueMeterLowPass
     >>> effects = [Quantisation(0.05, 102.4), TorqueMeterLowPass(300.0), Hum((0.05, 0.3))]
     >>> rig = rig_preset("R0").with_added(*effects)
-    >>> (one,) = make_rig_recordings(1, [2], rig=rig, duration=0.1)
+    >>> (one,) = make_rig_recordings(1, [2], rig=rig, duration=0.1, random_state=0)
     >>> [effect["effect"] for effect in one.meta["effects"][-3:]]
     ['noise', 'hum', 'quantisation']
     """
     run = _Run(
-        _rig_of(rig), _recording_length(duration, output_turns), sampling_rate, random_state, with_angle,
-        solver, _positive_range("speed_rpm", speed_rpm, "RPM"), _positive_range("load_nm", load_nm, "Nm"),
-        quantity,
+        _rig_of(rig), _recording_length(duration, output_turns), sampling_rate, checks.seed(random_state),
+        with_angle, solver, _positive_range("speed_rpm", speed_rpm, "RPM"),
+        _positive_range("load_nm", load_nm, "Nm"), quantity,
     )  # fmt: skip
     counts = checks.defect_counts(defect_counts, run.rig.gearbox.n_lobes)
     checks.n_jobs(n_jobs)
@@ -194,7 +195,7 @@ def make_rig_recording(
     *,
     duration: float = 1.8,
     sampling_rate: float = 25_600.0,
-    random_state: int = 0,
+    random_state: int | None = None,
     with_angle: bool = False,
     quantity: str = "output_torque",
 ) -> Recording:
@@ -222,7 +223,7 @@ def make_rig_recording(
     Examples
     --------
     >>> from cyclofeat.simulators import LobeDefects
-    >>> recording = make_rig_recording("R0", LobeDefects.worn((0, 4)), duration=0.1)
+    >>> recording = make_rig_recording("R0", LobeDefects.worn((0, 4)), duration=0.1, random_state=0)
     >>> recording.worn_lobes, recording.source, recording.assembly
     ((0, 4), 'surrogate', 'R0-0-0000')
     """
@@ -231,8 +232,8 @@ def make_rig_recording(
     defects = LobeDefects.healthy() if defects is None else defects
     checks.check_type("defects", defects, LobeDefects)
     run = _Run(
-        _rig_of(rig), _recording_length(duration, None), sampling_rate, random_state, with_angle,
-        quantity=quantity,
+        _rig_of(rig), _recording_length(duration, None), sampling_rate, checks.seed(random_state),
+        with_angle, quantity=quantity,
     )  # fmt: skip
     ((_, recording),) = _recordings(run, [defects], "exact", 1)
     return recording
@@ -255,7 +256,6 @@ class _Run:
     def __post_init__(self) -> None:
         checks.one_of("quantity", self.quantity, QUANTITIES)
         checks.positive("sampling_rate", self.sampling_rate, "a number of Hz")
-        checks.whole("random_state", self.random_state, 0)
         duration = self.duration_at(self.rig)
         if round(duration * self.sampling_rate) < 2:
             raise ValueError(

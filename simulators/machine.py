@@ -28,7 +28,9 @@ _CURRENT = 4
 
 
 def seed_sequence(random_state: Any, name: str = "random_state") -> np.random.SeedSequence:
-    """Return the SeedSequence of a whole number; one given is returned as it is."""
+    """Return the SeedSequence of a whole number, a new one for None, or one given as it is."""
+    if random_state is None:
+        return np.random.SeedSequence()
     if isinstance(random_state, np.random.SeedSequence):
         return random_state
     if not is_whole(random_state):

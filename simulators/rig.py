@@ -376,7 +376,7 @@ class Rig:
         *,
         duration: float = 1.8,
         sampling_rate: float = 25_600.0,
-        random_state: RandomState = 0,
+        random_state: RandomState | None = None,
         start_angle: float | None = None,
         settled: bool = True,
         quantity: str = "output_torque",
@@ -392,8 +392,8 @@ class Rig:
             Length of the record in s.
         sampling_rate : float, default 25600
             Stated rate of the converter in Hz (:class:`cyclofeat.simulators.ClockError`).
-        random_state : int or numpy.random.SeedSequence
-            Equal seeds give equal records, to the last bit.
+        random_state : int or numpy.random.SeedSequence, optional
+            Equal seeds give equal records, to the last bit. Default: another record each time.
         start_angle : float, optional
             Angle of the input in rad when it starts from rest. Default: random within one output turn.
         settled : bool, default True
@@ -434,7 +434,7 @@ class Rig:
         *,
         duration: float = 1.8,
         sampling_rate: float = 25_600.0,
-        random_state: RandomState = 0,
+        random_state: RandomState | None = None,
         assembly: RandomState | None = None,
         start_angle: float | None = None,
         settled: bool = True,
@@ -468,7 +468,7 @@ class Rig:
         One simulation, recorded by two chains of measurement:
 
         >>> from cyclofeat.simulators import Offset
-        >>> run = Rig().plan_run(duration=0.1).simulate()
+        >>> run = Rig().plan_run(duration=0.1, random_state=0).simulate()
         >>> shifted = run.record([Offset(0.5)])
         >>> float((shifted.torque_out - run.record().torque_out).mean().round(6))
         0.5

@@ -137,8 +137,8 @@ def check_middle(campaign: Campaign) -> None:
     try:
         rig = campaign.rig_at(campaign.medians())
         planned = rig.plan_run(
-            duration=duration, sampling_rate=campaign.sampling_rate, settled=rig.has_motor, torque_in=False,
-            motion=False,
+            duration=duration, sampling_rate=campaign.sampling_rate, random_state=0, settled=rig.has_motor,
+            torque_in=False, motion=False,
         )  # fmt: skip
         (run,) = sample_runs([planned], kernel=campaign.kernel)
         if isinstance(run, ValueError):

@@ -76,7 +76,7 @@ def test_what_keep_returns_is_kept(labelled):
 
 @pytest.mark.slow
 def test_many_recordings_are_each_in_their_place():
-    options = {"rig": "R0", "duration": 0.002, "kernel": "auto"}
+    options = {"rig": "R0", "duration": 0.002, "kernel": "auto", "random_state": 0}
     many = make_rig_recordings(210, [0, 2], keep=lambda one: one, **options)
     assert [one.assembly for one in many] == [f"R0-0-{k:04d}" for k in range(420)]
     assert many[-4:] == make_rig_recordings(2, [0, 2], first_assembly=208, **options)
@@ -101,7 +101,7 @@ def test_each_quantity_is_recorded_by_its_own_chain():
     kept = make_rig_recordings(1, [3], rig=own, quantity="motor_current", **length)[0].meta["effects"]
     assert [effect["effect"] for effect in kept][-1] == "cogging"  # a rig's own motor stays as it is
     with pytest.raises(ValueError, match="quantity must be one of 'output_torque', .* got 'torque'"):
-        make_rig_recordings(1, [0], quantity="torque")
+        make_rig_recordings(1, [0], quantity="torque", random_state=0)
 
 
 def test_recordings_are_labelled_as_surrogates_with_nominal_speed_and_load(labelled):
@@ -153,7 +153,7 @@ def test_lobes_and_wheels_are_random_and_follow_their_pattern():
     assert len({recording.worn_lobes for recording in made}) >= 10
     both = sum(recording.meta["wheels_from_1"] == [1, 2] for recording in made)
     assert 4 <= both <= 26  # 15 +- 2.7
-    scattered = make_rig_recordings(4, [3], lobes="random", wheels=(1,), **SHORT)
+    scattered = make_rig_recordings(4, [3], lobes="random", wheels=(1,), random_state=0, **SHORT)
     assert all(recording.meta["wheels_from_1"] == [2] for recording in scattered)
     assert any(np.diff(recording.worn_lobes).max() > 2 for recording in scattered)
 
@@ -201,7 +201,7 @@ def test_seeds_and_rigs_make_other_assemblies():
 def test_noise_is_white_and_changes_nothing_else():
     n = 25_600
     clean, noisy = (
-        make_rig_recordings(1, [1], rig=Rig.r0().with_effects(Noise(noise)), duration=1.0)[0]
+        make_rig_recordings(1, [1], rig=Rig.r0().with_effects(Noise(noise)), duration=1.0, random_state=0)[0]
         for noise in (0.0, 0.5)
     )
     noise = noisy.torque - clean.torque
@@ -211,7 +211,7 @@ def test_noise_is_white_and_changes_nothing_else():
     *others, noise_of_it = noisy.meta["effects"]
     assert noise_of_it == {"effect": "noise", "rms_nm": 0.5, "exponent": 0.0}
     assert noisy.meta | {"effects": [*others, {**noise_of_it, "rms_nm": 0.0}]} == clean.meta
-    default = make_rig_recordings(1, [1], rig="R0", duration=1.0)[0]
+    default = make_rig_recordings(1, [1], rig="R0", duration=1.0, random_state=0)[0]
     assert (default.torque - clean.torque).std() == pytest.approx(0.2, rel=4 / math.sqrt(2 * n))
 
 
@@ -246,8 +246,8 @@ def test_the_record_starts_after_settling(quiet):
 @pytest.mark.slow
 def test_drift_moves_the_load():
     slow = Rig.r1().without("noise")
-    drifting = make_rig_recordings(8, [0], rig=slow, duration=0.6)
-    still = make_rig_recordings(8, [0], rig=slow.without("load_drift"), duration=0.6)
+    drifting = make_rig_recordings(8, [0], rig=slow, duration=0.6, random_state=0)
+    still = make_rig_recordings(8, [0], rig=slow.without("load_drift"), duration=0.6, random_state=0)
     offsets = [one.torque.mean() - other.torque.mean() for one, other in zip(drifting, still, strict=True)]
     # rms of eight means over 0.6 s: 3 Nm, a little smoothed, +- 25 %
     assert 1 < math.sqrt(np.mean(np.square(offsets))) < 5
@@ -260,7 +260,9 @@ def test_a_rig_of_ones_own():
     mine = Rig(
         name="mine", gearbox=CycloidalGearbox.steel(n_pins=14, load_torque=18.0, input_speed=40 * math.pi / 3)
     )
-    made = make_rig_recordings(1, [0, 9], rig=mine, duration=0.05, sampling_rate=10_000, lobes="random")
+    made = make_rig_recordings(
+        1, [0, 9], rig=mine, duration=0.05, sampling_rate=10_000, lobes="random", random_state=0
+    )
     assert {r.assembly for r in made} == {"mine-0-0000", "mine-0-0001"}
     assert {(r.speed_rpm, r.load_nm, r.n_samples) for r in made} == {(400.0, 18.0, 500)}
     assert max(made[1].worn_lobes) <= 12
@@ -288,9 +290,9 @@ def test_effects_of_a_rig_are_drawn_applied_and_listed(tmp_path):
     rig = Rig(effects=[Quantisation(0.25), Hum((0.1, 0.4)), BrakeRotor((0.01, 0.03), 1e4, 0.05)])
     rig.to_json(tmp_path / "rig.json")
     made = make_rig_recordings(
-        2, [0, 2], rig=Rig.from_json(tmp_path / "rig.json"), duration=0.05, with_angle=True
+        2, [0, 2], rig=Rig.from_json(tmp_path / "rig.json"), duration=0.05, with_angle=True, random_state=0
     )
-    again = make_rig_recordings(2, [0, 2], rig=rig, duration=0.05, with_angle=True, n_jobs=2)
+    again = make_rig_recordings(2, [0, 2], rig=rig, duration=0.05, with_angle=True, n_jobs=2, random_state=0)
     assert made == again  # the same bytes from a file and for any number of processes
     assert [one.torque.tobytes() for one in made] == [one.torque.tobytes() for one in again]
     drawn = []
@@ -313,7 +315,7 @@ def test_effects_of_a_rig_are_drawn_applied_and_listed(tmp_path):
 def test_each_recording_has_one_of_a_rigs_variants(tmp_path):
     variants = [[Hum(0.1 + 0.01 * k)] for k in range(9)]
     Rig(variants=variants).to_json(tmp_path / "rig.json")
-    rig, some = Rig.from_json(tmp_path / "rig.json"), {"duration": 0.05}
+    rig, some = Rig.from_json(tmp_path / "rig.json"), {"duration": 0.05, "random_state": 0}
     made = make_rig_recordings(4, [0, 2], rig=rig, **some)
     hums = [recording.meta["effects"][0]["amplitude_nm"] for recording in made]
     assert len(set(hums)) > 3
@@ -324,7 +326,7 @@ def test_each_recording_has_one_of_a_rigs_variants(tmp_path):
 
 def test_one_effect_more_leaves_the_assembly_as_it_is():
     plain, offset = (
-        make_rig_recordings(1, [2], rig=Rig.r2().with_added(*effects), duration=0.05)[0]
+        make_rig_recordings(1, [2], rig=Rig.r2().with_added(*effects), duration=0.05, random_state=0)[0]
         for effects in ((), (Offset(0.5),))
     )
     np.testing.assert_allclose(offset.torque, plain.torque + 0.5, rtol=1e-12)
@@ -408,14 +410,14 @@ def test_one_recording_of_given_defects_is_the_first_of_many():
 
 
 def test_removed_lobes_are_counted_and_named():
-    one = make_rig_recording("R0", LobeDefects.removed((3,), wheels=(0,)), duration=0.05)
+    one = make_rig_recording("R0", LobeDefects.removed((3,), wheels=(0,)), duration=0.05, random_state=0)
     assert (one.defect_count, one.worn_lobes, one.source) == (1, None, "surrogate")
     assert [one.meta[f"{name}_from_1"] for name in ("worn_lobes", "removed_lobes", "wheels")] == [
         [],
         [4],
         [1],
     ]
-    healthy = make_rig_recording("R0", duration=0.05)
+    healthy = make_rig_recording("R0", duration=0.05, random_state=0)
     assert (healthy.defect_count, healthy.worn_lobes, healthy.meta["wheels_from_1"]) == (0, (), [])
 
 
@@ -425,7 +427,7 @@ def test_removed_lobes_are_counted_and_named():
 )
 def test_defects_that_are_none_are_refused(defects, message):
     with pytest.raises((TypeError, ValueError), match=message):
-        make_rig_recording("R0", defects, duration=0.05)
+        make_rig_recording("R0", defects, duration=0.05, random_state=0)
 
 
 # Progress and failure
@@ -448,7 +450,7 @@ def test_batches_make_the_recordings_of_the_exact_kernel():
 @pytest.mark.slow
 def test_what_batches_refuse_is_an_error_or_left_to_the_exact_kernel():
     coarse = Rig(CycloidalGearbox.steel(profile_points=900), name="coarse")
-    options = {"rig": coarse, "duration": 0.02}
+    options = {"rig": coarse, "duration": 0.02, "random_state": 0}
     with pytest.raises(ValueError, match="coarse.*polyline.*give kernel='auto'"):
         make_rig_recordings(1, [0], kernel="batch", **options)
     (auto,) = make_rig_recordings(1, [0], kernel="auto", **options)
@@ -458,7 +460,9 @@ def test_what_batches_refuse_is_an_error_or_left_to_the_exact_kernel():
 
 def test_progress_is_reported():
     seen = []
-    make_rig_recordings(2, [0, 1], progress=lambda done, total: seen.append((done, total)), **SHORT)
+    make_rig_recordings(
+        2, [0, 1], progress=lambda done, total: seen.append((done, total)), random_state=0, **SHORT
+    )
     assert seen == [(1, 4), (2, 4), (3, 4), (4, 4)]
 
 
@@ -469,14 +473,14 @@ def test_an_error_in_the_callback_stops_the_work(n_jobs):
 
     # In threads: two processes take seconds to start.
     with parallel_config("threading"), pytest.raises(KeyError, match="enough"):
-        make_rig_recordings(4, [0, 1], progress=stop, n_jobs=n_jobs, **SHORT)
+        make_rig_recordings(4, [0, 1], progress=stop, n_jobs=n_jobs, random_state=0, **SHORT)
 
 
 @pytest.mark.parametrize("n_jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_diverged_run_names_its_assembly(n_jobs):
     stiff = Rig.r1().replace(gearbox=CycloidalGearbox.steel(stiffness_scale=1e3))
     with pytest.raises(SimulationDiverged, match=r"assembly R1-0-0000 \(worn lobes .*stiffness") as caught:
-        make_rig_recordings(1, [2, 3], rig=stiff, duration=0.05, n_jobs=n_jobs)
+        make_rig_recordings(1, [2, 3], rig=stiff, duration=0.05, n_jobs=n_jobs, random_state=0)
     assert "diverged at t =" in str(caught.value)
     assert caught.value.time > 0
     assert "the contact of wheel" in caught.value.contact
@@ -511,7 +515,7 @@ def test_a_rig_that_never_settles_is_refused():
     with pytest.raises(
         ValueError, match=r"rig R1: assembly R1-0-0000: .* more damping: .* settles in .* raise"
     ):
-        make_rig_recordings(1, [0], rig=ringing)
+        make_rig_recordings(1, [0], rig=ringing, random_state=0)
 
 
 @pytest.mark.parametrize(
@@ -546,12 +550,19 @@ def test_a_rig_that_never_settles_is_refused():
 def test_bad_arguments_are_named(arguments, message):
     given = {"n_assemblies": 1, "duration": 0.05} | arguments
     with pytest.raises((TypeError, ValueError), match=message):
-        make_rig_recordings(**given)
+        make_rig_recordings(random_state=0, **given)
 
 
 def test_speeds_and_loads_are_drawn_per_assembly():
     made = make_rig_recordings(
-        3, [0, 2], rig="R0", speed_rpm=(300, 1500), load_nm=(3, 40), output_turns=0.1, sampling_rate=5000
+        3,
+        [0, 2],
+        rig="R0",
+        speed_rpm=(300, 1500),
+        load_nm=(3, 40),
+        output_turns=0.1,
+        sampling_rate=5000,
+        random_state=0,
     )
     speeds, loads = ([getattr(one, name) for one in made] for name in ("speed_rpm", "load_nm"))
     assert len(set(speeds)) == len(set(loads)) == 6
@@ -562,7 +573,14 @@ def test_speeds_and_loads_are_drawn_per_assembly():
         assert one.meta["true_speed_rpm"] == pytest.approx(one.speed_rpm, rel=0.0101)
         assert one.torque.mean() == pytest.approx(one.load_nm, rel=0.5)
     again = make_rig_recordings(
-        1, [0], rig="R0", speed_rpm=(300, 1500), load_nm=(3, 40), output_turns=0.1, sampling_rate=5000
+        1,
+        [0],
+        rig="R0",
+        speed_rpm=(300, 1500),
+        load_nm=(3, 40),
+        output_turns=0.1,
+        sampling_rate=5000,
+        random_state=0,
     )
     assert again[0] == made[0]
 
@@ -570,13 +588,13 @@ def test_speeds_and_loads_are_drawn_per_assembly():
 def test_load_drift_shrinks_with_the_load():
     drifts = []
     for load in (11.0, 22.0, 40.0):
-        (one,) = make_rig_recordings(1, [0], rig="R0", load_nm=load, duration=0.05)
+        (one,) = make_rig_recordings(1, [0], rig="R0", load_nm=load, duration=0.05, random_state=0)
         (drift,) = (e for e in one.meta["effects"] if e["effect"] == "load_drift")
         drifts.append(drift["rms_nm"])
     assert drifts == [1.5, 3.0, 3.0]
     rig = rig_preset("R0").with_effects(Drift(uniform(1.0, 2.0)))
     with pytest.raises(ValueError, match="load_nm scales the load drift"):
-        make_rig_recordings(1, [0], rig=rig, load_nm=11.0, duration=0.05)
+        make_rig_recordings(1, [0], rig=rig, load_nm=11.0, duration=0.05, random_state=0)
 
 
 @pytest.mark.parametrize(

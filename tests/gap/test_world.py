@@ -238,7 +238,7 @@ def test_slips_tell_a_sawtooth_from_its_mirror_image_and_from_a_drift():
 
 
 def test_a_session_of_measured_recordings_has_the_summaries_of_the_world():
-    run = Rig(effects=[Noise(0.05)]).simulate(duration=2.0, sampling_rate=RATE)
+    run = Rig(effects=[Noise(0.05)]).simulate(duration=2.0, sampling_rate=RATE, random_state=0)
     backwards = Session.of([-run.torque_out], RATE, [(500, 22, -1)], counts=[3])
     forwards = Session.of([run.torque_out], RATE, [(500, 22, 1)])
     np.testing.assert_array_equal(backwards.values, forwards.values)

@@ -329,9 +329,9 @@ class Own(Simulator):
         ),
         (lambda: Motor(inertia=0.0), "inertia must be positive and finite, got 0.0"),
         (lambda: Motor(slots=0), "slots must be at least 1, got 0"),
-        (lambda: Rig().simulate(quantity="power"), "quantity must be one of 'output_torque'"),
+        (lambda: Rig().simulate(quantity="power", random_state=0), "quantity must be one of 'output_torque'"),
         (
-            lambda: Rig(simulator=Own()).simulate(quantity="input_torque"),
+            lambda: Rig(simulator=Own()).simulate(quantity="input_torque", random_state=0),
             "quantity must be 'output_torque' for a rig with a simulator of its own",
         ),
     ],

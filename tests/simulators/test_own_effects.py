@@ -82,7 +82,7 @@ def test_parameters_and_one_method_are_all_that_it_takes() -> None:
     assert made.vector_names() == ["size_nm", "offset"]
     with pytest.raises(TypeError, match="multiple values|unexpected|too many"):
         SlowClicks(1.0, 2.0, 3.0)
-    plain, clicks = (Rig(effects=some).simulate(**SHORT) for some in ([], [SlowClicks(2.0)]))
+    plain, clicks = (Rig(effects=some).simulate(random_state=0, **SHORT) for some in ([], [SlowClicks(2.0)]))
     np.testing.assert_allclose(clicks.torque_out, plain.torque_out + 2.0)
 
 
@@ -183,11 +183,16 @@ def test_a_file_s_effect_goes_everywhere(lash: Any, tmp_path: Path) -> None:
     assert Rig.from_json(tmp_path / "rig.json") == rig
     found = json.loads((tmp_path / "rig.json").read_text(encoding="utf-8"))["effects"][1]
     assert found == {"effect": "gear_lash", "height_nm": [0.5, 1.5], "rate_hz": 100.0}
-    run, without = (one.simulate(LobeDefects.worn(2), **SHORT) for one in (rig, rig.without("gear_lash")))
+    run, without = (
+        one.simulate(LobeDefects.worn(2), random_state=0, **SHORT) for one in (rig, rig.without("gear_lash"))
+    )
     height = rig.draw(0).effects[1].height_nm
     struck = run.torque_out - without.torque_out
     assert set(struck.round(9)) == {0.0, round(height, 9)}
-    one, two = (make_rig_recordings(2, [0, 2], rig=rig, duration=0.05, n_jobs=n_jobs) for n_jobs in (1, 2))
+    one, two = (
+        make_rig_recordings(2, [0, 2], rig=rig, duration=0.05, n_jobs=n_jobs, random_state=0)
+        for n_jobs in (1, 2)
+    )
     assert one == two
     assert {each.meta["effects"][1]["effect"] for each in one} == {"gear_lash"}
     campaign = Campaign(rig=rig)

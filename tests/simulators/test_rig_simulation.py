@@ -55,17 +55,19 @@ CHAIN = [
 def test_the_order_given_does_not_matter_between_places():
     shuffled = [CHAIN[k] for k in (7, 3, 4, 0, 5, 2, 6, 1)]  # the sensor's three stay in turn
     assert Rig(STEEL, shuffled).effects == tuple(CHAIN)
-    one, other = (Rig(STEEL, effects).simulate(**SHORT) for effects in (CHAIN, shuffled))
+    one, other = (Rig(STEEL, effects).simulate(random_state=0, **SHORT) for effects in (CHAIN, shuffled))
     assert one.torque_out.tobytes() == other.torque_out.tobytes()
 
 
 def test_effects_of_one_place_are_applied_in_the_order_given():
-    plain = Rig(STEEL).simulate(**SHORT).torque_out
+    plain = Rig(STEEL).simulate(random_state=0, **SHORT).torque_out
     for effects, expected in (
         ([Gain(2.0), Offset(1.0)], 2 * plain + 1),
         ([Offset(1.0), Gain(2.0)], 2 * (plain + 1)),
     ):
-        np.testing.assert_array_equal(Rig(STEEL, effects).simulate(**SHORT).torque_out, expected)
+        np.testing.assert_array_equal(
+            Rig(STEEL, effects).simulate(random_state=0, **SHORT).torque_out, expected
+        )
 
 
 def test_every_pair_of_the_library_is_sorted_by_place():
@@ -78,8 +80,8 @@ def test_effects_added_to_a_rig_come_after_its_own():
     own = Rig(STEEL, [Noise(0.3), Offset(1.0)])
     added = own.with_added(Quantisation(0.25), Gain(2.0))
     assert added.effects == (Noise(0.3), Offset(1.0), Gain(2.0), Quantisation(0.25))
-    before = own.simulate(**SHORT).torque_out
-    found = added.simulate(**SHORT).torque_out
+    before = own.simulate(random_state=0, **SHORT).torque_out
+    found = added.simulate(random_state=0, **SHORT).torque_out
     np.testing.assert_allclose(found, 0.25 * np.rint(2 * before / 0.25), atol=1e-12)
 
 
@@ -133,7 +135,7 @@ NEUTRAL = [effect.neutral() for effect in known_effects(proposed=True).values()]
 @pytest.mark.parametrize("effects", [[], NEUTRAL], ids=len)
 def test_without_effects_and_from_rest_it_is_simulate(effects):
     options = {"duration": 0.1, "sampling_rate": FS, "start_angle": 0.7, "forces": True}
-    found = Rig(STEEL, effects).simulate(LobeDefects.worn(1), settled=False, **options)
+    found = Rig(STEEL, effects).simulate(LobeDefects.worn(1), settled=False, random_state=0, **options)
     plain = simulate(STEEL, LobeDefects.worn(1), **options)
     for item in dataclasses.fields(plain):
         if isinstance(getattr(plain, item.name), np.ndarray):
@@ -142,7 +144,9 @@ def test_without_effects_and_from_rest_it_is_simulate(effects):
 
 
 def test_from_rest_the_low_pass_starts_at_rest():
-    run = Rig(STEEL, [TorqueMeterLowPass(20.0)]).simulate(settled=False, duration=0.1, sampling_rate=FS)
+    run = Rig(STEEL, [TorqueMeterLowPass(20.0)]).simulate(
+        settled=False, duration=0.1, sampling_rate=FS, random_state=0
+    )
     plain = simulate(STEEL, duration=0.1, sampling_rate=FS, start_angle=run.input_angle[0])
     padded = np.r_[np.full(20_000, plain.torque_out[0]), plain.torque_out]
     context = TorqueContext(from_rest=True)
@@ -151,18 +155,20 @@ def test_from_rest_the_low_pass_starts_at_rest():
 
 
 def test_the_record_begins_settled_by_default():
-    run = Rig(STEEL).simulate(**SHORT)
+    run = Rig(STEEL).simulate(random_state=0, **SHORT)
     assert run.torque_out.size == run.input_angle.size == 640
     assert abs(run.torque_out.mean() - 22) < 0.1
-    assert Rig(STEEL).simulate(settled=False, **SHORT).torque_out.mean() < 6
+    assert Rig(STEEL).simulate(settled=False, random_state=0, **SHORT).torque_out.mean() < 6
 
 
 # Each effect in the whole
 
 
 def test_a_drift_of_the_load_reaches_the_gearbox_and_one_of_the_sensor_does_not():
-    plain = Rig(STEEL).simulate(**SHORT)
-    load, sensor = (Rig(STEEL, [Drift(3.0, of=of)]).simulate(**SHORT) for of in ("load", "sensor"))
+    plain = Rig(STEEL).simulate(random_state=0, **SHORT)
+    load, sensor = (
+        Rig(STEEL, [Drift(3.0, of=of)]).simulate(random_state=0, **SHORT) for of in ("load", "sensor")
+    )
     assert abs(load.torque_in - plain.torque_in).mean() > 0.01
     np.testing.assert_array_equal(sensor.torque_in, plain.torque_in)
     assert abs(sensor.torque_out - plain.torque_out).mean() > 0.1
@@ -170,7 +176,7 @@ def test_a_drift_of_the_load_reaches_the_gearbox_and_one_of_the_sensor_does_not(
 
 def test_clock_error_moves_the_hum_and_leaves_the_length():
     simulator = Rig(STEEL, [ClockError(0.02), Hum(50.0, 100.0, phase=0.0), Quantisation(0.25)])
-    run = simulator.simulate(duration=0.2, sampling_rate=FS)
+    run = simulator.simulate(duration=0.2, sampling_rate=FS, random_state=0)
     assert run.torque_out.size == run.input_angle.size == run.torque_in.size == 2560
     time = np.arange(2560) / FS
     basis = np.exp(2j * np.pi * 100.0 / 1.02 * time)
@@ -185,7 +191,7 @@ def test_clock_error_moves_the_hum_and_leaves_the_length():
 @pytest.mark.parametrize("relative", [0.03, -0.03])
 def test_the_clock_samples_the_same_noise_at_other_instants(relative):
     plain, moved = (
-        Rig(STEEL, [Noise(1.0), *more]).simulate(duration=0.2, sampling_rate=FS).torque_out
+        Rig(STEEL, [Noise(1.0), *more]).simulate(duration=0.2, sampling_rate=FS, random_state=0).torque_out
         for more in ((), (ClockError(relative),))
     )
     assert plain.size == moved.size == 2560
@@ -200,7 +206,7 @@ def test_the_clock_samples_the_same_noise_at_other_instants(relative):
 def test_the_last_samples_are_as_true_as_the_others(relative):
     hum = Hum(50.0, 500.0, phase=0.3)
     moved, bare = (
-        Rig(STEEL, [ClockError(relative), *more]).simulate(duration=0.1, sampling_rate=FS)
+        Rig(STEEL, [ClockError(relative), *more]).simulate(duration=0.1, sampling_rate=FS, random_state=0)
         for more in ([hum], [])
     )
     instants = np.arange(1280) / (1 + relative) / FS
@@ -240,19 +246,19 @@ def test_the_assembly_follows_from_its_own_seed_and_drift_and_noise_from_the_run
 
 def test_one_effect_more_changes_no_random_number_of_another():
     base = [Noise(1.0), Drift(2.0, of="sensor")]
-    plain = Rig(STEEL, base).simulate(**SHORT).torque_out
+    plain = Rig(STEEL, base).simulate(random_state=0, **SHORT).torque_out
     for extra in (Hum(0.5), Offset(0.5), Noise(0.1, 1.0)):
-        more = Rig(STEEL, [*base, extra]).simulate(**SHORT).torque_out
-        other = Rig(STEEL, [extra]).simulate(**SHORT).torque_out
-        bare = Rig(STEEL).simulate(**SHORT).torque_out
+        more = Rig(STEEL, [*base, extra]).simulate(random_state=0, **SHORT).torque_out
+        other = Rig(STEEL, [extra]).simulate(random_state=0, **SHORT).torque_out
+        bare = Rig(STEEL).simulate(random_state=0, **SHORT).torque_out
         if not isinstance(extra, Noise):  # alone it is the first of its name, there the second
             np.testing.assert_allclose(more - plain, other - bare, atol=1e-12)
         np.testing.assert_allclose((more - plain).std(), (other - bare).std(), rtol=0.4, atol=1e-12)
 
 
 def test_two_effects_of_one_kind_are_independent():
-    bare = Rig(STEEL).simulate(duration=0.4, sampling_rate=FS).torque_out
-    both = Rig(STEEL, [Noise(1.0)] * 2).simulate(duration=0.4, sampling_rate=FS).torque_out
+    bare = Rig(STEEL).simulate(duration=0.4, sampling_rate=FS, random_state=0).torque_out
+    both = Rig(STEEL, [Noise(1.0)] * 2).simulate(duration=0.4, sampling_rate=FS, random_state=0).torque_out
     # twice the same noise would have twice the rms
     assert (both - bare).std() == pytest.approx(math.sqrt(2), rel=4 / math.sqrt(2 * both.size))
 
@@ -272,7 +278,9 @@ def test_ranges_are_drawn_anew_by_each_seed_and_only_they():
 
 def test_a_longer_record_begins_like_a_shorter_one():
     simulator = Rig.r1().with_added(Noise(0.2), Drift(of="sensor"), Hum(0.1), Quantisation(0.05))
-    short, long = (simulator.simulate(duration=t, sampling_rate=FS).torque_out for t in (0.05, 0.2))
+    short, long = (
+        simulator.simulate(duration=t, sampling_rate=FS, random_state=0).torque_out for t in (0.05, 0.2)
+    )
     np.testing.assert_array_equal(short, long[: short.size])
 
 
@@ -340,7 +348,7 @@ def test_effects_are_replaced_added_and_taken_away():
 )
 def test_bad_input_is_named(gearbox, effects, arguments, message):
     with pytest.raises((TypeError, ValueError), match=message):
-        Rig(gearbox, effects).simulate(**(SHORT | arguments))
+        Rig(gearbox, effects).simulate(**(SHORT | {"random_state": 0} | arguments))
 
 
 def test_an_effect_of_ones_own_takes_its_place():
@@ -358,8 +366,8 @@ def test_an_effect_of_ones_own_takes_its_place():
             assert context.input_angle.shape == torque.shape
             return torque**2
 
-    plain = Rig(STEEL).simulate(**SHORT).torque_out
-    squared = Rig(STEEL, [Quantisation(0.0), Square()]).simulate(**SHORT).torque_out
+    plain = Rig(STEEL).simulate(random_state=0, **SHORT).torque_out
+    squared = Rig(STEEL, [Quantisation(0.0), Square()]).simulate(random_state=0, **SHORT).torque_out
     np.testing.assert_array_equal(squared, plain**2)
 
 
@@ -387,7 +395,7 @@ def test_ripple_of_the_speed_is_locked_to_the_shaft(order):
     ripple = SpeedWander(0.005, 2.0, ripple=0.004, ripple_order=order, phase=0.4)
     without = SpeedWander(0.005, 2.0)
     both, slow = (
-        Rig(STEEL, [one]).simulate(duration=1.2, sampling_rate=FS, start_angle=0.0)
+        Rig(STEEL, [one]).simulate(duration=1.2, sampling_rate=FS, start_angle=0.0, random_state=0)
         for one in (ripple, without)
     )
     speed = np.gradient(both.input_angle, 1 / FS) - np.gradient(slow.input_angle, 1 / FS)
