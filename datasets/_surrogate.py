@@ -287,7 +287,7 @@ class _Run:
             rig = rig.with_added(*motor_effects(rig.gearbox))
         return Sample(
             rig=rig, defects=defects, duration=self.duration_at(rig), sampling_rate=self.sampling_rate,
-            seed=self.seed(index), quantity=self.quantity, solver=self.solver, name=name,
+            random_state=self.seed(index), quantity=self.quantity, solver=self.solver, name=name,
         )  # fmt: skip
 
     def recording(self, sample: Sample, drawn: SampledRun) -> Recording:

@@ -30,7 +30,9 @@ _NOTE = (
 def rig_to_dict(name: str, gearbox: CycloidalGearbox, effects: Iterable[Effect]) -> dict[str, Any]:
     """Return the content of a rig's file in types that JSON knows, without format and note."""
     fields = {item.name: getattr(gearbox, item.name) for item in dataclasses.fields(gearbox)}
-    plain = {key: _plain(value) for key, value in fields.items() if not isinstance(value, tuple) or value}
+    plain = {
+        key: _plain_value(value) for key, value in fields.items() if not isinstance(value, tuple) or value
+    }
     return {"name": name, "gearbox": plain, "effects": [effect.to_dict() for effect in effects]}
 
 
@@ -59,7 +61,7 @@ def rig_to_text(content: Mapping[str, Any]) -> str:
 
 def rig_from_dict(content: Any) -> dict[str, Any]:
     """Return the arguments of a Rig from the content of a file."""
-    given = dict(_object("the file", content))
+    given = dict(_check_object("the file", content))
     reject_unknown(given, ["format", "note", "name", "gearbox", "effects", "variants", "simulator"])
     note, form = given.pop("note", ""), given.pop("format", FORMAT)
     if not isinstance(note, str):
@@ -67,13 +69,13 @@ def rig_from_dict(content: Any) -> dict[str, Any]:
     if form != FORMAT:
         raise ValueError(f"format must be {FORMAT!r}, got {short(form)}")
     if "gearbox" in given:
-        given["gearbox"] = _gearbox(given["gearbox"])
+        given["gearbox"] = _read_gearbox(given["gearbox"])
     if "effects" in given:
         given["effects"] = effects_from_list(given["effects"])
     if "variants" in given:
         given["variants"] = read_variants(given["variants"], effects_from_list)
     if given.get("simulator") is not None:
-        given["simulator"] = Simulator.from_dict(_object("simulator", given["simulator"]))
+        given["simulator"] = Simulator.from_dict(_check_object("simulator", given["simulator"]))
     return given
 
 
@@ -94,7 +96,7 @@ def read_json(path: str | os.PathLike[str], make: Callable[[Any], Made], what: s
     except OSError as error:
         raise OSError(f"{name}: cannot be read ({error.strerror}); give a JSON file") from None
     try:
-        return make(json.loads(text, object_pairs_hook=_distinct, parse_int=_whole))
+        return make(json.loads(text, object_pairs_hook=_unique_keys, parse_int=_parse_whole))
     except json.JSONDecodeError as error:
         raise ValueError(
             f"{name}: is not valid JSON: {error.msg} at line {error.lineno}, column {error.colno}; "
@@ -115,25 +117,25 @@ def reject_unknown(given: Mapping[str, Any], known: Iterable[str], prefix: str =
             raise ValueError(f"unknown key {prefix + key!r} with value {short(value)}: {right}")
 
 
-def _plain(value: Any) -> Any:
+def _plain_value(value: Any) -> Any:
     """Return a field of the gearbox as JSON; complex numbers become [re, im]."""
     if isinstance(value, tuple):
         return [[one.real, one.imag] if isinstance(one, complex) else float(one) for one in value]
     return to_plain(value, is_parameter=False)
 
 
-def _gearbox(content: Any) -> CycloidalGearbox:
-    given = _object("gearbox", content)
+def _read_gearbox(content: Any) -> CycloidalGearbox:
+    given = _check_object("gearbox", content)
     defaults = {item.name: item.default for item in dataclasses.fields(CycloidalGearbox)}
     reject_unknown(given, defaults, "gearbox.")
-    values = {key: _like(defaults[key], f"gearbox.{key}", value) for key, value in given.items()}
+    values = {key: _check_field(defaults[key], f"gearbox.{key}", value) for key, value in given.items()}
     try:
         return CycloidalGearbox(**values)
     except (TypeError, ValueError) as error:
         raise type(error)(f"gearbox: {error}") from None
 
 
-def _like(default: Any, name: str, value: Any) -> Any:
+def _check_field(default: Any, name: str, value: Any) -> Any:
     """Return the value if it is of the kind of the default."""
     if isinstance(default, tuple):
         if not isinstance(value, list):
@@ -152,20 +154,20 @@ def _like(default: Any, name: str, value: Any) -> Any:
     return value
 
 
-def _object(name: str, content: Any) -> Mapping[str, Any]:
+def _check_object(name: str, content: Any) -> Mapping[str, Any]:
     if not isinstance(content, dict):
         raise TypeError(f"{name} must hold a JSON object {{...}}, got {short(content)}")
     return content
 
 
-def _whole(digits: str) -> float:
+def _parse_whole(digits: str) -> float:
     try:
         return int(digits)
     except ValueError:  # more digits than Python converts
         return math.inf
 
 
-def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     distinct: dict[str, Any] = {}
     for key, value in pairs:
         if key in distinct:

@@ -79,11 +79,11 @@ class DriveAndLoad:
         self._gearbox, self._step, self._rate = gearbox, step, sampling_rate
         courses = courses or Courses()
         speed, load = courses.speed, courses.load
-        self._speed = self._given("speed", gearbox.input_speed if speed is None else speed)
-        self._load = self._given("load", gearbox.load_torque if load is None else load)
+        self._speed = self._course_function("speed", gearbox.input_speed if speed is None else speed)
+        self._load = self._course_function("load", gearbox.load_torque if load is None else load)
         self._fluctuates = courses.speed_fluctuation is not None
-        self._faster = self._given("speed_fluctuation", courses.speed_fluctuation)
-        self._heavier = self._given("load_fluctuation", courses.load_fluctuation)
+        self._faster = self._course_function("speed_fluctuation", courses.speed_fluctuation)
+        self._heavier = self._course_function("load_fluctuation", courses.load_fluctuation)
         self._start_angle = start_angle
         # Angle by the part of the speed that has no formula, at the first time of the next piece.
         self._turned = 0.0
@@ -99,11 +99,11 @@ class DriveAndLoad:
         before, after = min(first, 1), min(self.n - 1 - last, 1)
         around = np.arange(first - before, last + after + 1, dtype=float) * self._step
         inside = slice(before, around.size - after)
-        self._drive(block[:3], around, inside)
-        self._torque(block[3], around, inside)
+        self._fill_drive(block[:3], around, inside)
+        self._fill_torque(block[3], around, inside)
         return block
 
-    def _drive(self, out: Float, around: Float, inside: slice) -> None:
+    def _fill_drive(self, out: Float, around: Float, inside: slice) -> None:
         """Drive with linear ramp to a constant speed.
 
         The angle is its integral: paper B eq. 6 has a jump.
@@ -126,14 +126,14 @@ class DriveAndLoad:
         else:
             angle[:] = 0.0
         if self._fluctuates or not steady:
-            extra = _ramp(self._gearbox, around) * self._faster(around)
+            extra = _ramp_share(self._gearbox, around) * self._faster(around)
             numeric = extra if steady else speed + extra
-            angle += self._integral(numeric[inside])
+            angle += self._integrate_speed(numeric[inside])
             alpha += np.gradient(numeric, self._step)[inside]
             omega += extra[inside]
         angle += self._start_angle
 
-    def _integral(self, speed: Float) -> Float:
+    def _integrate_speed(self, speed: Float) -> Float:
         """Return the angle from the start of the run, by the trapezoid rule."""
         growth = np.empty(speed.size)
         growth[0] = self._turned
@@ -142,25 +142,25 @@ class DriveAndLoad:
         self._turned = float(turned[-1])
         return turned
 
-    def _torque(self, out: Float, around: Float, inside: slice) -> None:
+    def _fill_torque(self, out: Float, around: Float, inside: slice) -> None:
         """Load torque on the output (paper B eq. 9-10), plus its fluctuation, both under the ramp."""
         time, given, extra = around[inside], self._load(around), self._heavier(around)
         if extra.ndim:
             extra = extra[inside]
         if given.ndim > 0:
-            out[:] = given[inside] + extra * _ramp(self._gearbox, time)
+            out[:] = given[inside] + extra * _ramp_share(self._gearbox, time)
             return
         np.add(given, extra, out=out)
         n_rising = _n_rising(self._gearbox, time)
         out[:n_rising] *= time[:n_rising] / self._gearbox.ramp_time
 
-    def _given(self, name: str, values: TimeCourse | None) -> Callable[[Float], Float]:
+    def _course_function(self, name: str, values: TimeCourse | None) -> Callable[[Float], Float]:
         """Return a course as a function of times that gives a number where it is one."""
         if values is None:
             return lambda time: np.asarray(0.0)
         if callable(values):
             return _OfTime(name, values)
-        course = _finite(name, _floats(name, values))
+        course = _check_finite(name, _as_floats(name, values))
         if course.ndim > 1:
             raise ValueError(f"{name} as an array must have one dimension, got shape {course.shape}")
         if course.ndim == 0:
@@ -184,13 +184,13 @@ class _OfTime:
         self._known: tuple[Float, Float] | None = None  # the last times of the last piece, and the values
 
     def __call__(self, time: Float) -> Float:
-        course = _floats(self._name, self._function(time))
+        course = _as_floats(self._name, self._function(time))
         if course.ndim > 1 or (course.ndim == 1 and course.shape != time.shape):
             raise ValueError(
                 f"{self._name} must be a number, an array or a function of time that returns one value per "
                 f"time; it gave shape {course.shape} for {time.shape[0]} times"
             )
-        course = _finite(self._name, np.broadcast_to(course, time.shape))
+        course = _check_finite(self._name, np.broadcast_to(course, time.shape))
         if self._known is not None:
             times, values = self._known
             again = course[np.searchsorted(time, times)]
@@ -203,13 +203,13 @@ class _OfTime:
         return course
 
 
-def _finite(name: str, course: Float) -> Float:
+def _check_finite(name: str, course: Float) -> Float:
     if not np.all(np.isfinite(course)):
         raise ValueError(f"{name} must be finite, it gave NaN or infinity")
     return course
 
 
-def _floats(name: str, values: ArrayLike) -> Float:
+def _as_floats(name: str, values: ArrayLike) -> Float:
     try:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError):
@@ -219,7 +219,7 @@ def _floats(name: str, values: ArrayLike) -> Float:
         ) from None
 
 
-def _ramp(gearbox: CycloidalGearbox, time: Float) -> Float:
+def _ramp_share(gearbox: CycloidalGearbox, time: Float) -> Float:
     """Share of the final speed and load at each time of the ramp."""
     share = np.ones_like(time)
     n_rising = _n_rising(gearbox, time)

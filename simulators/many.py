@@ -121,11 +121,11 @@ def simulate_each(
     Those that share a batch come together. ``then`` makes something else of index and run, in the thread that
     made the run.
     """
-    tasks = deque(_tasks(runs, kernel))
+    tasks = deque(_split_tasks(runs, kernel))
     numbers = [tuple(task.runs) for task in tasks]
     del runs  # the arguments of a run that is done, with their courses, go with their task
     workers = joblib.Parallel(n_jobs=n_jobs, prefer="threads", return_as="generator")
-    made = workers(joblib.delayed(_simulated)(tasks.popleft(), then) for _ in numbers)
+    made = workers(joblib.delayed(_run_task)(tasks.popleft(), then) for _ in numbers)
     with stopped_quietly(made):
         for indices, results in zip(numbers, made, strict=True):
             yield from zip(indices, results, strict=True)
@@ -139,7 +139,7 @@ class _Task:
     batch: Sequence[Request] | None = None
 
 
-def _tasks(runs: Sequence[dict[str, Any]], kernel: str) -> list[_Task]:
+def _split_tasks(runs: Sequence[dict[str, Any]], kernel: str) -> list[_Task]:
     """Return batches of runs, and runs alone; the task of the earliest run first."""
     alone = [_Task({index: run}) for index, run in enumerate(runs)]
     of_gearbox = {index: run for index, run in enumerate(runs) if run.get("simulator") is None}
@@ -175,16 +175,16 @@ def _can_batch(required: bool) -> bool:
     return False
 
 
-def _simulated(task: _Task, then: Callable[[int, SimulationRun | SimulationFailed], Any] | None) -> list[Any]:
+def _run_task(task: _Task, then: Callable[[int, SimulationRun | SimulationFailed], Any] | None) -> list[Any]:
     """Return the runs of a task, or their failures, or what is made of them."""
     if task.batch is None:
-        runs = [_attempt(arguments) for arguments in task.runs.values()]
+        runs = [_simulate_or_fail(arguments) for arguments in task.runs.values()]
     else:
         from cyclofeat.simulators.batch.runs import run_batch
 
         # A run that diverges or locks has its reason from the exact kernel.
         runs = [
-            _attempt(arguments) if run is None else run
+            _simulate_or_fail(arguments) if run is None else run
             for arguments, run in zip(task.runs.values(), run_batch(task.batch), strict=True)
         ]
     return runs if then is None else [then(index, run) for index, run in zip(task.runs, runs, strict=True)]
@@ -201,7 +201,7 @@ def _one_each(name: str, values: Any, one: type | None) -> list[Any] | None:
     return list(given) if one is not None else [number(name, angle, "numbers of rad") for angle in given]
 
 
-def _attempt(arguments: dict[str, Any]) -> SimulationRun | SimulationFailed:
+def _simulate_or_fail(arguments: dict[str, Any]) -> SimulationRun | SimulationFailed:
     try:
         return simulate(**arguments)
     except SimulationFailed as failure:

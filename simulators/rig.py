@@ -38,13 +38,7 @@ from cyclofeat.simulators.effects import (
 from cyclofeat.simulators.effects._gearbox import GEARBOX_NUMBERS
 from cyclofeat.simulators.effects._parameter import is_distribution, suggest_key, value_text
 from cyclofeat.simulators.gearbox import CycloidalGearbox
-from cyclofeat.simulators.machine import (
-    Machine,
-    PlannedRun,
-    RandomState,
-    seed_sequence,
-)
-from cyclofeat.simulators.motor import Motor
+from cyclofeat.simulators.machine import Machine, PlannedRun, RandomState, seed_sequence
 from cyclofeat.simulators.simulation import SimulationRun
 
 # Children of a run's seed. Those of an effect begin with the bytes of its name, which are larger numbers.
@@ -206,12 +200,12 @@ class Rig:
             units = {name: parameter.unit for name, parameter in effect.parameters.items()}
             given = effect.get_params(deep=False)
             rows[label] = ", ".join(
-                f"{name} {_stated(value)} {units.get(name, '1')}".removesuffix(" 1")
+                f"{name} {_format_value(value)} {units.get(name, '1')}".removesuffix(" 1")
                 for name, value in given.items()
             )
         if self.variants:
             rows["variants"] = f"{len(self.variants)} sets of further effects, of which each assembly has one"
-        drawn = displays.draw_outlines(_wheel_and_pins(gearbox), "Wheel between the pins")
+        drawn = displays.draw_outlines(_wheel_outlines(gearbox), "Wheel between the pins")
         return html_card(f"Rig {self.name}", rows, pictures=[drawn], code="rig.simulate(LobeDefects.worn(3))")
 
     @property
@@ -486,8 +480,15 @@ class Rig:
         settles = settled and self.simulator is None  # a user's runs already
         n_settling = settling_samples(gearbox, sampling_rate) if settles else 0
         motor = machine.motor
-        self._check_recorded(quantity, motor, settled)
+        self.check_quantity(quantity)
+        if quantity == "motor_current" and motor is None:
+            raise ValueError(
+                "quantity must be a torque for a rig without a motor, got 'motor_current': add "
+                "motor_effects() to its effects"
+            )
         if motor is not None:
+            if not settled:
+                raise ValueError("settled must be True for a rig with a motor, which begins in steady state")
             n_settling += math.ceil(motor.warm_up * sampling_rate)
             spare_s += _LEAD_S
         n_run = machine.samples_needed(n_samples) + math.ceil(spare_s * sampling_rate)
@@ -520,17 +521,6 @@ class Rig:
                 f"quantity must be {QUANTITIES[0]!r} for a rig with a simulator of its own, got {quantity!r}"
             )
         return quantity
-
-    def _check_recorded(self, quantity: str, motor: Motor | None, settled: bool) -> None:
-        """Raise ValueError unless a machine with this motor can be recorded so."""
-        self.check_quantity(quantity)
-        if quantity == "motor_current" and motor is None:
-            raise ValueError(
-                "quantity must be a torque for a rig without a motor, got 'motor_current': add "
-                "motor_effects() to its effects"
-            )
-        if motor is not None and not settled:
-            raise ValueError("settled must be True for a rig with a motor, which begins in steady state")
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of a rig's file in types that JSON knows, without format and note."""
@@ -614,7 +604,7 @@ class Rig:
         return _rig_file.read_json(path, cls.from_dict, "a rig", example)
 
 
-def _stated(value: Any) -> str:
+def _format_value(value: Any) -> str:
     """Return a number, range, distribution or setting of an effect as short text."""
     if isinstance(value, tuple) and len(value) == 2 and all(map(is_number, value)):
         return f"{value[0]:.4g} to {value[1]:.4g}"
@@ -623,7 +613,7 @@ def _stated(value: Any) -> str:
     )
 
 
-def _wheel_and_pins(gearbox: CycloidalGearbox) -> list[NDArray[np.complex128]]:
+def _wheel_outlines(gearbox: CycloidalGearbox) -> list[NDArray[np.complex128]]:
     """Return the outlines of a wheel in its rest position and of the external sleeves."""
     wheel = gearbox.outline_profile.outline(points_per_lobe=20) * np.exp(-1j * np.pi / gearbox.n_lobes)
     circle = gearbox.pin_radius * np.exp(2j * np.pi * np.arange(24) / 24)

@@ -1,8 +1,8 @@
 """Draw assemblies and recordings of rigs: conditions, worn lobes and machines, from seeds to runs.
 
 Equal seeds give equal recordings, to the last bit, alone or in a batch. Common random numbers: recordings
-with equal ``assembly`` seeds are of one machine, and recordings with equal ``seed`` share start angle, drift
-and noise, whatever their worn lobes, loads and other effects are.
+with equal ``assembly`` seeds are of one machine, and recordings with equal ``random_state`` share start
+angle, drift and noise, whatever their worn lobes, loads and other effects are.
 """
 
 from __future__ import annotations
@@ -33,9 +33,11 @@ def recording_seed(random_state: int, name: str, index: int) -> Seed:
     return Seed([random_state, *name.encode()], spawn_key=(index,))
 
 
-def child_seed(seed: Seed, *key: int) -> Seed:
+def child_seed(random_state: Seed, *key: int) -> Seed:
     """Return a child of a seed; unlike ``spawn``, which counts its calls, leave the seed as it is."""
-    return Seed(seed.entropy, spawn_key=(*seed.spawn_key, *key), pool_size=seed.pool_size)
+    return Seed(
+        random_state.entropy, spawn_key=(*random_state.spawn_key, *key), pool_size=random_state.pool_size
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,10 +52,10 @@ class Sample:
         Worn or removed lobes.
     duration, sampling_rate : float
         Length in s, rate in Hz.
-    seed : numpy.random.SeedSequence
+    random_state : numpy.random.SeedSequence
         Seed of the run: start angle, drift and noise.
     assembly : numpy.random.SeedSequence, optional
-        Seed of the machine. Default: ``seed``.
+        Seed of the machine. Default: that of the run.
     quantity : {"output_torque", "input_torque", "motor_current"}
         What is measured.
     solver : Solver, optional
@@ -68,7 +70,7 @@ class Sample:
     defects: LobeDefects
     duration: float
     sampling_rate: float
-    seed: Seed
+    random_state: Seed
     assembly: Seed | None = None
     quantity: str = "output_torque"
     solver: Solver | None = None
@@ -80,7 +82,7 @@ class Sample:
 
         Raises ValueError if the rig cannot be built.
         """
-        seed = child_seed(self.seed, _REDRAWN + n_failed - 1) if n_failed else self.seed
+        seed = child_seed(self.random_state, _REDRAWN + n_failed - 1) if n_failed else self.random_state
         try:
             return self.rig.plan_run(
                 self.defects, duration=self.duration, sampling_rate=self.sampling_rate, random_state=seed,
@@ -126,7 +128,7 @@ def sample_each(
     def finish(place: int, simulated: SimulationRun | SimulationFailed) -> T:
         plan, failures = plans.pop(place), list[str]()
         while True:
-            run = _finished(plan, simulated)
+            run = _finish_or_error(plan, simulated)
             if not isinstance(run, Exception):
                 return then(place, SampledRun(plan, run, failures))
             failures.append(str(run))
@@ -163,12 +165,12 @@ def sample_runs(
     [(2560,), (2560,)]
     """
     checks.one_of("kernel", kernel, ("exact", "batch", "auto"))
-    plans = [_planned(sample) for sample in samples]
+    plans = [_plan_or_error(sample) for sample in samples]
     possible = [plan for plan in plans if isinstance(plan, PlannedRun)]
     runs: list[Any]
     try:
         simulated = dict(simulate_each([plan.arguments for plan in possible], kernel))
-        runs = [_finished(plan, simulated[place]) for place, plan in enumerate(possible)]
+        runs = [_finish_or_error(plan, simulated[place]) for place, plan in enumerate(possible)]
     except ValueError as error:  # of one of them
         runs = [error]
         if len(possible) > 1:
@@ -177,14 +179,14 @@ def sample_runs(
     return [next(queue) if isinstance(plan, PlannedRun) else plan for plan in plans]
 
 
-def _planned(sample: Sample | PlannedRun | ValueError) -> PlannedRun | ValueError:
+def _plan_or_error(sample: Sample | PlannedRun | ValueError) -> PlannedRun | ValueError:
     try:
         return sample.plan() if isinstance(sample, Sample) else sample
     except ValueError as error:
         return error
 
 
-def _finished(
+def _finish_or_error(
     plan: PlannedRun, simulated: SimulationRun | SimulationFailed
 ) -> MachineRun | SimulationFailed | ValueError:
     """Return the machine's run; the ValueError of a motor that does not hold its speed."""
@@ -220,9 +222,9 @@ class Wear:
     wear_um: tuple[float, float] | None = None
     radial_share: float = 1.0
 
-    def draw(self, count: int, n_lobes: int, seed: Seed) -> LobeDefects:
+    def draw(self, count: int, n_lobes: int, random_state: Seed) -> LobeDefects:
         """Draw ``count`` worn lobes of a recording, and then their wear: the lobes do not depend on it."""
-        random = np.random.default_rng(child_seed(seed, DEFECTS))
+        random = np.random.default_rng(child_seed(random_state, DEFECTS))
         consecutive = self.lobes == "consecutive" or (self.lobes == "mixed" and bool(random.random() < 0.5))
         defects = LobeDefects.drawn(
             count, n_lobes, random, consecutive=consecutive, wheels=self.wheels, depth=self.depth
@@ -236,13 +238,13 @@ class Wear:
 
 
 def draw_conditions(
-    rig: Rig, speed_rpm: tuple[float, float] | None, load_nm: tuple[float, float] | None, seed: Seed
+    rig: Rig, speed_rpm: tuple[float, float] | None, load_nm: tuple[float, float] | None, random_state: Seed
 ) -> Rig:
     """Return the rig at a speed (RPM) and a load (Nm) drawn log-uniformly from ranges; None keeps its own.
 
     Below the gearbox's load, the load drift shrinks in proportion to the load.
     """
-    shares = np.random.default_rng(child_seed(seed, _CONDITIONS)).random(2)
+    shares = np.random.default_rng(child_seed(random_state, _CONDITIONS)).random(2)
     if speed_rpm is None and load_nm is None:
         return rig
     speed = None if speed_rpm is None else _log_uniform(speed_rpm, shares[0])
@@ -250,7 +252,7 @@ def draw_conditions(
     # A brake drifts with its load, but the rig states no more than this drift.
     factor = min(1.0, load / rig.gearbox.load_torque)
     effects = [
-        effect.with_parameters(rms_nm=_scaled(effect.rms_nm, factor))
+        effect.with_parameters(rms_nm=_scale_range(effect.rms_nm, factor))
         if effect.effect_id == "load_drift"
         else effect
         for effect in rig.effects
@@ -258,7 +260,7 @@ def draw_conditions(
     return rig.replace(effects=effects).at(speed, load)
 
 
-def _scaled(value: Any, factor: float) -> Any:
+def _scale_range(value: Any, factor: float) -> Any:
     """Return a parameter's number or range times a factor."""
     if factor == 1:
         return value

@@ -95,19 +95,19 @@ def defects_of(arguments: argparse.Namespace) -> LobeDefects:
 
     wheels = {"both": (0, 1), "1": (0,), "2": (1,)}[arguments.wheels]
     if arguments.removed_lobes is not None:
-        return LobeDefects.removed(_lobes("--removed-lobes", arguments.removed_lobes), wheels=wheels)
+        return LobeDefects.removed(_parse_lobes("--removed-lobes", arguments.removed_lobes), wheels=wheels)
     severity = {"depth": arguments.depth}
     if arguments.wear_um is not None:
         severity = {"wear_um": arguments.wear_um}
     if arguments.worn_lobes is not None:
-        worn = _lobes("--worn-lobes", arguments.worn_lobes)
+        worn = _parse_lobes("--worn-lobes", arguments.worn_lobes)
         return LobeDefects.worn(worn, wheels=wheels, **severity)
     if arguments.worn_count is not None:
         return LobeDefects.worn(arguments.worn_count, wheels=wheels, **severity)
     return LobeDefects.healthy()
 
 
-def _lobes(option: str, text: str) -> tuple[int, ...]:
+def _parse_lobes(option: str, text: str) -> tuple[int, ...]:
     """Return lobes counted from 0, which the option counts from 1."""
     try:
         numbers = tuple(int(part) - 1 for part in text.split(","))

@@ -86,7 +86,7 @@ def _simulation_lines(plan: MeasurementPlan) -> list[str]:
     at = f"{plan.noise_nm:g} Nm noise, {plan.speed_rpm:g} RPM, {plan.load_nm:g} Nm"
     return [
         f"{shows} with {plan.confidence:g}, {number(plan.worn, 'worn lobe')} or none: {at}, "
-        f"{_length(plan.turns, plan.seconds)}",
+        f"{_format_length(plan.turns, plan.seconds)}",
         f"  probability of telling worn from healthy: {shares}",
         f"  by the lobe lines of {plan.assemblies} simulated assemblies of rig {plan.rig}, healthy and worn",
         "  note: an ideal detector trained for this rig; counting the lobes takes deeper wear",
@@ -96,14 +96,14 @@ def _simulation_lines(plan: MeasurementPlan) -> list[str]:
 def _table_lines(plan: MeasurementPlan) -> list[str]:
     pair = f"{plan.worn} from {plan.worn + 1} worn lobes at {plan.noise_nm:g} Nm noise, depth {plan.depth:g}"
     if plan.turns is not None:
-        lines = [f"to tell {pair}: record {_length(plan.turns, plan.seconds)}"]
+        lines = [f"to tell {pair}: record {_format_length(plan.turns, plan.seconds)}"]
     elif plan.confidence > plan.reachable:
         lines = [
             f"to tell {pair}: cannot be promised with {plan.confidence:g}; {plan.assemblies} simulated "
             f"assemblies can show {plan.reachable:.3f} at most"
         ]
     else:
-        longest = _length(plan.longest_turns, plan.longest_seconds)
+        longest = _format_length(plan.longest_turns, plan.longest_seconds)
         lines = [
             f"to tell {pair}: the table's longest recording, {longest}, is not enough for {plan.confidence:g}"
         ]
@@ -117,7 +117,7 @@ def _table_lines(plan: MeasurementPlan) -> list[str]:
     return lines
 
 
-def _length(turns: int | None, seconds: float | None) -> str:
+def _format_length(turns: int | None, seconds: float | None) -> str:
     assert turns is not None
     assert seconds is not None
     return f"{number(turns, 'output turn')} ({seconds:.3g} s)"

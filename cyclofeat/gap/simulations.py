@@ -159,7 +159,7 @@ class Population:
             defects=LobeDefects.worn([(first + k) % n_lobes for k in range(count)], wheels=wheels),
             duration=duration,
             sampling_rate=self.sampling_rate,
-            seed=child_seed(random_state, 1),
+            random_state=child_seed(random_state, 1),
             assembly=assembly,
             quantity=self.quantity,
             solver=solver,

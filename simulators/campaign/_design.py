@@ -144,7 +144,7 @@ class Campaign:
         if not self.name or not self.name.isprintable():
             raise ValueError(f"name must be a line of printable text, got {self.name!r}")
         keep = object.__setattr__
-        keep(self, "rig", _rig(self.rig))
+        keep(self, "rig", _rig_of(self.rig))
         keep(self, "defect_counts", checks.defect_counts(self.defect_counts, self.the_rig.gearbox.n_lobes))
         keep(self, "repeats", checks.whole("repeats", self.repeats, 1, _MOST_REPEATS))
         keep(self, "random_state", checks.whole("random_state", self.random_state, 0))
@@ -161,9 +161,9 @@ class Campaign:
             raise ValueError(
                 f"duration must hold at least 2 samples at {self.sampling_rate:g} Hz, got {self.duration!r}"
             )
-        keep(self, DEPTH, _severity(DEPTH, self.depth, 1.0, "1 (the papers' chord)"))
+        keep(self, DEPTH, _check_severity(DEPTH, self.depth, 1.0, "1 (the papers' chord)"))
         if self.wear_um is not None:
-            keep(self, WEAR, _severity(WEAR, self.wear_um, MOST_WEAR_UM, f"{MOST_WEAR_UM:g} um"))
+            keep(self, WEAR, _check_severity(WEAR, self.wear_um, MOST_WEAR_UM, f"{MOST_WEAR_UM:g} um"))
             if self.depth != 1.0:
                 raise ValueError(f"depth has no effect with wear_um: leave it out, got {self.depth!r}")
 
@@ -196,9 +196,9 @@ class Campaign:
     @property
     def explored(self) -> tuple[str, ...]:
         """Names of the explored parameters, as in :meth:`Rig.parameters`; those of the wear."""
-        return tuple(self._quantiles())
+        return tuple(self._quantile_functions())
 
-    def _quantiles(self) -> dict[str, Callable[[float], float]]:
+    def _quantile_functions(self) -> dict[str, Callable[[float], float]]:
         """Quantile function of each explored parameter by name."""
         quantiles: dict[str, Callable[[float], float]] = {}
         for label, effect in self.the_rig.labelled_effects().items():
@@ -213,7 +213,7 @@ class Campaign:
 
     def medians(self) -> dict[str, float]:
         """Return the median of each explored parameter."""
-        return {name: float(quantile(0.5)) for name, quantile in self._quantiles().items()}
+        return {name: float(quantile(0.5)) for name, quantile in self._quantile_functions().items()}
 
     def replace(self, **changes: Any) -> Campaign:
         """Return a copy with single fields changed, checked anew."""
@@ -228,8 +228,8 @@ class Campaign:
         end = self.n_runs if n_runs is None else min(first + n_runs, self.n_runs)
         n_classes = len(self.defect_counts)
         repeat, last = first // n_classes, -(-end // n_classes)
-        quantiles = self._quantiles()
-        shares = {count: self._shares(count, repeat, last - repeat) for count in self.defect_counts}
+        quantiles = self._quantile_functions()
+        shares = {count: self._draw_shares(count, repeat, last - repeat) for count in self.defect_counts}
         for index in range(first, end):
             count = self.defect_counts[index % n_classes]
             pairs = zip(quantiles.items(), shares[count][index // n_classes - repeat].tolist(), strict=True)
@@ -257,13 +257,13 @@ class Campaign:
         return Sample(
             rig=self.rig_at(plan.values), defects=self.defects_of(plan),
             duration=self.n_samples / self.sampling_rate, sampling_rate=self.sampling_rate,
-            seed=self._seed_of(plan.run), solver=Solver(integrator=self.integrator),
+            random_state=self._seed_of(plan.run), solver=Solver(integrator=self.integrator),
         )  # fmt: skip
 
     def _seed_of(self, run: int) -> np.random.SeedSequence:
         return recording_seed(self.random_state, self.name, run)
 
-    def _shares(self, count: int, first: int, n: int) -> Float:
+    def _draw_shares(self, count: int, first: int, n: int) -> Float:
         """Return the probability below each explored value, shape (n, n_explored).
 
         Each class has its own sequence: a single one would correlate the class with the parameters (each of
@@ -368,7 +368,7 @@ class Campaign:
         return cls(**given)
 
 
-def _rig(rig: Any) -> Rig:
+def _rig_of(rig: Any) -> Rig:
     if isinstance(rig, Rig):
         return rig
     if isinstance(rig, str) and rig.upper() in _PRESETS:
@@ -379,7 +379,7 @@ def _rig(rig: Any) -> Rig:
     )
 
 
-def _severity(name: str, value: Any, most: float, words: str) -> float | tuple[float, float]:
+def _check_severity(name: str, value: Any, most: float, words: str) -> float | tuple[float, float]:
     low, high = checks.ends(name, value)
     if not 0 < low <= high <= most:
         raise ValueError(

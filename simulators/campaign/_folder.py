@@ -29,9 +29,9 @@ from cyclofeat.simulators.campaign._run import (
     TEXT,
     RunResult,
     check_middle,
-    columns,
     made_with,
     simulate_anywhere,
+    table_columns,
 )
 
 if TYPE_CHECKING:
@@ -152,7 +152,7 @@ class Shards:
 
     def __iter__(self) -> Iterator[NDArray[np.float32]]:
         for shard in range(len(self.paths)):
-            yield from self._shard(shard)
+            yield from self._map_shard(shard)
 
     def __getitem__(self, key: Any) -> Any:
         rows, rest = (key[0], key[1:]) if isinstance(key, tuple) else (key, ())
@@ -160,40 +160,40 @@ class Shards:
             raise IndexError(f"Shards take rows, or rows and samples, got {key!r}")
         samples = rest[0] if rest else slice(None)
         if isinstance(rows, (int, np.integer)) and not isinstance(rows, bool):
-            row = self._row(int(rows))
+            row = self._read_row(int(rows))
             return row[samples] if rest else row
         taken = np.arange(len(self))[rows]  # numpy's rules for slices, masks and lists
         if taken.ndim != 1:
             raise IndexError(f"Shards take one or a list of rows, got shape {taken.shape}")
         if isinstance(samples, (slice, int, np.integer)):
-            return self._rows(taken, samples)
-        return self._rows(taken, slice(None))[:, samples]
+            return self._read_rows(taken, samples)
+        return self._read_rows(taken, slice(None))[:, samples]
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         if copy is False:
             raise ValueError("Shards lie in several files: an array of them is always a copy")
         return np.asarray(self[:], dtype=dtype)
 
-    def _shard(self, shard: int) -> Any:
+    def _map_shard(self, shard: int) -> Any:
         return np.load(self.paths[shard], mmap_mode="r", allow_pickle=False)
 
-    def _row(self, index: int) -> Any:
+    def _read_row(self, index: int) -> Any:
         if not -len(self) <= index < len(self):
             raise IndexError(f"row {index} is out of bounds for {len(self)} rows")
         index %= len(self)
         shard = int(np.searchsorted(self._ends, index, side="right"))
-        return self._shard(shard)[index - self._begin(shard)]
+        return self._map_shard(shard)[index - self._first_row(shard)]
 
-    def _rows(self, taken: NDArray[np.intp], samples: Any) -> NDArray[np.float32]:
+    def _read_rows(self, taken: NDArray[np.intp], samples: Any) -> NDArray[np.float32]:
         width = np.empty((0, self.shape[1]), dtype=self.dtype)[:, samples].shape[1:]
         copy = np.empty((len(taken), *width), dtype=self.dtype)
         shards = np.searchsorted(self._ends, taken, side="right")
         for shard in np.unique(shards).tolist():
             inside = shards == shard
-            copy[inside] = self._shard(shard)[:, samples][taken[inside] - self._begin(shard)]
+            copy[inside] = self._map_shard(shard)[:, samples][taken[inside] - self._first_row(shard)]
         return copy
 
-    def _begin(self, shard: int) -> int:
+    def _first_row(self, shard: int) -> int:
         return int(self._ends[shard - 1]) if shard else 0
 
 
@@ -275,7 +275,7 @@ def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> Camp
     folder = Path(path)
     if not (folder / DESIGN).is_file():
         raise FileNotFoundError(f"{folder}: holds no campaign (no {DESIGN})")
-    _, tables = parquet()
+    _, tables = import_pyarrow()
     campaign, _ = _read_design(folder)
     if not (folder / MANIFEST).is_file():
         names = [shard_file(shard, "sha256") for shard in range(campaign.n_shards)]
@@ -312,7 +312,7 @@ def _check_files(folder: Path, manifest: dict[str, Any], verify: bool) -> None:
             wrong.append(f"{name} is missing")
         elif file.stat().st_size != stated["bytes"]:
             wrong.append(f"{name} was changed: {file.stat().st_size} bytes instead of {stated['bytes']}")
-        elif verify and digest(file) != stated["sha256"]:
+        elif verify and file_sha256(file) != stated["sha256"]:
             wrong.append(f"{name} was changed: its SHA-256 is not the manifest's")
     if wrong:
         more = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
@@ -329,7 +329,7 @@ def shard_file(shard: int, kind: str) -> str:
     return f"shard-{shard:05d}.{kind}"
 
 
-def parquet() -> tuple[Any, Any]:
+def import_pyarrow() -> tuple[Any, Any]:
     """Import ``pyarrow`` and ``pyarrow.parquet``."""
     try:
         import pyarrow
@@ -350,7 +350,7 @@ def complete_campaign(
     ``results`` takes plans and yields their results in the same order. Raises as :func:`run_campaign`.
     """
     store = ShardStore(folder, DESIGN)
-    versions = made_with() | {"pyarrow": parquet()[0].__version__}
+    versions = made_with() | {"pyarrow": import_pyarrow()[0].__version__}
     if folder.exists() and not folder.is_dir():
         raise NotADirectoryError(f"{folder}: is not a folder; a campaign needs one of its own")
     _check_folder(campaign, folder, versions)
@@ -365,12 +365,23 @@ def complete_campaign(
             progress(done, campaign.n_runs)
         if not missing and _is_finished(folder):
             return
-        _check_space(campaign, folder, missing)
-        plans = itertools.chain.from_iterable(
-            campaign.plans(*runs) for runs in _runs_to_plan(campaign, missing)
-        )
-        with contextlib.closing(results(plans)) as made:
-            counted = _count_runs(made, done, campaign.n_runs, progress)
+        needed = sum(map(campaign.shard_size, missing)) * campaign.n_samples * 4
+        free = shutil.disk_usage(folder).free
+        if needed > free:
+            raise OSError(
+                errno.ENOSPC,
+                f"{folder}: the {len(missing)} shards to be made take {_format_bytes(needed)}, the disk has "
+                f"{_format_bytes(free)} left: make room, or take a folder elsewhere",
+            )
+
+        def count_runs(runs: Iterable[RunResult]) -> Iterator[RunResult]:
+            for number, run in enumerate(runs, done + 1):
+                if progress is not None:
+                    progress(number, campaign.n_runs)
+                yield run
+
+        with contextlib.closing(results(_plans_of(campaign, missing))) as runs:
+            counted = count_runs(runs)
             for shard in missing:
                 with _explain_full_disk(folder, digests):
                     digests[shard] = _write_shard(campaign, store, shard, counted)
@@ -378,25 +389,28 @@ def complete_campaign(
             _write_manifest(campaign, store, digests, versions)
 
 
-def _runs_to_plan(campaign: Campaign, shards: list[int]) -> Iterator[tuple[int, int]]:
-    """Yield first run and number of runs of neighbouring shards: to plan many at once costs little more."""
+def _plans_of(campaign: Campaign, shards: list[int]) -> Iterator[RunPlan]:
+    """Yield the plans of shards, those of neighbours at once: to plan many costs little more."""
     numbered = enumerate(shards)
-    for _, group in itertools.groupby(numbered, lambda one: (one[1] - one[0], one[0] // _SHARDS_PER_GROUP)):
-        together = [shard for _, shard in group]
-        yield together[0] * campaign.shard_length, sum(map(campaign.shard_size, together))
+    for _, group in itertools.groupby(
+        numbered, lambda pair: (pair[1] - pair[0], pair[0] // _SHARDS_PER_GROUP)
+    ):
+        neighbours = [shard for _, shard in group]
+        n_runs = sum(map(campaign.shard_size, neighbours))
+        yield from campaign.plans(neighbours[0] * campaign.shard_length, n_runs)
 
 
-def _differences(stored: Any, given: Any, key: str = "") -> Iterator[str]:
+def _find_differences(stored: Any, given: Any, key: str = "") -> Iterator[str]:
     """Yield the keys at which two designs differ, with both values."""
     if isinstance(stored, dict) and isinstance(given, dict):
         for name in stored | given:
             path = f"{key}.{name}" if key else name
-            yield from _differences(stored.get(name), given.get(name), path)
+            yield from _find_differences(stored.get(name), given.get(name), path)
     elif stored != given:
         yield f"{key} is {short(stored)} there and {short(given)} here"
 
 
-def digest(path: Path) -> str:
+def file_sha256(path: Path) -> str:
     """Return the SHA-256 of a file, in hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
@@ -432,26 +446,15 @@ def _check_folder(campaign: Campaign, folder: Path, here: dict[str, str]) -> Non
             )
         return
     stored, versions = _read_design(folder)
-    for difference in _differences(stored.to_dict(), campaign.to_dict()):
+    for difference in _find_differences(stored.to_dict(), campaign.to_dict()):
         raise ValueError(
             f"{folder}: holds a campaign of another design: {difference}; take another folder, or the design "
             f"in {DESIGN}"
         )
-    for difference in _differences(versions, here):
+    for difference in _find_differences(versions, here):
         raise ValueError(
             f"{folder}: was begun with other versions: {difference}; finish it with those, or take another "
             "folder"
-        )
-
-
-def _check_space(campaign: Campaign, folder: Path, missing: list[int]) -> None:
-    needed = sum(map(campaign.shard_size, missing)) * campaign.n_samples * 4
-    free = shutil.disk_usage(folder).free
-    if needed > free:
-        raise OSError(
-            errno.ENOSPC,
-            f"{folder}: the {len(missing)} shards to be made take {_format_bytes(needed)}, the disk has "
-            f"{_format_bytes(free)} left: make room, or take a folder elsewhere",
         )
 
 
@@ -471,15 +474,6 @@ def _explain_full_disk(folder: Path, digests: Mapping[int, Mapping[str, str]]) -
         ) from error
 
 
-def _count_runs(
-    results: Iterator[RunResult], done: int, total: int, progress: Callable[[int, int], object] | None
-) -> Iterator[RunResult]:
-    for number, result in enumerate(results, done + 1):
-        if progress is not None:
-            progress(number, total)
-        yield result
-
-
 def _write_shard(
     campaign: Campaign, store: ShardStore, shard: int, results: Iterator[RunResult]
 ) -> dict[str, str]:
@@ -492,8 +486,8 @@ def _write_shard(
         if torque is not None:
             block[position] = torque
         rows.append(row)
-    pyarrow, tables = parquet()
-    table = pyarrow.Table.from_pylist(rows, schema=_schema(campaign))
+    pyarrow, tables = import_pyarrow()
+    table = pyarrow.Table.from_pylist(rows, schema=_table_schema(campaign))
 
     def write_torque(file: IO[bytes]) -> None:
         # Not write_array: for a full disk it raises an error without a number.
@@ -503,9 +497,9 @@ def _write_shard(
     names = [shard_file(shard, kind) for kind in _KINDS]
     store.write(names[0], write_torque)
     store.write(names[1], lambda file: tables.write_table(table, file))
-    digests = {name: digest(store.path(name)) for name in names[:2]}
+    digests = {name: file_sha256(store.path(name)) for name in names[:2]}
     store.write(names[2], lambda file: file.write(_digest_lines(digests)))
-    return digests | {names[2]: digest(store.path(names[2]))}
+    return digests | {names[2]: file_sha256(store.path(names[2]))}
 
 
 def _digest_lines(digests: Mapping[str, str]) -> bytes:
@@ -513,22 +507,22 @@ def _digest_lines(digests: Mapping[str, str]) -> bytes:
     return "".join(f"{sha256}  {name}\n" for name, sha256 in digests.items()).encode()
 
 
-def _schema(campaign: Campaign) -> Any:
-    pyarrow, _ = parquet()
+def _table_schema(campaign: Campaign) -> Any:
+    pyarrow, _ = import_pyarrow()
     kinds = {
         INTEGER: pyarrow.int64(),
         NUMBER: pyarrow.float64(),
         TEXT: pyarrow.string(),
         INTEGERS: pyarrow.list_(pyarrow.int64()),
     }
-    return pyarrow.schema([(name, kinds[kind]) for name, kind in columns(campaign).items()])
+    return pyarrow.schema([(name, kinds[kind]) for name, kind in table_columns(campaign).items()])
 
 
 def _is_finished(folder: Path) -> bool:
     """Return True if the manifest exists and agrees with the design and the table."""
     try:
         stated = _read_manifest(folder)["files"]
-        return all(stated[name]["sha256"] == digest(folder / name) for name in (DESIGN, PARAMETERS))
+        return all(stated[name]["sha256"] == file_sha256(folder / name) for name in (DESIGN, PARAMETERS))
     except (FileNotFoundError, KeyError, TypeError, ValueError):
         return False
 
@@ -538,7 +532,7 @@ def _digests_if_whole(folder: Path, shard: int) -> dict[str, str]:
     names = [shard_file(shard, kind) for kind in _KINDS]
     if not all((folder / name).is_file() for name in names):
         return {}
-    digests = {name: digest(folder / name) for name in names}
+    digests = {name: file_sha256(folder / name) for name in names}
     of_both = {name: digests[name] for name in names[:2]}
     return digests if (folder / names[2]).read_bytes() == _digest_lines(of_both) else {}
 
@@ -547,11 +541,11 @@ def _write_manifest(
     campaign: Campaign, store: ShardStore, digests: Mapping[int, Mapping[str, str]], versions: dict[str, str]
 ) -> None:
     """Write the table of all rows, then the manifest, which finishes the campaign."""
-    pyarrow, tables = parquet()
+    pyarrow, tables = import_pyarrow()
     folder = store.folder
 
     def write(file: IO[bytes]) -> None:
-        with tables.ParquetWriter(file, _schema(campaign)) as writer:
+        with tables.ParquetWriter(file, _table_schema(campaign)) as writer:
             for first in range(0, campaign.n_shards, _SHARDS_PER_GROUP):
                 group = range(first, min(first + _SHARDS_PER_GROUP, campaign.n_shards))
                 parts = [tables.read_table(folder / shard_file(shard, "parquet")) for shard in group]
@@ -560,7 +554,7 @@ def _write_manifest(
     store.write(PARAMETERS, write)
     status = tables.read_table(folder / PARAMETERS, columns=["status"]).column("status")
     counts = {item["values"]: item["counts"] for item in status.value_counts().to_pylist()}
-    files = {name: digest(folder / name) for name in (DESIGN, PARAMETERS)}
+    files = {name: file_sha256(folder / name) for name in (DESIGN, PARAMETERS)}
     for shard in range(campaign.n_shards):
         files |= digests[shard]
     manifest = {

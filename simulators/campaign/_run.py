@@ -59,7 +59,7 @@ class RunResult(NamedTuple):
     row: dict[str, Any]
 
 
-def columns(campaign: Campaign) -> dict[str, str]:
+def table_columns(campaign: Campaign) -> dict[str, str]:
     """Return the columns of a campaign's table and their kinds."""
     effects = {
         f"effects.{label}.{name}": NUMBER
@@ -154,7 +154,7 @@ def check_middle(campaign: Campaign) -> None:
 def _draw_run(campaign: Campaign, plan: RunPlan) -> tuple[dict[str, Any], PlannedRun | ValueError]:
     """Return the row of a run, with all that is known before it, and what is to be simulated."""
     defects = campaign.defects_of(plan)
-    row: dict[str, Any] = {name: math.nan for name, kind in columns(campaign).items() if kind == NUMBER}
+    row: dict[str, Any] = {name: math.nan for name, kind in table_columns(campaign).items() if kind == NUMBER}
     row |= {f"effects.{name}": value for name, value in plan.values.items() if name not in OF_DEFECTS}
     row |= {
         "run": plan.run,
@@ -172,7 +172,7 @@ def _draw_run(campaign: Campaign, plan: RunPlan) -> tuple[dict[str, Any], Planne
         try:
             planned = sample.plan()
         except ValueError as error:
-            machine, planned = sample.rig.draw(sample.seed), error
+            machine, planned = sample.rig.draw(sample.random_state), error
             settling = settling_time(machine.gearbox)
         else:
             machine, settling = planned.machine, planned.n_settling / campaign.sampling_rate

@@ -132,10 +132,10 @@ def test_a_random_design_is_uniform_and_classes_are_independent() -> None:
 
 def test_name_and_seed_make_other_assemblies() -> None:
     first, plan = [plan.values for plan in SMALL.plans()], next(SMALL.plans(3))
-    state = SMALL.sample(plan).seed.generate_state(2).tolist()
+    state = SMALL.sample(plan).random_state.generate_state(2).tolist()
     for other in (SMALL.replace(random_state=1), SMALL.replace(name="other")):
         assert [plan.values for plan in other.plans()] != first
-        assert other.sample(plan).seed.generate_state(2).tolist() != state
+        assert other.sample(plan).random_state.generate_state(2).tolist() != state
 
 
 def test_a_run_is_what_the_simulator_gives_for_its_values() -> None:
@@ -187,7 +187,7 @@ def test_a_run_states_the_effects_of_its_variant() -> None:
     rig = QUICK.replace(variants=[[Hum(0.1)], [Hum(0.3), Noise(0.4)]])
     campaign = SMALL.replace(rig=rig)
     rows = [result.row for result in _run.simulate_runs(campaign, list(campaign.plans()))]
-    assert all(row.keys() == _run.columns(campaign).keys() for row in rows)
+    assert all(row.keys() == _run.table_columns(campaign).keys() for row in rows)
     second = [row["effects.hum.amplitude_nm"] == 0.3 for row in rows]
     assert 0 < sum(second) < len(rows)
     assert second == [row["effects.noise_2.rms_nm"] == 0.4 for row in rows]

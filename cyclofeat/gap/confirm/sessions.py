@@ -81,9 +81,9 @@ def simulate_sessions(
         return in_machine, on_torque, 1.0 if tolerance is None else tolerance(random)
 
     n_machines = -(-n_sessions // n_rigs_per_machine)
-    machines = _machines(world, template, rigs, n_machines, random_state)
+    machines = _draw_machines(world, template, rigs, n_machines, random_state)
     sessions, sizes, tolerances = [], [], []
-    for columns, machine in zip(_simulated(world, machines, n_jobs), machines, strict=True):
+    for columns, machine in zip(_simulate_machines(world, machines, n_jobs), machines, strict=True):
         for values, counts, speeds, drawn in zip(
             columns["values"], columns["counts"], columns["speeds"], columns["sizes"], strict=True
         ):
@@ -144,7 +144,9 @@ def simulate_prior(
 
     parts: list[dict[str, NDArray[Any]]] = []
     n_machines = -(-n_rigs // _RIGS_PER_MACHINE)
-    for part in _simulated(world, _machines(world, template, rigs, n_machines, random_state), n_jobs):
+    for part in _simulate_machines(
+        world, _draw_machines(world, template, rigs, n_machines, random_state), n_jobs
+    ):
         parts.append(part)
         if progress is not None:
             progress(min(len(parts) * _RIGS_PER_MACHINE, n_rigs), n_rigs)
@@ -163,7 +165,7 @@ def simulate_prior(
     return usable
 
 
-def _machines(
+def _draw_machines(
     world: World,
     template: Session,
     rigs: Callable[[np.random.Generator], DrawnRigs],
@@ -187,7 +189,7 @@ def _machines(
     return machines
 
 
-def _simulated(
+def _simulate_machines(
     world: World, machines: Sequence[DrawnMachine], n_jobs: int
 ) -> Iterator[dict[str, NDArray[Any]]]:
     """Yield the columns of the rigs of each machine."""

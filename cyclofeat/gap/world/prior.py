@@ -81,15 +81,15 @@ class EffectPrior:
     def in_machine(self, random: np.random.Generator) -> tuple[Effect, ...]:
         """Draw the effects that the gearbox answers."""
         n = random.choice(self.most + 1, p=self._shares.sum(axis=1))
-        return self._drawn(n, True, random)
+        return self._draw_effects(n, True, random)
 
     def on_torque(self, n_in_machine: int, random: np.random.Generator) -> tuple[Effect, ...]:
         """Draw the effects on the torque signal of a machine that has ``n_in_machine`` others."""
         shares = self._shares[n_in_machine]
         n = random.choice(self.most + 1, p=shares / shares.sum()) - n_in_machine
-        return self._drawn(n, False, random)
+        return self._draw_effects(n, False, random)
 
-    def _drawn(self, n: int, in_machine: bool, random: np.random.Generator) -> tuple[Effect, ...]:
+    def _draw_effects(self, n: int, in_machine: bool, random: np.random.Generator) -> tuple[Effect, ...]:
         possible = [effect for effect in self.effects if effect.needs_simulation() == in_machine]
         chosen = sorted(random.choice(len(possible), n, replace=False)) if n else []
         return tuple(possible[k].draw_parameters(random) for k in chosen)
@@ -112,10 +112,10 @@ def missing_effects(rig: Rig) -> tuple[Effect, ...]:
 
 def with_floor(rig: Rig, may_differ: Sequence[Effect], tolerance: float = 1.0) -> Rig:
     """Return the rig with so much of what may differ anyway, and with noise and drift where it has none."""
-    return with_may_differ(rig, (*(_in_proportion(one, tolerance) for one in may_differ), *FLOOR))
+    return with_may_differ(rig, (*(_scale_spread(one, tolerance) for one in may_differ), *FLOOR))
 
 
-def _in_proportion(effect: Effect, factor: float) -> Effect:
+def _scale_spread(effect: Effect, factor: float) -> Effect:
     """Return an effect with its parameters' distances from neutral changed by a factor, but distributions."""
     changed = {}
     for name, parameter in effect.parameters.items():
