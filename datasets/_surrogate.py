@@ -18,7 +18,6 @@ from cyclofeat.recordings import Recording
 
 if TYPE_CHECKING:  # the simulator loads numba: only those who simulate wait for it
     from cyclofeat.simulators import LobeDefects, Rig, Solver
-    from cyclofeat.simulators.machine import Machine
     from cyclofeat.simulators.sampling import Sample, SampledRun, Wear
 
 _PRESETS = ("R0", "R1", "R2", "published")
@@ -162,8 +161,8 @@ def make_rig_recordings(
     ['noise', 'hum', 'quantisation']
     """
     run = _Run(
-        _rig_of(rig), _recording_length(duration, output_turns), sampling_rate, checks.seed(random_state),
-        with_angle, solver, _positive_range("speed_rpm", speed_rpm, "RPM"),
+        _rig_of(rig), _recording_length(duration, output_turns), sampling_rate,
+        checks.seed_number(random_state), with_angle, solver, _positive_range("speed_rpm", speed_rpm, "RPM"),
         _positive_range("load_nm", load_nm, "Nm"), quantity,
     )  # fmt: skip
     counts = checks.defect_counts(defect_counts, run.rig.gearbox.n_lobes)
@@ -175,7 +174,7 @@ def make_rig_recordings(
         raise TypeError(f"keep must be a function of a recording, got {keep!r}")
     first = checks.whole("first_assembly", first_assembly, 0) * len(counts)
     defects = [
-        wear.draw(counts[index % len(counts)], run.rig.gearbox.n_lobes, run.seed(index))
+        wear.draw(counts[index % len(counts)], run.rig.gearbox.n_lobes, run.seed_of(index))
         for index in range(first, first + total)
     ]
     recordings: dict[int, Recording] = {}
@@ -232,7 +231,7 @@ def make_rig_recording(
     defects = LobeDefects.healthy() if defects is None else defects
     checks.check_type("defects", defects, LobeDefects)
     run = _Run(
-        _rig_of(rig), _recording_length(duration, None), sampling_rate, checks.seed(random_state),
+        _rig_of(rig), _recording_length(duration, None), sampling_rate, checks.seed_number(random_state),
         with_angle, quantity=quantity,
     )  # fmt: skip
     ((_, recording),) = _recordings(run, [defects], "exact", 1)
@@ -267,7 +266,7 @@ class _Run:
         length, unit = self.length
         return length if unit == "s" else length * rig.gearbox.n_lobes / rig.gearbox.input_speed_hz
 
-    def seed(self, index: int) -> np.random.SeedSequence:
+    def seed_of(self, index: int) -> np.random.SeedSequence:
         """Return the seed of a recording."""
         from cyclofeat.simulators.sampling import recording_seed
 
@@ -280,22 +279,29 @@ class _Run:
 
         name = f"{self.rig.name}-{self.random_state}-{index:04d}"
         try:
-            rig = draw_conditions(self.rig, self.speed_rpm, self.load_nm, self.seed(index))
+            rig = draw_conditions(self.rig, self.speed_rpm, self.load_nm, self.seed_of(index))
         except ValueError as error:
             raise ValueError(f"assembly {name}: {error}") from None
         if self.quantity == "motor_current" and rig.simulator is None and not rig.has_motor:
             rig = rig.with_added(*motor_effects(rig.gearbox))
         return Sample(
             rig=rig, defects=defects, duration=self.duration_at(rig), sampling_rate=self.sampling_rate,
-            random_state=self.seed(index), quantity=self.quantity, solver=self.solver, name=name,
+            random_state=self.seed_of(index), quantity=self.quantity, solver=self.solver, name=name,
         )  # fmt: skip
 
     def recording(self, sample: Sample, drawn: SampledRun) -> Recording:
         """Return the recording of a machine's run, with why the machines drawn before it could not run."""
         plan, made, failures = drawn
         if isinstance(made, Exception):
-            words = _machine_words(sample, plan.machine)
-            made.args = (f"{words}, the last of {_MOST_DRAWS} that were drawn: {made}",)
+            removed = (
+                f", removed {from_1(sample.defects.removed_lobes)}" if sample.defects.removed_lobes else ""
+            )
+            values = ", ".join(f"{name} {value:.5g}" for name, value in plan.machine.true_values().items())
+            made.args = (
+                f"assembly {sample.name} (worn lobes {from_1(sample.defects.worn_lobes)}{removed} on wheels "
+                f"{from_1(sample.defects.wheels)}, counted from 1; {values}), the last of {_MOST_DRAWS} that "
+                f"were drawn: {made}",
+            )
             raise made
         try:
             record = made.record()
@@ -349,17 +355,6 @@ def _recordings(
             yield place, recording
     except ValueError as error:
         raise ValueError(f"rig {run.rig.name}: {error}") from None
-
-
-def _machine_words(sample: Sample, machine: Machine) -> str:
-    """Describe an assembly for an error."""
-    defects = sample.defects
-    removed = f", removed {from_1(defects.removed_lobes)}" if defects.removed_lobes else ""
-    values = ", ".join(f"{name} {value:.5g}" for name, value in machine.true_values().items())
-    return (
-        f"assembly {sample.name} (worn lobes {from_1(defects.worn_lobes)}{removed} on wheels "
-        f"{from_1(defects.wheels)}, counted from 1; {values})"
-    )
 
 
 def _recording_length(duration: float | None, output_turns: float | None) -> tuple[float, str]:

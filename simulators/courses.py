@@ -128,19 +128,17 @@ class DriveAndLoad:
         if self._fluctuates or not steady:
             extra = _ramp_share(self._gearbox, around) * self._faster(around)
             numeric = extra if steady else speed + extra
-            angle += self._integrate_speed(numeric[inside])
+            # The angle from the start of the run, by the trapezoid rule.
+            fast = numeric[inside]
+            growth = np.empty(fast.size)
+            growth[0] = self._turned
+            growth[1:] = self._step * (fast[1:] + fast[:-1]) / 2.0
+            turned = np.cumsum(growth)
+            self._turned = float(turned[-1])
+            angle += turned
             alpha += np.gradient(numeric, self._step)[inside]
             omega += extra[inside]
         angle += self._start_angle
-
-    def _integrate_speed(self, speed: Float) -> Float:
-        """Return the angle from the start of the run, by the trapezoid rule."""
-        growth = np.empty(speed.size)
-        growth[0] = self._turned
-        growth[1:] = self._step * (speed[1:] + speed[:-1]) / 2.0
-        turned = np.cumsum(growth)
-        self._turned = float(turned[-1])
-        return turned
 
     def _fill_torque(self, out: Float, around: Float, inside: slice) -> None:
         """Load torque on the output (paper B eq. 9-10), plus its fluctuation, both under the ramp."""

@@ -95,9 +95,6 @@ class LobeDefects:
         if both:
             raise ValueError(f"worn_lobes and removed_lobes must not overlap, both hold {sorted(both)}")
         object.__setattr__(self, "wear_um", _wear_of_lobes(self.wear_um, worn_lobes))
-        self._check_radial_wear()
-
-    def _check_radial_wear(self) -> None:
         share, centre = number("wear_share", self.wear_share), number("wear_centre", self.wear_centre)
         if self.wear_um is None:
             if (share, centre) != (_WEAR_SHARE, _WEAR_CENTRE):

@@ -165,7 +165,12 @@ def sample_runs(
     [(2560,), (2560,)]
     """
     checks.one_of("kernel", kernel, ("exact", "batch", "auto"))
-    plans = [_plan_or_error(sample) for sample in samples]
+    plans: list[PlannedRun | ValueError] = []
+    for sample in samples:
+        try:
+            plans.append(sample.plan() if isinstance(sample, Sample) else sample)
+        except ValueError as error:
+            plans.append(error)
     possible = [plan for plan in plans if isinstance(plan, PlannedRun)]
     runs: list[Any]
     try:
@@ -177,13 +182,6 @@ def sample_runs(
             runs = [run for plan in possible for run in sample_runs([plan], kernel=kernel)]
     queue = iter(runs)
     return [next(queue) if isinstance(plan, PlannedRun) else plan for plan in plans]
-
-
-def _plan_or_error(sample: Sample | PlannedRun | ValueError) -> PlannedRun | ValueError:
-    try:
-        return sample.plan() if isinstance(sample, Sample) else sample
-    except ValueError as error:
-        return error
 
 
 def _finish_or_error(

@@ -80,7 +80,7 @@ def whole(name: str, value: Any, least: int | None = None, most: int | None = No
     return int(value)
 
 
-def seed(random_state: Any) -> int:
+def seed_number(random_state: Any) -> int:
     """Return a seed, a whole number of at least 0; draw one for None."""
     if random_state is None:
         return int(np.random.SeedSequence().generate_state(1)[0])

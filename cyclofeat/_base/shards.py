@@ -85,7 +85,7 @@ class ShardStore:
         return result
 
     @contextlib.contextmanager
-    def locked(self, work: str) -> Iterator[None]:
+    def hold_lock(self, work: str) -> Iterator[None]:
         """Lock the folder, until the end of this process at most; errors name the ``work``."""
         try:
             held = self._lock()

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, ncx2
 
-from cyclofeat._base.checks import number, positive, seed, whole
+from cyclofeat._base.checks import number, positive, seed_number, whole
 from cyclofeat._base.displays import data_frame
 from cyclofeat.counting.model.radial_wear import lobe_lines_nm, runs_of
 from cyclofeat.recordings.windower import lobe_windower
@@ -395,7 +395,7 @@ class SimulatedTwins:
         self._options: dict[str, Any] = {
             "n_assemblies": n_assemblies, "rig": drawn.with_effects(Noise(0.0)), "speed_rpm": self.speed_rpm,
             "load_nm": self.load_nm, "output_turns": _MARGIN * turns, "wheels": (0, 1), "with_angle": True,
-            "n_jobs": n_jobs, "random_state": seed(random_state), "kernel": "auto",
+            "n_jobs": n_jobs, "random_state": seed_number(random_state), "kernel": "auto",
             "solver": Solver(integrator="adams_bashforth"),
         }  # fmt: skip
 

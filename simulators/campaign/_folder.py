@@ -160,7 +160,11 @@ class Shards:
             raise IndexError(f"Shards take rows, or rows and samples, got {key!r}")
         samples = rest[0] if rest else slice(None)
         if isinstance(rows, (int, np.integer)) and not isinstance(rows, bool):
-            row = self._read_row(int(rows))
+            if not -len(self) <= rows < len(self):
+                raise IndexError(f"row {rows} is out of bounds for {len(self)} rows")
+            index = int(rows) % len(self)
+            shard = int(np.searchsorted(self._ends, index, side="right"))
+            row = self._map_shard(shard)[index - self._first_row(shard)]
             return row[samples] if rest else row
         taken = np.arange(len(self))[rows]  # numpy's rules for slices, masks and lists
         if taken.ndim != 1:
@@ -176,13 +180,6 @@ class Shards:
 
     def _map_shard(self, shard: int) -> Any:
         return np.load(self.paths[shard], mmap_mode="r", allow_pickle=False)
-
-    def _read_row(self, index: int) -> Any:
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"row {index} is out of bounds for {len(self)} rows")
-        index %= len(self)
-        shard = int(np.searchsorted(self._ends, index, side="right"))
-        return self._map_shard(shard)[index - self._first_row(shard)]
 
     def _read_rows(self, taken: NDArray[np.intp], samples: Any) -> NDArray[np.float32]:
         width = np.empty((0, self.shape[1]), dtype=self.dtype)[:, samples].shape[1:]
@@ -356,7 +353,7 @@ def complete_campaign(
     _check_folder(campaign, folder, versions)
     check_middle(campaign)
     folder.mkdir(parents=True, exist_ok=True)
-    with store.locked("campaign"):
+    with store.hold_lock("campaign"):
         store.begin({"format": FORMAT, "made_with": versions, **campaign.to_dict()})
         digests = {shard: _digests_if_whole(folder, shard) for shard in range(campaign.n_shards)}
         missing = [shard for shard, names in digests.items() if not names]

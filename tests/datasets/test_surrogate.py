@@ -412,11 +412,8 @@ def test_one_recording_of_given_defects_is_the_first_of_many():
 def test_removed_lobes_are_counted_and_named():
     one = make_rig_recording("R0", LobeDefects.removed((3,), wheels=(0,)), duration=0.05, random_state=0)
     assert (one.defect_count, one.worn_lobes, one.source) == (1, None, "surrogate")
-    assert [one.meta[f"{name}_from_1"] for name in ("worn_lobes", "removed_lobes", "wheels")] == [
-        [],
-        [4],
-        [1],
-    ]
+    names = ("worn_lobes", "removed_lobes", "wheels")
+    assert [one.meta[f"{name}_from_1"] for name in names] == [[], [4], [1]]
     healthy = make_rig_recording("R0", duration=0.05, random_state=0)
     assert (healthy.defect_count, healthy.worn_lobes, healthy.meta["wheels_from_1"]) == (0, (), [])
 
@@ -522,48 +519,34 @@ def test_a_rig_that_never_settles_is_refused():
     ("arguments", "message"),
     [
         ({"n_assemblies": 0}, "n_assemblies must be at least 1, got 0"),
-        ({"n_assemblies": 1.0}, "n_assemblies must be a whole number, got 1.0"),
         ({"defect_counts": 3}, "defect_counts must be several whole numbers, .* got 3"),
         ({"defect_counts": []}, "defect_counts must be distinct and from 0 to 15"),
-        ({"defect_counts": [1, 1]}, "defect_counts must be distinct"),
         ({"defect_counts": [16]}, "defect_counts must be at most 15, got 16"),
         ({"defect_counts": [-1]}, "defect_counts must be at least 0, got -1"),
-        ({"defect_counts": [0.5]}, "defect_counts must be a whole number, got 0.5"),
         ({"rig": "R3"}, "rig must be one of .* or a Rig, got 'R3'"),
-        ({"rig": None}, "rig must be one of .* got None"),
         ({"lobes": "even"}, "lobes must be one of .* got 'even'"),
-        ({"lobes": (0, 4)}, r"lobes must be one of .* got \(0, 4\)"),
         ({"wheels": "both"}, "wheels must be 'random', .* got 'both'"),
-        ({"wheels": (2,)}, r"wheels must be .* got \(2,\)"),
-        ({"wheels": 0}, "wheels must be .* got 0"),
         ({"duration": 0}, "duration must be positive and finite, got 0"),
-        ({"duration": math.inf}, "duration must be positive and finite, got inf"),
         ({"duration": 1e-6}, "duration must hold at least 2 samples"),
         ({"sampling_rate": -1.0}, "sampling_rate must be positive and finite, got -1.0"),
         ({"sampling_rate": 1e6}, "sampling_rate must not exceed"),
         ({"sampling_rate": "25k"}, "sampling_rate must be a number"),
-        ({"random_state": None}, "random_state must be a whole number, got None"),
         ({"random_state": -1}, "random_state must be at least 0, got -1"),
         ({"n_jobs": 0}, "n_jobs must be a whole number"),
     ],
 )
 def test_bad_arguments_are_named(arguments, message):
-    given = {"n_assemblies": 1, "duration": 0.05} | arguments
+    given = {"n_assemblies": 1, "duration": 0.05, "random_state": 0} | arguments
     with pytest.raises((TypeError, ValueError), match=message):
-        make_rig_recordings(random_state=0, **given)
+        make_rig_recordings(**given)
 
 
 def test_speeds_and_loads_are_drawn_per_assembly():
-    made = make_rig_recordings(
-        3,
-        [0, 2],
-        rig="R0",
-        speed_rpm=(300, 1500),
-        load_nm=(3, 40),
-        output_turns=0.1,
-        sampling_rate=5000,
-        random_state=0,
-    )
+    options = {
+        "rig": "R0", "speed_rpm": (300, 1500), "load_nm": (3, 40), "output_turns": 0.1,
+        "sampling_rate": 5000, "random_state": 0,
+    }  # fmt: skip
+    made = make_rig_recordings(3, [0, 2], **options)
     speeds, loads = ([getattr(one, name) for one in made] for name in ("speed_rpm", "load_nm"))
     assert len(set(speeds)) == len(set(loads)) == 6
     assert 300 <= min(speeds) < max(speeds) <= 1500
@@ -572,17 +555,7 @@ def test_speeds_and_loads_are_drawn_per_assembly():
         assert one.n_samples == round(0.1 * 15 / (one.speed_rpm / 60) * 5000)
         assert one.meta["true_speed_rpm"] == pytest.approx(one.speed_rpm, rel=0.0101)
         assert one.torque.mean() == pytest.approx(one.load_nm, rel=0.5)
-    again = make_rig_recordings(
-        1,
-        [0],
-        rig="R0",
-        speed_rpm=(300, 1500),
-        load_nm=(3, 40),
-        output_turns=0.1,
-        sampling_rate=5000,
-        random_state=0,
-    )
-    assert again[0] == made[0]
+    assert make_rig_recordings(1, [0], **options) == made[:1]
 
 
 def test_load_drift_shrinks_with_the_load():

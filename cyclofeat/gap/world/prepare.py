@@ -68,7 +68,17 @@ def prepare_world(
         "cells": world.cells,
     }  # fmt: skip
     store.begin(content)
-    _check_world(store, json.loads(json.dumps(content)))
+    stated, wanted = store.read_json(store.description), json.loads(json.dumps(content))
+    if stated != wanted:
+        if stated.get("made_with") != wanted["made_with"]:
+            different = ["versions of code and libraries"]
+        else:
+            old, new = stated.get("world", {}), wanted["world"]
+            different = [name for name in new if old.get(name) != new[name]] or ["summaries"]
+        raise ValueError(
+            f"folder must be empty or hold the same world, got {store.folder}, which was made with other "
+            f"{', '.join(different)}: name another folder, or remove this one"
+        )
     shards = [f"shard-{shard:05d}.npz" for shard in range(n_shards)]
     missing = store.missing(shards)
     calls = (joblib.delayed(_simulate_shard)(world, store, shards.index(name), name) for name in missing)
@@ -77,36 +87,6 @@ def prepare_world(
         for done, _ in enumerate(results, start=n_shards - len(missing) + 1):
             if progress is not None:
                 progress(done, n_shards)
-    return _read_rigs(store, shards)
-
-
-def _check_world(store: ShardStore, wanted: dict[str, Any]) -> None:
-    """Raise ValueError unless the folder holds this world, simulated by the same code."""
-    stated = store.read_description()
-    if stated == wanted:
-        return
-    if stated is None or stated.get("made_with") != wanted["made_with"]:
-        different = ["versions of code and libraries"]
-    else:
-        old, new = stated.get("world", {}), wanted["world"]
-        different = [name for name in new if old.get(name) != new[name]] or ["summaries"]
-    raise ValueError(
-        f"folder must be empty or hold the same world, got {store.folder}, which was made with other "
-        f"{', '.join(different)}: name another folder, or remove this one"
-    )
-
-
-def _simulate_shard(world: World, store: ShardStore, shard: int, name: str) -> None:
-    first = shard * _MACHINES_PER_SHARD
-    machines = simulate_machines(world, range(first, first + _MACHINES_PER_SHARD))
-    columns: dict[str, Any] = {
-        name: np.concatenate([machine[name] for machine in machines]) for name in machines[0]
-    }
-    store.write(name, lambda stream: np.savez(stream, **columns))
-
-
-def _read_rigs(store: ShardStore, shards: list[str]) -> Rigs:
-    stated = store.read_json(store.description)
     parts = []
     for shard in shards:
         with np.load(store.path(shard)) as columns_of_shard:
@@ -123,3 +103,12 @@ def _read_rigs(store: ShardStore, shards: list[str]) -> Rigs:
         **columns,
     )
     return rigs.of(simulated.sum(axis=1) >= min(FEWEST_RECORDINGS, simulated.shape[1]))
+
+
+def _simulate_shard(world: World, store: ShardStore, shard: int, name: str) -> None:
+    first = shard * _MACHINES_PER_SHARD
+    machines = simulate_machines(world, range(first, first + _MACHINES_PER_SHARD))
+    columns: dict[str, Any] = {
+        name: np.concatenate([machine[name] for machine in machines]) for name in machines[0]
+    }
+    store.write(name, lambda stream: np.savez(stream, **columns))
