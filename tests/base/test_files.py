@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from cyclofeat._base.files import MODEL_PACKAGES, code_sha256, package_versions, write_whole
+from cyclofeat._base.shards import ShardStore
 
 
 @pytest.mark.parametrize("durable", [False, True])
@@ -72,3 +73,19 @@ def test_a_file_for_which_the_disk_is_too_small_is_named(tmp_path: Path, failed:
         write_whole(tmp_path / "a", full)
     assert caught.value.errno == (failed.errno or errno.EIO)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_finished_work_is_read_again_and_a_damaged_file_is_made_anew(tmp_path):
+    store, calls = ShardStore(tmp_path / "work"), []
+
+    def work():
+        calls.append(1)
+        return {"torque": np.arange(3)}
+
+    for n_calls in (1, 1):
+        np.testing.assert_array_equal(store.remember("a.joblib", work)["torque"], np.arange(3))
+        assert len(calls) == n_calls
+    store.path("a.joblib").write_bytes(b"half of it")
+    store.remember("a.joblib", work)
+    assert len(calls) == 2
+    assert [path.name for path in store.folder.iterdir()] == ["a.joblib"]
