@@ -34,7 +34,6 @@ from cyclofeat import __version__
 from cyclofeat._base.progress import erase_progress, progress_hidden
 from cyclofeat.cli._options import CommandParser, check_targets, error_text, refuse_idle
 from cyclofeat.cli._printing import COMMANDS, Command, Printed, show_warning, warn
-from cyclofeat.cli._rigs import load_own_effects
 
 __all__ = ["main", "make_parser"]
 
@@ -124,7 +123,10 @@ def _printed_results(command: Command, arguments: argparse.Namespace) -> Iterato
             raise OSError("standard output is closed: direct it to a file, or to the null device")
         refuse_idle(arguments)
         check_targets(arguments)
-        load_own_effects(arguments)
+        for path in getattr(arguments, "effects_from", ()):
+            from cyclofeat.simulators import load_effects
+
+            load_effects(path)
         module = command.module()
         outcome = module.run(arguments)
         for result in outcome if isinstance(outcome, Iterator) else (outcome,):

@@ -81,14 +81,6 @@ def add_effects(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def load_own_effects(arguments: argparse.Namespace) -> None:
-    """Register the effects of the files named, where the command has the option."""
-    for path in getattr(arguments, "effects_from", ()):
-        from cyclofeat.simulators import load_effects
-
-        load_effects(path)
-
-
 def defects_of(arguments: argparse.Namespace) -> LobeDefects:
     """Return the worn or removed lobes."""
     from cyclofeat.simulators import LobeDefects

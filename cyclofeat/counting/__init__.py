@@ -27,6 +27,9 @@ The default model of ``cyclofeat train`` is a ``LobeModel``: a ``LobeMap`` with 
 ``TrainingDomain`` and the speed check refuse.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from cyclofeat.counting.calibration.conformal_regressor import ConformalRegressor
 from cyclofeat.counting.calibration.group_calibrated_counter import GroupCalibratedCounter
 from cyclofeat.counting.calibration.training_domain import TrainingDomain
@@ -42,12 +45,14 @@ from cyclofeat.counting.evaluation.evaluation import Evaluation, score_text
 from cyclofeat.counting.model._training import samples_per_turn_at as samples_per_turn_at
 from cyclofeat.counting.model.lobe_count import LobeCount, WindowCount, counts_frame
 from cyclofeat.counting.model.lobe_model import LobeModel
-from cyclofeat.counting.model.lobe_stream import LobeStream
 from cyclofeat.counting.model.radial_wear import RadialWear, WearDepth
 from cyclofeat.counting.model.radial_wear import lobe_lines_nm as lobe_lines_nm
 from cyclofeat.counting.model.radial_wear import runs_of as runs_of
 from cyclofeat.counting.model.radial_wear import wear_features as wear_features
-from cyclofeat.counting.planning import MeasurementPlan, plan_measurement
+
+if TYPE_CHECKING:
+    from cyclofeat.counting.model.lobe_stream import LobeStream
+    from cyclofeat.counting.planning import MeasurementPlan, plan_measurement
 
 __all__ = [
     "ConformalRegressor",
@@ -75,3 +80,12 @@ __all__ = [
     "plan_measurement",
     "score_text",
 ]
+
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> Any:
+        # Loaded on first use: no count needs them.
+        if name in __all__:
+            module = "model.lobe_stream" if name == "LobeStream" else "planning"
+            return getattr(import_module(f"{__name__}.{module}"), name)
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
@@ -29,21 +30,17 @@ from cyclofeat.datasets.readers._columns import (
     check_same_rate,
     is_number,
 )
-from cyclofeat.datasets.readers._csv import CsvSource, write_csv
 from cyclofeat.datasets.readers._labels import LABELS, labels_to_write
-from cyclofeat.datasets.readers._matlab import MatSource
-from cyclofeat.datasets.readers._npz import NpzSource, write_npz
-from cyclofeat.datasets.readers._parquet import ParquetSource
-from cyclofeat.datasets.readers._tdms import TdmsSource
 from cyclofeat.datasets.readers._times import rate_of
-from cyclofeat.datasets.readers._wav import WavSource
-from cyclofeat.datasets.readers._xlsx import XlsxSource
 from cyclofeat.recordings import Recording
 from cyclofeat.signal.tachometer import angle_from_pulses, continuous_angle
 
-SOURCES: dict[str, Callable[..., Source]] = {
-    ".csv": CsvSource, ".csv.gz": CsvSource, ".npz": NpzSource, ".tdms": TdmsSource, ".mat": MatSource,
-    ".parquet": ParquetSource, ".wav": WavSource, ".xlsx": XlsxSource,
+# Module and class for each kind of file, imported when one is read.
+SOURCES = {
+    ".csv": ("_csv", "CsvSource"), ".csv.gz": ("_csv", "CsvSource"), ".npz": ("_npz", "NpzSource"),
+    ".tdms": ("_tdms", "TdmsSource"), ".mat": ("_matlab", "MatSource"),
+    ".parquet": ("_parquet", "ParquetSource"), ".wav": ("_wav", "WavSource"),
+    ".xlsx": ("_xlsx", "XlsxSource"),
 }  # fmt: skip
 # Read as these where they are named; a folder's other text files are notes.
 _TEXT_FILES = {".txt": ".csv", ".txt.gz": ".csv.gz"}
@@ -327,7 +324,9 @@ def write_recording(path: str | os.PathLike[str], recording: Recording) -> None:
     if suffix not in (".csv", ".npz"):
         raise ValueError(f"{path.name}: unknown kind of file {path.suffix!r}; .csv and .npz can be written")
     labels = labels_to_write(recording)
-    write = write_csv if suffix == ".csv" else write_npz
+    from cyclofeat.datasets.readers import _csv, _npz
+
+    write = _csv.write_csv if suffix == ".csv" else _npz.write_npz
     write_whole(path, lambda file: write(file, recording, labels))
 
 
@@ -365,14 +364,16 @@ def _open_source(path: Path, delimiter: str | None) -> Source:
             f"{path.name} is no {suffix} file: it begins like a {kinds} file"
             + (f"; rename it to end in {kinds}" if looks[0] in SOURCES else "")
         )
-    if SOURCES[suffix] is CsvSource:
-        return CsvSource(path, delimiter)
+    module, name = SOURCES[suffix]
+    kind: Callable[..., Source] = getattr(import_module(f"cyclofeat.datasets.readers.{module}"), name)
+    if module == "_csv":
+        return kind(path, delimiter)
     if delimiter is not None:
         raise ArgumentError(
             "{argument} is for CSV files, got {delimiter!r} for {file}",
             argument="delimiter", delimiter=delimiter, file=path.name,
         )  # fmt: skip
-    return SOURCES[suffix](path)
+    return kind(path)
 
 
 def _recording_parameters(source: Source, reading: ReadingOptions) -> dict[str, Any]:
@@ -408,7 +409,7 @@ def _recording_parameters(source: Source, reading: ReadingOptions) -> dict[str, 
         )
     else:
         rate, rate_meta = source.labels["sampling_rate"], {}
-        where = "its header" if isinstance(source, CsvSource) else "its array 'sampling_rate'"
+        where = "its array 'sampling_rate'" if source.file.lower().endswith(".npz") else "its header"
         check_same_rate(source.file, reading.sampling_rate, rate, where, tolerance=1e-6)
     parameters: dict[str, Any] = {"torque": source.column_values(torque) * factor, "quantity": quantity}
     angle_meta: dict[str, Any] = {}

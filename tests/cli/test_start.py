@@ -9,8 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cyclofeat.cli import main
-
 GOLDEN = Path(__file__).parents[1] / "golden"
 ALLOWED = ("cyclofeat", "scikit-learn", "python", "numpy", "scipy")
 UNUSED = {
@@ -42,16 +40,34 @@ def counting(tmp_path):
     return ["count", str(tmp_path / "disc.npz"), "--model", str(GOLDEN / "model.skops"), *allow]
 
 
-@pytest.mark.slow
-def test_a_count_loads_nothing_that_it_does_not_need(counting, capsys):
-    assert main(counting) == 0
-    before = capsys.readouterr().out
-    code = "import sys; from cyclofeat.cli import main; print(main(sys.argv[1:]), *sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code, *counting], capture_output=True, text=True, check=True)
-    status, *modules = done.stdout.removeprefix(before).split()
-    assert status == "0"
-    assert done.stdout.startswith(before)
+# Prints the exit code, how many files of this package have functions that ran, and all imported modules.
+WATCHED = """
+import pathlib, sys
+entered = set()
+def watch(frame, event, argument):
+    if event == "call" and frame.f_code.co_flags & 1:  # a function: no module and no body of a class
+        entered.add(frame.f_code.co_filename)
+from cyclofeat.cli import main
+sys.setprofile(watch)
+code = main(sys.argv[1:])
+sys.setprofile(None)
+rooms = {path for name in ("cyclofeat", "cyclofeat.simulators", "cyclofeat.datasets")
+         if name in sys.modules for path in sys.modules[name].__path__}
+own = [name for name in entered if any(pathlib.Path(name).is_relative_to(room) for room in rooms)]
+print(code, len(own), *sys.modules)
+"""
+# What a count takes: lower these with the figures, which are to be at most 40 files and 90 modules.
+MOST_FILES, MOST_MODULES = 46, 95
+
+
+def test_a_count_enters_few_files_and_loads_nothing_that_it_does_not_need(counting):
+    done = subprocess.run([sys.executable, "-c", WATCHED, *counting], capture_output=True, text=True)
+    code, files, *modules = done.stdout.splitlines()[-1].split()
+    assert (code, done.returncode) == ("0", 0), done.stderr
     assert not UNUSED & set(modules)
+    own = [name for name in modules if name.split(".")[0] == "cyclofeat"]
+    assert int(files) <= MOST_FILES, "a reader must follow a count through more files"
+    assert len(own) <= MOST_MODULES, own
 
 
 def test_an_error_loads_nothing_that_it_does_not_need(tmp_path):
