@@ -13,7 +13,7 @@ The module of a command has three parts:
 
 - ``add_arguments(parser)``;
 - ``run(arguments)``, which returns the result, or generates one result after the other;
-- ``printed(arguments, result)``, which returns a result's ``Printed``: its text, its JSON, and its error.
+- ``format_result(arguments, result)``, which returns a result's ``Printed``: its text, its JSON, its error.
 
 A module is imported when its command is called, and imports what computes when it runs: ``--help`` answers
 at once.
@@ -130,7 +130,7 @@ def _printed_results(command: Command, arguments: argparse.Namespace) -> Iterato
         module = command.module()
         outcome = module.run(arguments)
         for result in outcome if isinstance(outcome, Iterator) else (outcome,):
-            yield module.printed(arguments, result)
+            yield module.format_result(arguments, result)
     except _expected_errors() as error:
         if _is_of_ctrl_c(error):
             raise KeyboardInterrupt from error

@@ -77,9 +77,9 @@ def add_idle(
 def refuse_idle(arguments: argparse.Namespace) -> None:
     """Raise ValueError if an argument was typed that has no effect beside the others."""
     for names, beside, without in getattr(arguments, "idle", ()):
-        present = next((text for one in beside if (text := _typed(arguments.typed, one))), "")
+        present = next((text for one in beside if (text := _typed_text(arguments.typed, one))), "")
         reason = f"with {present}" if present else ""
-        if without and not any(_typed(arguments.typed, one) for one in without):
+        if without and not any(_typed_text(arguments.typed, one) for one in without):
             *others, last = without
             reason = f"without {', '.join(others)}{' or ' if others else ''}{last}"
         for name in names:
@@ -87,7 +87,7 @@ def refuse_idle(arguments: argparse.Namespace) -> None:
                 raise ValueError(f"{name} has no effect {reason}: leave it out")
 
 
-def _typed(typed: dict[str, Any], wanted: str) -> str:
+def _typed_text(typed: dict[str, Any], wanted: str) -> str:
     """Return an argument as it was typed, empty where it was not, or with another value than is wanted."""
     name, _, pattern = wanted.partition(" ")
     if name not in typed:
@@ -276,7 +276,7 @@ class UnreadableFolder:
         raise self.error
 
 
-def entries(paths: Sequence[str]) -> list[Entry | UnreadableFolder]:
+def list_entries(paths: Sequence[str]) -> list[Entry | UnreadableFolder]:
     """Return the files named, and the files of the folders named, as their manifests state."""
     from cyclofeat.datasets.readers import Entry, folder_entries
 
@@ -292,14 +292,14 @@ def entries(paths: Sequence[str]) -> list[Entry | UnreadableFolder]:
 def read_all(paths: Sequence[str], arguments: argparse.Namespace) -> list[Recording]:
     """Return all recordings that the paths name, read as the options state."""
     options = reading_arguments(arguments)
-    files = entries(paths)
+    files = list_entries(paths)
     recordings: list[Recording] = []
     with Progress("reading recordings") as progress:
         for entry in files:
             try:
                 recordings.append(entry.read(**options))
             except UNREADABLE as error:
-                raise ValueError(placed(entry.path, error_text(error))) from error
+                raise ValueError(name_file(entry.path, error_text(error))) from error
             progress(len(recordings), len(files))
     return recordings
 
@@ -313,7 +313,7 @@ class FileResult(Generic[T]):
     value: T | None = None
     error: str = ""
 
-    def printed(
+    def format_result(
         self, lines: Sequence[str] = (), facts: dict[str, Any] | None = None, *, refused: bool = False
     ) -> Printed:
         """Return the title, the lines and the facts, or the error, with the file's path."""
@@ -321,7 +321,7 @@ class FileResult(Generic[T]):
         text = "\n".join([self.title, *(f"  {line}" for line in lines)])
         if self.error:
             failure = file | {"error": self.error} | (facts or {})
-            return Printed(text, failure, placed(self.path, self.error), failed=True)
+            return Printed(text, failure, name_file(self.path, self.error), failed=True)
         return Printed(text, file | (facts or {}) | file, refused=refused)
 
 
@@ -338,12 +338,12 @@ def each_recording(
     """
     with Progress(doing) as progress:
         for done, entry in enumerate(files, 1):
-            result = _of_file(entry, options, work)
+            result = _read_and_work(entry, options, work)
             progress(done, len(files))
             yield result
 
 
-def _of_file(
+def _read_and_work(
     entry: Entry | UnreadableFolder, options: dict[str, Any], work: Callable[[Path, Recording], T]
 ) -> FileResult[T]:
     from cyclofeat.datasets.readers import one_line
@@ -351,13 +351,13 @@ def _of_file(
     title = ""
     try:
         recording = entry.read(**options)
-        title = placed(entry.path, one_line(recording))
+        title = name_file(entry.path, one_line(recording))
         return FileResult(entry.path, title, work(entry.path, recording))
     except UNREADABLE as error:
         return FileResult(entry.path, title, error=error_text(error))
 
 
-def placed(path: Path, message: str) -> str:
+def name_file(path: Path, message: str) -> str:
     """Return a message about a file that states the file's path."""
     if re.search(rf"(?<!\w){re.escape(str(path))}(?!\w)", message):
         return message

@@ -34,7 +34,7 @@ class CommandModule(Protocol):
     def run(self, arguments: Namespace) -> Any:
         """Return the result, or generate one result after the other."""
 
-    def printed(self, arguments: Namespace, result: Any) -> Printed:
+    def format_result(self, arguments: Namespace, result: Any) -> Printed:
         """Return what is printed of a result."""
 
 

@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> SimulationRun:
     return shown
 
 
-def printed(arguments: argparse.Namespace, run: SimulationRun) -> Printed:
+def format_result(arguments: argparse.Namespace, run: SimulationRun) -> Printed:
     file, frames = str(Path(arguments.out)), arguments.frames
     duration = run.torque_out.size / run.sampling_rate
     return Printed(

@@ -75,7 +75,7 @@ def example() -> Campaign:
     return Campaign(name="example", rig=rig, repeats=16, depth=(0.3, 1.0))
 
 
-def printed(arguments: argparse.Namespace, result: Campaign | CampaignData) -> Printed:
+def format_result(arguments: argparse.Namespace, result: Campaign | CampaignData) -> Printed:
     from cyclofeat.simulators import Campaign
 
     if isinstance(result, Campaign):

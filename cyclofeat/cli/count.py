@@ -19,7 +19,7 @@ from cyclofeat.cli._options import (
     add_target,
     count_with_warnings,
     each_recording,
-    entries,
+    list_entries,
     model_name,
     read_model,
     reading_arguments,
@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Iterator[FileResult[Counted]]:
     """Count file by file, with a row of the table each, then write the report."""
     model = read_model(arguments)
-    files, options = entries(arguments.files), reading_arguments(arguments)
+    files, options = list_entries(arguments.files), reading_arguments(arguments)
 
     results = []
     add_row = count_table(arguments.csv)
@@ -137,9 +137,9 @@ def count_table(path: str | None) -> Callable[[FileResult[Any], LobeCount | None
     return add
 
 
-def printed(arguments: argparse.Namespace, result: FileResult[Counted]) -> Printed:
+def format_result(arguments: argparse.Namespace, result: FileResult[Counted]) -> Printed:
     if result.value is None:
-        return result.printed()
+        return result.format_result()
     count, window, unused, state = result.value
     answer = f"{count.defect_count} (probability {count.probability[count.defect_count]:.2f})"
     lines = [f"worn lobes: {answer}"]
@@ -157,4 +157,4 @@ def printed(arguments: argparse.Namespace, result: FileResult[Counted]) -> Print
     if state is not None:
         lines.append(f"{state.gearbox}: {state}")
         facts |= {"gearbox": state.gearbox, "alarm": state.alarm, "history": state.to_dict()}
-    return result.printed(lines, facts, refused=count.refused and arguments.strict)
+    return result.format_result(lines, facts, refused=count.refused and arguments.strict)

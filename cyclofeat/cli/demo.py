@@ -98,7 +98,7 @@ def _simulated(assemblies: int, seed: int, jobs: int) -> list[Recording]:
         )  # fmt: skip
 
 
-def printed(arguments: argparse.Namespace, result: Demonstration) -> Printed:
+def format_result(arguments: argparse.Namespace, result: Demonstration) -> Printed:
     n = len(result.counted)
     n_assemblies = next(iter(result.scores.values())).groups.size
     lines = [

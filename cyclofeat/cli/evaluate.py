@@ -144,7 +144,7 @@ def _write_page(
     note(f"report: {written}")
 
 
-def printed(arguments: argparse.Namespace, results: dict[str, Evaluation]) -> Printed:
+def format_result(arguments: argparse.Namespace, results: dict[str, Evaluation]) -> Printed:
     name, main = next(iter(results.items()))
     made = "tested as stored" if arguments.model else "folds by assembly"
     lines = [

@@ -75,7 +75,7 @@ def add_check(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def check(arguments: argparse.Namespace, posterior: EffectPosterior) -> GapCheck:
+def run_check(arguments: argparse.Namespace, posterior: EffectPosterior) -> GapCheck:
     """Check the recordings named, or as many planned ones."""
     from cyclofeat.gap import check_recordings
 
@@ -83,7 +83,7 @@ def check(arguments: argparse.Namespace, posterior: EffectPosterior) -> GapCheck
     if arguments.measured:
         recordings = read_all(arguments.measured, arguments)
     else:
-        recordings = _planned(whole("--recordings", arguments.recordings, 1), posterior)
+        recordings = _planned_conditions(whole("--recordings", arguments.recordings, 1), posterior)
     with Progress("cyclofeat gap: simulating rigs") as progress:
         return check_recordings(
             recordings,
@@ -95,14 +95,14 @@ def check(arguments: argparse.Namespace, posterior: EffectPosterior) -> GapCheck
         )
 
 
-def _planned(n: int, posterior: EffectPosterior) -> list[Condition]:
+def _planned_conditions(n: int, posterior: EffectPosterior) -> list[Condition]:
     from cyclofeat.gap import Condition
 
     world = posterior.world
     return [Condition(sum(world.speeds_rpm) / 2, sum(world.loads_nm) / 2)] * n
 
 
-def printed_check(result: GapCheck) -> Printed:
+def format_check(result: GapCheck) -> Printed:
     """Return what is printed of a check."""
     score, at = result.score, dict.fromkeys(one.text for one in result.conditions)
     recordings = number(len(result.conditions), "recording")
@@ -111,7 +111,7 @@ def printed_check(result: GapCheck) -> Printed:
         f"sets of effects named exactly: {result.sets_right:.0%}, and but for look-alikes "
         f"{result.sets_right_with_ties:.0%}",
         f"effects found: {score.recall:.0%}; names that are right: {score.precision:.0%}",
-        *(_line(one) for one in sorted(result.effects, key=lambda one: -one.recall) if one.n),
+        *(_check_line(one) for one in sorted(result.effects, key=lambda one: -one.recall) if one.n),
     ]
     if result.wrong:
         wrong = ", ".join(f"{name} ({n})" for name, n in result.wrong.items())
@@ -120,7 +120,7 @@ def printed_check(result: GapCheck) -> Printed:
     return Printed("\n".join(lines), result.to_dict())
 
 
-def _line(one: CheckedEffect) -> str:
+def _check_line(one: CheckedEffect) -> str:
     half, most = beyond(one.half_below, one.half_above), beyond(one.most_below, one.most_above)
     unit = unit_text(one.unit)
     text = f"{one.effect}: found in {one.recall:.0%} of {one.n}"
@@ -179,7 +179,7 @@ def add_preparation(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def prepare(arguments: argparse.Namespace) -> Prepared:
+def prepare_posterior(arguments: argparse.Namespace) -> Prepared:
     """Simulate rigs of the model, learn from them, and write the posterior."""
     if arguments.cache is None:
         raise ValueError(
@@ -240,7 +240,7 @@ def world_of(arguments: argparse.Namespace, model: Rig) -> World:
     return dataclasses.replace(world, effects=effects, most=min(world.most, len(effects)))
 
 
-def printed_preparation(prepared: Prepared) -> Printed:
+def format_preparation(prepared: Prepared) -> Printed:
     """Return what is printed of a preparation."""
     posterior = prepared.posterior
     world, n_rigs = posterior.world, posterior.n_rigs_
@@ -272,7 +272,7 @@ def gap_lines(result: GapResult) -> list[str]:
     for found in result.effects:
         if found.effect in named or found.answer == "present":
             look_alikes = [name for name in found.ties if name not in named]
-            lines += _effect(found, [result.effect(name) for name in look_alikes])
+            lines += _effect_lines(found, [result.effect(name) for name in look_alikes])
             told.update(look_alikes)
     rest = [found for found in result.effects if found.answer == "unresolved" and found.effect not in told]
     open_ones = [f"{found.effect} ({found.probability:.0%})" for found in rest if not found.small]
@@ -284,17 +284,17 @@ def gap_lines(result: GapResult) -> list[str]:
     if small:
         lines.append(f"open, but too small to be seen; would be seen with: {', '.join(small)}")
     if result.remainder is not None:
-        lines += _remaining(result.remainder)
+        lines += _remainder_lines(result.remainder)
     for one in result.next_measurements[:1]:
         apart = f", to tell apart {', '.join(one.separates)}" if one.separates else ""
         lines.append(f"measure next: {one.what}{apart}")
     for proof in result.proof:
         at = f" at {proof.condition.text}" if proof.condition else ""
-        lines.append(f"held out{at}: {_closed(proof)}")
+        lines.append(f"held out{at}: {_closed_text(proof)}")
     return lines + [f"note: {warning}" for warning in result.warnings]
 
 
-def _effect(found: FoundEffect, look_alikes: Sequence[FoundEffect]) -> Iterator[str]:
+def _effect_lines(found: FoundEffect, look_alikes: Sequence[FoundEffect]) -> Iterator[str]:
     word = "missing" if found.answer == "present" else "probably missing"
     first, *others = (f"{one.effect} ({one.probability:.0%})" for one in (found, *look_alikes))
     ties = f", or {', '.join(others)}" if others else ""
@@ -302,7 +302,7 @@ def _effect(found: FoundEffect, look_alikes: Sequence[FoundEffect]) -> Iterator[
     yield from (f"  {size}" for size in found.sizes)
 
 
-def _remaining(remainder: Remainder) -> Iterator[str]:
+def _remainder_lines(remainder: Remainder) -> Iterator[str]:
     if remainder.cause == "chance":
         yield f"left unexplained: nothing ({p_words(remainder.p)})"
         return
@@ -318,7 +318,7 @@ def _remaining(remainder: Remainder) -> Iterator[str]:
     yield "something is missing that no effect considered explains: sizes are not confirmed by simulation"
 
 
-def _closed(proof: Proof) -> str:
+def _closed_text(proof: Proof) -> str:
     closed = proof.result
     if math.isnan(closed.grr):
         return "too little disagreement to state how far it shrank"
@@ -389,16 +389,16 @@ def run(arguments: argparse.Namespace) -> GapResult | GapCheck | Prepared:
     if arguments.cache is not None:
         check_folder("--cache", Path(arguments.cache))
     if arguments.prepare is not None:
-        return prepare(arguments)
+        return prepare_posterior(arguments)
     if arguments.check:
-        return check(arguments, _posterior(arguments))
+        return run_check(arguments, _posterior_of_model(arguments))
     if not arguments.measured:
         raise ValueError("MEASURED must name recordings, or folders of them")
     recordings = read_all(arguments.measured, arguments)
     if arguments.simulated is None:
-        result, settings = _found(arguments, recordings)
+        result, settings = _find_and_judge(arguments, recordings)
     else:
-        result, settings = _compared(arguments, recordings)
+        result, settings = _compare_folders(arguments, recordings)
     if arguments.save_simulator is not None:
         (result.posterior_rig or result.rig).to_json(arguments.save_simulator)
     if arguments.out is not None:
@@ -410,15 +410,17 @@ def run(arguments: argparse.Namespace) -> GapResult | GapCheck | Prepared:
     return result
 
 
-def _found(arguments: argparse.Namespace, recordings: list[Recording]) -> tuple[GapResult, dict[str, str]]:
+def _find_and_judge(
+    arguments: argparse.Namespace, recordings: list[Recording]
+) -> tuple[GapResult, dict[str, str]]:
     """Return what the model lacks, and the settings that the page lists."""
     from cyclofeat.gap import find_gap
 
-    posterior = _posterior(arguments)
-    fitted, held_out = _split(arguments, recordings)
+    posterior = _posterior_of_model(arguments)
+    fitted, held_out = _split_recordings(arguments, recordings)
     with Steps("cyclofeat gap") as steps:
         result = find_gap(
-            fitted, held_out, posterior=posterior, settings=_settings(arguments), progress=steps
+            fitted, held_out, posterior=posterior, settings=_gap_settings(arguments), progress=steps
         )
     settings = {
         "model": arguments.simulator or arguments.posterior or "paper B's gearbox",
@@ -430,20 +432,22 @@ def _found(arguments: argparse.Namespace, recordings: list[Recording]) -> tuple[
     return result, settings
 
 
-def _compared(arguments: argparse.Namespace, recordings: list[Recording]) -> tuple[GapResult, dict[str, str]]:
+def _compare_folders(
+    arguments: argparse.Namespace, recordings: list[Recording]
+) -> tuple[GapResult, dict[str, str]]:
     """Return where the recordings differ from those of another simulator."""
     from cyclofeat.gap import compare_recordings
 
     simulated = read_all([arguments.simulated], arguments)
     with Progress("cyclofeat gap: comparing recordings"):
-        result = compare_recordings(recordings, simulated, settings=_settings(arguments))
+        result = compare_recordings(recordings, simulated, settings=_gap_settings(arguments))
     return result, {
         "recordings": f"{len(recordings)}",
         "simulated recordings": f"{len(simulated)} of {arguments.simulated}",
     }
 
 
-def _settings(arguments: argparse.Namespace) -> GapSettings:
+def _gap_settings(arguments: argparse.Namespace) -> GapSettings:
     from cyclofeat.gap import GapSettings
 
     return GapSettings(
@@ -456,7 +460,7 @@ def _settings(arguments: argparse.Namespace) -> GapSettings:
     )
 
 
-def _posterior(arguments: argparse.Namespace) -> EffectPosterior:
+def _posterior_of_model(arguments: argparse.Namespace) -> EffectPosterior:
     """Return the posterior named, or the one that comes with the package, of the model."""
     from cyclofeat.simulators import Rig
 
@@ -475,7 +479,7 @@ def _posterior(arguments: argparse.Namespace) -> EffectPosterior:
     return posterior
 
 
-def _split(
+def _split_recordings(
     arguments: argparse.Namespace, recordings: list[Recording]
 ) -> tuple[list[Recording], list[Recording] | None]:
     """Return the recordings to fit, and those to judge on."""
@@ -491,21 +495,21 @@ def _split(
     try:
         return hold_out(recordings, by, random_state=arguments.seed)
     except ArgumentError as error:
-        raise ValueError(error.spelled(_option)) from None
+        raise ValueError(error.spelled(_hold_out_option)) from None
 
 
-def _option(argument: str, rest: str) -> str:
+def _hold_out_option(argument: str, rest: str) -> str:
     """Return the option of an argument of :func:`hold_out`."""
     return "--hold-out" if argument == "by" else option_of(argument, rest)
 
 
-def printed(arguments: argparse.Namespace, result: GapResult | GapCheck | Prepared) -> Printed:
+def format_result(arguments: argparse.Namespace, result: GapResult | GapCheck | Prepared) -> Printed:
     from cyclofeat.gap import GapCheck
 
     if isinstance(result, Prepared):
-        return printed_preparation(result)
+        return format_preparation(result)
     if isinstance(result, GapCheck):
-        return printed_check(result)
+        return format_check(result)
     lines = gap_lines(result)
     if arguments.out is not None:
         lines.append(f"report: {arguments.out}")

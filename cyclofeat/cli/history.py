@@ -79,7 +79,7 @@ class HistoryWriter:
         if not name:
             raise ValueError("the file states no assembly: give --gearbox NAME with --history")
         self.history.add(
-            name, str(path.resolve()), _time(path, recording), count, recording, self.model.card_
+            name, str(path.resolve()), _recording_time(path, recording), count, recording, self.model.card_
         )
         return name
 
@@ -88,7 +88,7 @@ class HistoryWriter:
         return self.history.state(name, **self.rates)
 
 
-def _time(path: Path, recording: Recording) -> float:
+def _recording_time(path: Path, recording: Recording) -> float:
     """Return when a file was recorded, in s since 1970: as it states, else when it was changed."""
     stated = (recording.meta or {}).get("start_time")
     if stated is None:
@@ -150,7 +150,7 @@ def run(arguments: argparse.Namespace) -> Iterator[GearboxState]:
             note(f"report: {path}")
 
 
-def printed(arguments: argparse.Namespace, state: GearboxState) -> Printed:
+def format_result(arguments: argparse.Namespace, state: GearboxState) -> Printed:
     from cyclofeat.history.alarm import when
 
     count = "never counted" if state.defect_count is None else number(state.defect_count, "worn lobe")

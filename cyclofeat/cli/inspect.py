@@ -15,7 +15,7 @@ from cyclofeat.cli._options import (
     FileResult,
     add_reading_options,
     each_recording,
-    entries,
+    list_entries,
     reading_arguments,
 )
 from cyclofeat.cli._printing import Printed
@@ -29,15 +29,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Iterator[FileResult[dict[str, Any]]]:
     from cyclofeat.datasets import describe
 
-    files, options = entries(arguments.files), reading_arguments(arguments)
+    files, options = list_entries(arguments.files), reading_arguments(arguments)
     return each_recording("inspecting", files, options, lambda _, recording: describe(recording))
 
 
-def printed(arguments: argparse.Namespace, result: FileResult[dict[str, Any]]) -> Printed:
+def format_result(arguments: argparse.Namespace, result: FileResult[dict[str, Any]]) -> Printed:
     facts = result.value
     channels = _channels(arguments, result.path)
     if facts is None:
-        return result.printed(facts={"channels": channels})
+        return result.format_result(facts={"channels": channels})
     lines = [f"started:   {facts['start_time']} (UTC)"] if facts["start_time"] else []
     others = [name if unit is None else f"{name} ({unit})" for name, unit in channels.items()]
     if len(others) > 1:
@@ -49,7 +49,7 @@ def printed(arguments: argparse.Namespace, result: FileResult[dict[str, Any]]) -
     lines.append(f"clipped:   {100 * facts['clipped_share']:.3g} %")
     lines.append(f"dropouts:  {100 * facts['dropout_share']:.3g} %")
     lines += [f"warning:   {warning}" for warning in facts["warnings"]]
-    return result.printed(lines, {**facts, "channels": channels})
+    return result.format_result(lines, {**facts, "channels": channels})
 
 
 def _channels(arguments: argparse.Namespace, path: Path) -> dict[str, str | None]:

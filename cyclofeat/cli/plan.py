@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> MeasurementPlan:
     )
 
 
-def printed(arguments: argparse.Namespace, plan: MeasurementPlan) -> Printed:
+def format_result(arguments: argparse.Namespace, plan: MeasurementPlan) -> Printed:
     lines = _table_lines(plan) if plan.depths_um is None else _simulation_lines(plan)
     if plan.depths_um is None and arguments.speed != _TABULATED_RPM:
         lines.append(

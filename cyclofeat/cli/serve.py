@@ -36,5 +36,5 @@ def run(arguments: argparse.Namespace) -> Iterator[str]:
     note("cyclofeat: stopped")
 
 
-def printed(arguments: argparse.Namespace, url: str) -> Printed:
+def format_result(arguments: argparse.Namespace, url: str) -> Printed:
     return Printed(url, {"url": url})

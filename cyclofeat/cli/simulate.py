@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> Recording:
     return recording
 
 
-def printed(arguments: argparse.Namespace, recording: Recording) -> Printed:
+def format_result(arguments: argparse.Namespace, recording: Recording) -> Printed:
     from cyclofeat.datasets.readers import one_line
 
     file = arguments.out

@@ -248,7 +248,7 @@ def _around(nominal: float) -> tuple[float, float]:
     return nominal / _RANGE, nominal * _RANGE
 
 
-def printed(arguments: argparse.Namespace, model: LobeModel) -> Printed:
+def format_result(arguments: argparse.Namespace, model: LobeModel) -> Printed:
     from cyclofeat.counting import score_text
 
     card = model.card_

@@ -25,7 +25,7 @@ from cyclofeat.cli._options import (
     count_with_warnings,
     error_text,
     model_name,
-    placed,
+    name_file,
     read_model,
     reading_arguments,
     without_start,
@@ -82,13 +82,13 @@ class FolderWatch:
     _seen: dict[str, _Seen] = field(default_factory=dict, init=False)
 
     @property
-    def unsettled(self) -> set[str]:
+    def unsettled_names(self) -> set[str]:
         """Names of files that are still changing."""
         return {name for name, file in self._seen.items() if not file.tried}
 
     def poll(self, now: float) -> list[Path]:
         """Return files to count, sorted by name; ``now`` in s of a clock that never goes back."""
-        present = dict(sorted(self._files()))
+        present = dict(sorted(self._present_files()))
         for name in self._seen.keys() - present.keys():
             del self._seen[name]
         ready = []
@@ -103,17 +103,17 @@ class FolderWatch:
                 ready.append(self.folder / name)
         return ready
 
-    def counted(self, path: Path) -> None:
+    def mark_counted(self, path: Path) -> None:
         """Remember a file that was counted."""
         seen = self._seen[path.name]
         seen.message, seen.reported = None, False
         self.done.add(path.name, seen.signature)
 
-    def failed(self, path: Path, message: str) -> None:
-        """Remember why a file could not be counted; :meth:`bad` reports it later."""
+    def mark_failed(self, path: Path, message: str) -> None:
+        """Remember why a file could not be counted; :meth:`bad_files` reports it later."""
         self._seen[path.name].message = message
 
-    def bad(self, now: float, *, at_once: bool = False) -> list[tuple[Path, str]]:
+    def bad_files(self, now: float, *, at_once: bool = False) -> list[tuple[Path, str]]:
         """Return files that could not be counted and have not changed for long, each once, and the reason."""
         files = []
         for name, seen in self._seen.items():
@@ -126,7 +126,7 @@ class FolderWatch:
             seen.message, seen.reported = None, True
         return files
 
-    def _files(self) -> Iterator[tuple[str, Signature]]:
+    def _present_files(self) -> Iterator[tuple[str, Signature]]:
         with os.scandir(self.folder) as entries:
             for entry in entries:
                 name = entry.name
@@ -252,12 +252,12 @@ def run(arguments: argparse.Namespace) -> Iterator[FileResult[Watched]]:
             note(f"cyclofeat: watching {folder}, stop with Ctrl-C")
         counted = failed = 0
         with history_writer(arguments, model, folder.resolve().name) as writer:
-            for arrival in _arrivals(arguments, watch, model, writer, options, stop):
+            for arrival in _count_arrivals(arguments, watch, model, writer, options, stop):
                 counted += not arrival.error
                 failed += bool(arrival.error)
                 yield arrival
-    if arguments.once and watch.unsettled:
-        note(f"cyclofeat: {', '.join(sorted(watch.unsettled))}: still being written, left out")
+    if arguments.once and watch.unsettled_names:
+        note(f"cyclofeat: {', '.join(sorted(watch.unsettled_names))}: still being written, left out")
     ended = "done" if arguments.once else "stopped"
     note(f"cyclofeat: {ended}: {counted} counted, {failed} could not be")
 
@@ -282,7 +282,7 @@ class _Stop:
             time.sleep(min(rest, 0.1))
 
 
-def _arrivals(
+def _count_arrivals(
     arguments: argparse.Namespace,
     watch: FolderWatch,
     model: LobeModel,
@@ -316,7 +316,7 @@ def _arrivals(
                 continue  # removed since
             except Exception as error:  # one bad file must not end the watch, whatever is wrong with it
                 name = "" if isinstance(error, UNREADABLE) else f"{type(error).__name__}: "
-                watch.failed(path, placed(path, name + error_text(error)))
+                watch.mark_failed(path, name_file(path, name + error_text(error)))
                 continue
             state = None
             with unsaved:
@@ -324,7 +324,7 @@ def _arrivals(
                     writer.history.write()
                     state = writer.state(name)
             yield FileResult(path, value=Watched(count, state))
-            watch.counted(path)
+            watch.mark_counted(path)
             _write_done(watch, writer, unwritten)
         with unsaved:
             if writer is not None:
@@ -332,7 +332,7 @@ def _arrivals(
         _write_done(watch, writer, unwritten)
         # A file that cannot be read may only be half written, by a writer that pauses: reported later, once.
         last = arguments.once and now - began >= arguments.settle
-        for path, message in watch.bad(now, at_once=last):
+        for path, message in watch.bad_files(now, at_once=last):
             yield FileResult(path, error=message)
         if last:
             break
@@ -382,7 +382,7 @@ def _stop_on_signals() -> Iterator[_Stop]:
             signal.signal(name, handler)
 
 
-def printed(arguments: argparse.Namespace, result: FileResult[Watched]) -> Printed:
+def format_result(arguments: argparse.Namespace, result: FileResult[Watched]) -> Printed:
     time_text = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     facts: dict[str, Any] = {"time": time_text, "file": str(result.path)}
     if result.value is None:

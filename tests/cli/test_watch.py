@@ -61,10 +61,10 @@ def test_a_file_is_told_of_once_it_has_come_to_rest(watch, tmp_path):
     assert watch.poll(0.0) == []
     file.write_text("12", encoding="utf-8")  # still being written
     assert watch.poll(1.0) == []
-    assert watch.unsettled == {"a.csv"}
+    assert watch.unsettled_names == {"a.csv"}
     assert watch.poll(1.9) == []
     assert names(watch.poll(2.0)) == ["a.csv"]
-    watch.counted(file)
+    watch.mark_counted(file)
     assert watch.poll(9.0) == []
     file.write_text("123", encoding="utf-8")
     assert watch.poll(10.0) == []
@@ -75,7 +75,7 @@ def test_same_size_and_time_in_another_file_is_another_file(watch, tmp_path):
     file = tmp_path / "a.csv"
     file.write_text("1", encoding="utf-8")
     watch.poll(0.0)
-    watch.counted(watch.poll(1.0)[0])
+    watch.mark_counted(watch.poll(1.0)[0])
     (tmp_path / "b.part").write_text("2", encoding="utf-8")
     os.utime(tmp_path / "b.part", ns=(file.stat().st_atime_ns, file.stat().st_mtime_ns))
     (tmp_path / "b.part").rename(file)
@@ -98,18 +98,18 @@ def test_a_bad_file_is_told_of_once_and_late(watch, tmp_path):
     file = tmp_path / "a.csv"
     file.write_text("1", encoding="utf-8")
     watch.poll(0.0)
-    watch.failed(watch.poll(1.0)[0], "half")
-    assert watch.bad(1.0) == []  # its writer may only have paused
+    watch.mark_failed(watch.poll(1.0)[0], "half")
+    assert watch.bad_files(1.0) == []  # its writer may only have paused
     file.write_text("12", encoding="utf-8")
     watch.poll(3.0)
-    assert watch.bad(9.0) == []  # nothing is wrong with what has not been tried
-    watch.failed(watch.poll(9.0)[0], "still bad")
-    assert watch.bad(9.0) == [(file, "still bad")]
-    assert watch.bad(99.0) == []
+    assert watch.bad_files(9.0) == []  # nothing is wrong with what has not been tried
+    watch.mark_failed(watch.poll(9.0)[0], "still bad")
+    assert watch.bad_files(9.0) == [(file, "still bad")]
+    assert watch.bad_files(99.0) == []
     file.write_text("123", encoding="utf-8")
     watch.poll(100.0)
-    watch.failed(watch.poll(101.0)[0], "bad for ever")
-    assert watch.bad(999.0) == []
+    watch.mark_failed(watch.poll(101.0)[0], "bad for ever")
+    assert watch.bad_files(999.0) == []
 
 
 def test_a_file_that_goes_away_is_forgotten(watch, tmp_path):
