@@ -107,7 +107,12 @@ def _run(file: str, text: str, *, replace: bool = False) -> types.ModuleType:
             sys.modules[name] = before
         if isinstance(error, _NotAnEffect) or not isinstance(error, Exception):
             raise
-        raise ValueError(f"{file}, line {_line_of(error, file)}: {type(error).__name__}: {error}") from error
+        if isinstance(error, SyntaxError):
+            line = error.lineno or 1
+        else:
+            trace = traceback.extract_tb(error.__traceback__)
+            line = next((frame.lineno for frame in reversed(trace) if frame.filename == file), None) or 1
+        raise ValueError(f"{file}, line {line}: {type(error).__name__}: {error}") from error
     return module
 
 
@@ -156,11 +161,3 @@ def _rebuild(file: str, text: str, name: str, parameters: dict[str, Any]) -> Eff
         _register(kind, file, replace=True)
     instance: Effect | Simulator = kind(**parameters)
     return instance
-
-
-def _line_of(error: Exception, file: str) -> int:
-    """Return the line of the file at which an error arose."""
-    if isinstance(error, SyntaxError):
-        return error.lineno or 1
-    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
-    return lines[-1] or 1 if lines else 1

@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 from scipy.signal import butter, fftconvolve, sosfilt, sosfilt_zi
 from scipy.stats import loguniform, norm
@@ -473,20 +472,17 @@ class LostSamples(Effect):
     def _length(self) -> int:
         return round(float(self.block))
 
-    def _lost(self, n_samples: int, random: Generator) -> NDArray[np.bool_]:
-        stretch = self._length / float(self.share)
-        places = random.random(math.ceil(n_samples / stretch)) * (1 - float(self.share))
-        starts = np.floor((np.arange(places.size) + places) * stretch).astype(int)
-        lost = np.zeros(math.ceil(places.size * stretch), dtype=bool)
-        lost[starts[:, None] + np.arange(self._length)] = True
-        return lost[:n_samples]
-
     def change_torque(
         self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
     ) -> Float:
         if self.share == 0 or torque.size == 0:
             return torque
-        lost = self._lost(torque.size, random)
+        stretch = self._length / float(self.share)
+        places = random.random(math.ceil(torque.size / stretch)) * (1 - float(self.share))
+        starts = np.floor((np.arange(places.size) + places) * stretch).astype(int)
+        lost = np.zeros(math.ceil(places.size * stretch), dtype=bool)
+        lost[starts[:, None] + np.arange(self._length)] = True
+        lost = lost[: torque.size]
         if self.fill == "cut":
             return np.asarray(torque[~lost])
         if self.fill == "zero":

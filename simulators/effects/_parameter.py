@@ -140,8 +140,17 @@ class EffectParameter:
         ValueError
             If a number lies outside the bounds, or half of a distribution's probability does.
         """
+        bounds = f"{self.low:g} and {self.high:g}{'' if self.unit == '1' else ' ' + self.unit}"
         if is_distribution(value):
-            self._check_distribution(where, value)
+            if value.dist.name not in _DISTRIBUTIONS:
+                names = ", ".join(_DISTRIBUTIONS)
+                raise ValueError(f"{where} must be one of scipy's {names}, got {value.dist.name}")
+            inside = float(value.cdf(self.high)) - float(value.cdf(self.low))
+            if not inside >= 0.5:  # also true for NaN, from arguments that scipy rejects
+                raise ValueError(
+                    f"{where} must lie between {bounds}, where {value_text(value)} has {inside:.0%} of its "
+                    "probability"
+                )
             return
         unit = "" if self.unit == "1" else f" of {self.unit}"
         wrong = f"{where} must be a number{unit}, a range (low, high) or a distribution, got {short(value)}"
@@ -151,7 +160,7 @@ class EffectParameter:
         if not all(map(is_number, ends)):
             raise TypeError(wrong)
         if not all(self.low <= end <= self.high for end in ends):  # also for NaN
-            raise ValueError(f"{where} must lie between {self._bounds()}, got {value!r}")
+            raise ValueError(f"{where} must lie between {bounds}, got {value!r}")
         if not is_range(value):
             return
         low, high = ends
@@ -160,20 +169,6 @@ class EffectParameter:
         if not (math.isfinite(low) and math.isfinite(high)) or (self.log and low <= 0 and low < high):
             above = "begin above 0 (it is drawn log-uniformly) and end" if self.log else "be"
             raise ValueError(f"{where}, as a range, must {above} finite, got {value!r}")
-
-    def _check_distribution(self, where: str, distribution: Any) -> None:
-        name = distribution.dist.name
-        if name not in _DISTRIBUTIONS:
-            raise ValueError(f"{where} must be one of scipy's {', '.join(_DISTRIBUTIONS)}, got {name}")
-        inside = float(distribution.cdf(self.high)) - float(distribution.cdf(self.low))
-        if not inside >= 0.5:  # also true for NaN, from arguments that scipy rejects
-            raise ValueError(
-                f"{where} must lie between {self._bounds()}, where {value_text(distribution)} has "
-                f"{inside:.0%} of its probability"
-            )
-
-    def _bounds(self) -> str:
-        return f"{self.low:g} and {self.high:g}{'' if self.unit == '1' else ' ' + self.unit}"
 
 
 def is_distribution(value: Any) -> bool:

@@ -289,13 +289,14 @@ def effects_from_list(content: Any) -> tuple[Effect, ...]:
     effects = []
     for index, item in enumerate(content):
         try:
-            effects.append(_effect_from(item))
+            effects.append(effect_from_dict(item))
         except (TypeError, ValueError) as error:
             raise type(error)(f"effects[{index}]: {error}") from None
     return tuple(effects)
 
 
-def _effect_from(content: Any) -> Effect:
+def effect_from_dict(content: Any) -> Effect:
+    """Return the effect of an object as :meth:`Effect.to_dict` writes it; other keys keep their default."""
     if not isinstance(content, dict) or not isinstance(content.get("effect"), str):
         raise TypeError(f'must be an object like {{"effect": "hum", ...}}, got {short(content)}')
     name = content["effect"]
