@@ -33,12 +33,6 @@ def band_mask(frequencies: ArrayLike, band: tuple[float, float]) -> NDArray[np.b
     ------
     ValueError
         If not ``0 <= low < high``, or if the band reaches beyond the last frequency or holds no line.
-
-    Examples
-    --------
-    >>> from cyclofeat.signal import band_mask
-    >>> band_mask([0.0, 50.0, 100.0, 150.0], (40.0, 100.0))
-    array([False,  True,  True, False])
     """
     frequencies = np.asarray(frequencies, dtype=np.float64)
     try:
@@ -412,12 +406,6 @@ def narrowband_mask(
     ------
     ValueError
         If the fundamental or the width is out of range, or a harmonic lies beyond the highest frequency.
-
-    Examples
-    --------
-    >>> from cyclofeat.signal import narrowband_mask
-    >>> narrowband_mask([0.0, 50.0, 100.0, 150.0, 200.0])
-    array([False, False,  True, False,  True])
     """
     frequencies = np.asarray(frequencies, dtype=np.float64)
     if not fundamental_hz > 0:

@@ -76,13 +76,6 @@ def controlled_lag(current: Float, sampling_rate: float, integral_s: float) -> F
     -------
     ndarray, shape (n,)
         P a, in the unit of the current times s; 0 before the first sample.
-
-    Examples
-    --------
-    >>> current = np.sin(2 * np.pi * 8 * np.arange(2_000) / 1_000)
-    >>> lag = controlled_lag(current, 1_000, 0.02)[1_000:]
-    >>> bool(abs(lag.max() - 0.02 / np.hypot(1, 2 * np.pi * 8 * 0.02)) < 1e-4)
-    True
     """
     kept = np.exp(-1 / (sampling_rate * integral_s))
     return np.asarray(lfilter([(1 - kept) * integral_s], [1, -kept], current))
@@ -116,18 +109,6 @@ def follow_motor(current: Float, sampling_rate: float, nominal_hz: float, n_lobe
     ------
     ValueError
         As ``cyclofeat.signal.speed.follow_speed``.
-
-    Examples
-    --------
-    >>> time = np.arange(30_000) / 10_000
-    >>> angle = 2 * np.pi * 8 * time
-    >>> for _ in range(30):  # the angle and the current that belong to each other
-    ...     current = 5 + sum(np.cos(16 / 15 * k * angle) for k in range(1, 30))
-    ...     angle = 2 * np.pi * 8 * (time - 0.02 * controlled_lag(current - 5, 10_000, 0.015))
-    >>> current = current + np.random.default_rng(0).normal(size=time.size)
-    >>> found = follow_motor(current, 10_000, 480 / 60)
-    >>> bool(np.std(found.angle - angle) < 2 * np.pi * 0.003)
-    True
     """
     found = _driven(current, sampling_rate, nominal_hz, n_lobes, _ATTEMPTS)
     if found.fits and not found.reaches and _is_another(found, current, sampling_rate, n_lobes):

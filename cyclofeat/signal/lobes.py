@@ -102,11 +102,6 @@ def lines_held(
     """Return the number of lobe lines that windows hold for a count: ``most``, at a low rate down to 3.
 
     Parameters are those of :func:`highest_frequency` and :func:`lobe_lines`.
-
-    Examples
-    --------
-    >>> lines_held(25_600, 500 / 60, 15), lines_held(1000, 1500 / 60, 15)
-    (44, 15)
     """
     highest = highest_frequency(input_speed_hz, n_lobes, 1, speed_tolerance)
     return max(FEWEST_LINES, min(most, int(_SHARE_HELD * sampling_rate / highest)))

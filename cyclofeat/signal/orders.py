@@ -54,13 +54,6 @@ def input_angle_from_disc(angle: ArrayLike, reduction: int = 15) -> Float:
 
     Solves the rest position theta_1 = -(phi + pi) / z_s for phi, z_s being the ``reduction``. Both angles
     count counter-clockwise, so the disc's angle falls while the input's rises.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> phi = np.array([0.0, 1.0, 2.0])
-    >>> np.round(input_angle_from_disc(-(phi + np.pi) / 15), 12).tolist()
-    [0.0, 1.0, 2.0]
     """
     return np.asarray(-reduction * np.asarray(angle, dtype=np.float64) - math.pi, dtype=np.float64)
 
@@ -70,12 +63,6 @@ def samples_at(angles: Float, angle: Float) -> Float:
 
     Fractional numbers of samples from 0, by linear interpolation; outside the record its first or last.
     ``numpy.interp`` gives the same, but takes two more arrays as long as the record.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> samples_at(np.array([0.5, 2.0]), np.array([0.0, 1.0, 3.0]))
-    array([0.5, 1.5])
     """
     angles = np.clip(angles, angle[0], angle[-1])
     before = np.clip(np.searchsorted(angle, angles, side="right") - 1, 0, angle.size - 2)
@@ -141,17 +128,6 @@ def resample_by_angle(
     With the low-pass, orders up to ``0.4 * samples_per_turn`` pass unchanged and orders from
     ``0.5 * samples_per_turn`` on are 80 dB down; the result is then 26 samples shorter at either end than the
     angle's range. The spline is accurate to 1 % up to a fifth of the sampling rate, to 0.1 % up to a tenth.
-
-    Examples
-    --------
-    A torque of order 4 keeps its shape while the speed rises from 5 to 10 turns per second:
-
-    >>> import numpy as np
-    >>> time = np.arange(20_000) / 10_000
-    >>> phi = 2 * np.pi * (5 * time + 1.25 * time**2)
-    >>> torque, grid = resample_by_angle(22 + np.cos(4 * phi), phi, 256, 10_000)
-    >>> bool(np.max(np.abs(torque - 22 - np.cos(4 * grid))) < 1e-3)
-    True
     """
     torque, angle = _checked(torque, angle)
     step = 2 * math.pi / whole("samples_per_turn", samples_per_turn, least=2)
@@ -244,12 +220,6 @@ def lines_per_input_turn(fold_by: str, n_lobes: int = 15) -> float:
     """Return how often the fold repeats per input turn: the order of its first line.
 
     1/z_s for the output turn, 1 for the input turn, (z_s + 1)/z_s for the passage of lobes.
-
-    Examples
-    --------
-    >>> from cyclofeat.signal.orders import lines_per_input_turn
-    >>> lines_per_input_turn("output") * 15
-    1.0
     """
     one_of("fold_by", fold_by, FOLDS)
     return {"output": 1 / n_lobes, "input": 1.0, "lobe": (n_lobes + 1) / n_lobes}[fold_by]
@@ -330,16 +300,6 @@ def estimate_input_speed(
     The steps of the search are ``tolerance / 150`` (0.01 % at 1.5 %). In windows of one output turn (1.8 s at
     500 RPM) whose comb stands 10 dB out of the noise the estimate is within 0.03 % of the truth. For torque
     without lobe or mesh lines and for windows of few turns the result is any speed within the tolerance.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from cyclofeat.signal.orders import estimate_input_speed
-    >>> phase = 2 * np.pi * 8.4 * np.arange(46_080) / 25_600
-    >>> torque = 22 + np.sin(16 * phase) + 0.5 * np.cos(32 * phase)  # mesh lines only
-    >>> torque = torque + 0.1 * np.random.default_rng(0).normal(size=46_080)
-    >>> print(estimate_input_speed(torque[np.newaxis], 25_600, 500 / 60, comb="mesh").round(2))
-    [8.4]
     """
     if not 0 <= tolerance <= 0.2:
         raise ValueError(f"tolerance must be from 0 to 0.2 (a share of the speed), got {tolerance!r}")
@@ -511,16 +471,6 @@ def synchronous_average(lines: Complex, n_points: int) -> Float:
     ------
     ValueError
         If ``n_points`` is not positive.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from cyclofeat.signal.orders import order_lines, synchronous_average
-    >>> phase = 2 * np.pi * 500 / 60 * np.arange(46_080) / 25_600
-    >>> torque = 22 + np.cos(phase) + np.cos(np.sqrt(2) * 100 * phase)
-    >>> lines = order_lines(torque[np.newaxis], 25_600, [500 / 60], 4, fold_by="input")
-    >>> synchronous_average(lines, 4).round(1) + 0.0
-    array([[ 1.,  0., -1.,  0.]])
     """
     if n_points < 1:
         raise ValueError(f"n_points must be at least 1, got {n_points!r}")

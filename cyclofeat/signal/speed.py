@@ -172,17 +172,6 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
     ValueError
         If the record is shorter than six turns of the input, or the sampling rate does not hold the first
         line of the mesh.
-
-    Examples
-    --------
-    >>> time = np.arange(50_000) / 10_000
-    >>> true = 2 * np.pi * (8 * time + 0.04 * np.sin(2 * np.pi * 0.3 * time))  # wanders by 1 %
-    >>> torque = sum(np.cos(16 / 15 * k * true) for k in range(5, 30))
-    >>> torque = torque + np.random.default_rng(0).normal(size=time.size)
-    >>> found = follow_speed(torque, 10_000, 500 / 60)
-    >>> error = found.angle - true
-    >>> bool(np.std(error) < 2 * np.pi * 0.003)
-    True
     """
     return _follow(torque, sampling_rate, nominal_hz, n_lobes, _ATTEMPTS)
 
@@ -248,15 +237,6 @@ def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list
     list of FollowedSpeed
         The most probable first; empty where no speed fits at which the record holds an output turn and the
         sampling rate the first line of the mesh.
-
-    Examples
-    --------
-    >>> time = np.arange(40_000) / 10_000
-    >>> turned = 2 * np.pi * 437 / 60 * time
-    >>> torque = sum(np.cos(16 / 15 * k * turned) for k in range(3, 40))
-    >>> torque = torque + np.random.default_rng(0).normal(size=time.size)
-    >>> [round(60 * found.speed_hz, 1) for found in search_speed(torque, 10_000)]
-    [437.0]
     """
     duration, tolerance = torque.size / sampling_rate, FOLLOWED_TOLERANCE
     mesh = highest_frequency(1.0, n_lobes, min(n_lobes, _LAST_LOBE_LINE), tolerance)

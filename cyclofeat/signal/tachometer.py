@@ -51,13 +51,6 @@ def angle_from_pulses(signal: ArrayLike, pulses_per_turn: int) -> Float:
     ValueError
         If the signal is constant, not finite or has fewer than three pulses, if one is missing or double, or
         if there are fewer than four samples per pulse.
-
-    Examples
-    --------
-    >>> turns = 3.0 * np.arange(2000) / 1000  # 3 turns per second, sampled at 1 kHz
-    >>> angle = angle_from_pulses(np.sin(2 * np.pi * 4 * turns) > 0, 4)
-    >>> round(float(np.mean(np.diff(angle)) * 1000 / (2 * np.pi)), 2)
-    3.0
     """
     per_turn = checks.whole("pulses_per_turn", pulses_per_turn, 1)
     values = checks.series("signal", signal, kinds="biuf")
@@ -142,12 +135,6 @@ def continuous_angle(angle: ArrayLike) -> Float:
     ------
     ValueError
         If the angle is not finite, does neither, or steps by more than a quarter of a turn.
-
-    Examples
-    --------
-    >>> turned = np.linspace(0, 20, 500)
-    >>> bool(np.allclose(continuous_angle(turned % (2 * np.pi)), turned))
-    True
     """
     values = checks.series("angle", angle)
     steps = np.diff(values)

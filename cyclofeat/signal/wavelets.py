@@ -37,13 +37,7 @@ def _table() -> dict[str, Any]:
 
 
 def morris_names() -> tuple[str, ...]:
-    """Names of the Morris family, shortest filter first.
-
-    Examples
-    --------
-    >>> morris_names()[0], morris_names()[-1], len(morris_names())
-    ('mb4.2', 'mb32.3', 11)
-    """
+    """Names of the Morris family, shortest filter first."""
     return tuple(_table())
 
 
@@ -71,11 +65,6 @@ def morris(name: str) -> pywt.Wavelet:
     ----------
     J. M. Morris and R. Peravali, "Minimum-bandwidth discrete-time wavelets", Signal Processing 76 (1999)
     181-193.
-
-    Examples
-    --------
-    >>> morris("mb32.3").dec_len
-    32
     """
     if name not in _table():
         raise ValueError(f"name must be one of {', '.join(morris_names())}, got {name!r}")
@@ -98,11 +87,6 @@ def as_wavelet(wavelet: str | pywt.Wavelet | Sequence[Sequence[float]]) -> pywt.
     ------
     ValueError
         For an unknown name or filters that do not form a bank.
-
-    Examples
-    --------
-    >>> as_wavelet("mb4.2").name, as_wavelet("db4").name
-    ('mb4.2', 'db4')
     """
     if isinstance(wavelet, pywt.Wavelet):
         return wavelet
@@ -127,13 +111,7 @@ def as_wavelet(wavelet: str | pywt.Wavelet | Sequence[Sequence[float]]) -> pywt.
 
 
 def wavelet_qualifier(wavelet: str | pywt.Wavelet | Sequence[Sequence[float]]) -> str:
-    """Return the name of a wavelet in names of features, or a checksum of filters that no name stands for.
-
-    Examples
-    --------
-    >>> wavelet_qualifier("mb32.3"), wavelet_qualifier([[1, 1], [1, -1], [1, 1], [-1, 1]])
-    ('mb32.3', 'bankcbd66947')
-    """
+    """Return the name of a wavelet in names of features, or a checksum of filters that no name stands for."""
     if isinstance(wavelet, str):
         return str(as_wavelet(wavelet).name)
     filters = np.array(as_wavelet(wavelet).filter_bank)
@@ -145,26 +123,14 @@ def wavelet_qualifier(wavelet: str | pywt.Wavelet | Sequence[Sequence[float]]) -
 
 
 def level_band(level: int, sampling_rate: float) -> tuple[float, float]:
-    """Band in Hz of a detail level: fs/2^(j+1) <= f < fs/2^j (paper A section 5.1).
-
-    Examples
-    --------
-    >>> level_band(7, 25_600)
-    (100.0, 200.0)
-    """
+    """Band in Hz of a detail level: fs/2^(j+1) <= f < fs/2^j (paper A section 5.1)."""
     if level < 1:
         raise ValueError(f"level must be at least 1, got {level!r}")
     return sampling_rate / 2 ** (level + 1), sampling_rate / 2**level
 
 
 def level_of(frequency_hz: float, sampling_rate: float) -> int:
-    """Detail level whose band holds a frequency below half the sampling rate (paper A section 5.1).
-
-    Examples
-    --------
-    >>> level_of(16 * 500 / 60, 25_600)  # the papers' mesh frequency
-    7
-    """
+    """Detail level whose band holds a frequency below half the sampling rate (paper A section 5.1)."""
     if not 0 < frequency_hz < sampling_rate / 2:
         raise ValueError(
             f"frequency_hz must lie between 0 and half the sampling rate ({sampling_rate / 2:g} Hz), "
@@ -214,13 +180,6 @@ def dwt(X: ArrayLike, wavelet: AnyWavelet = "mb32.3", levels: int = 12) -> list[
     -----
     These are MATLAB's ``wavedec`` coefficients in its default mode ``'sym'``: level k has
     ``(n + n_taps - 1) // 2`` of them, n being those of level k - 1.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> coefficients = dwt(22 + np.sin(np.arange(46_080)), levels=12)
-    >>> len(coefficients), coefficients[0].size, coefficients[11].size
-    (13, 23055, 42)
     """
     whole("levels", levels, least=1, most=30)
     bank = as_wavelet(wavelet)
@@ -250,15 +209,6 @@ def visible(detail: Float, level: int, n_samples: int) -> tuple[Float, NDArray[n
         Coefficients with at least one cell inside the central cut; a view.
     cells : ndarray of int, shape (n_shown,)
         Number of cells: 2^k but for the first and last. They add up to ``n_samples``.
-
-    Examples
-    --------
-    Row of 10 cells cut from four coefficients of level 2, 16 cells:
-
-    >>> import numpy as np
-    >>> shown, cells = visible(np.array([5.0, 6.0, 7.0, 8.0]), level=2, n_samples=10)
-    >>> shown, cells
-    (array([5., 6., 7., 8.]), array([1, 4, 4, 1]))
     """
     start = _cut(detail.shape[-1], level, n_samples)
     first, last = start >> level, (start + n_samples - 1) >> level
@@ -302,12 +252,6 @@ def lowest_colour(shown: Float, colours: int = 64) -> NDArray[np.bool_]:
     ndarray of bool, shape (..., n_shown)
         True where ``colours * (|c| - min) / (max - min) < 1``, with minimum and maximum of the row, and
         everywhere in rows whose coefficients have one size.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> lowest_colour(np.array([1.0, -1.01, 9.0, 0.0]), colours=8)
-    array([ True,  True, False,  True])
     """
     return np.asarray(_shades(_sizes(shown), colours) < 1)
 
@@ -348,15 +292,6 @@ def scalogram(
     References
     ----------
     Paper B section 5 and figs. 10-12: 12 levels, 64 colours, mb32.3.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> torque = np.full(32, 22.0)
-    >>> torque[16:] = 24
-    >>> scalogram(torque[1:], "haar", levels=2, colours=4)[:, 12:20]
-    array([[1, 1, 4, 4, 1, 1, 1, 1],
-           [4, 4, 4, 4, 1, 1, 1, 1]])
     """
     whole("colours", colours, least=2)
     n_samples = np.shape(X)[-1] if np.ndim(X) else 0
@@ -387,17 +322,6 @@ def minima_mask(
     ------
     ValueError
         As :func:`scalogram`.
-
-    Examples
-    --------
-    Share of each level's cells that two windows have at the lowest colour, as paper B's fig. 18 shows it:
-
-    >>> import numpy as np
-    >>> time = np.arange(4096) / 25_600
-    >>> first, second = (22 + np.exp(-((time - t) * 2000) ** 2) for t in (0.04, 0.12))
-    >>> both = minima_mask(first, levels=4) & minima_mask(second, levels=4)
-    >>> both.mean(axis=-1).round(2)
-    array([0.97, 0.97, 0.96, 0.92])
     """
     return np.asarray(scalogram(X, wavelet, levels, colours) == 1)
 
@@ -431,14 +355,6 @@ def level_statistics(coefficients: Sequence[Float], n_samples: int, colours: int
     Notes
     -----
     Coefficients below sqrt(eps) count as zero, as in the scalogram.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> tone = 22 + np.sin(2 * np.pi * 150 * np.arange(46_080) / 25_600)  # level 7 holds 100 to 200 Hz
-    >>> statistics = level_statistics(dwt(tone), 46_080)
-    >>> int(statistics["energy_share"].argmax()) + 1, float(statistics["rms"][6].round(2))
-    (7, 0.7)
     """
     shape = coefficients[0].shape[:-1]
     powers, kurtosis, lowest = (np.empty((*shape, len(coefficients) - 1)) for _ in range(3))
@@ -507,14 +423,6 @@ def level_envelope(detail: Float, level: int, wavelet: AnyWavelet, n_samples: in
     window, is the level's torque at the sampling rate over 2^(j-3). The other steps would only interpolate:
     for mb32.3 and level 7 the envelope's lines differ from those at the full rate by less than 0.2 % of its
     mean (more for the shortest filters, such as haar).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> tone = 22 + 3 * np.sin(2 * np.pi * 150 * np.arange(46_080) / 25_600)
-    >>> envelope, step = level_envelope(dwt(tone)[6], 7, "mb32.3", 46_080)
-    >>> envelope.shape, step, float(np.median(envelope).round(2))
-    ((2880,), 16, 2.96)
     """
     bank = as_wavelet(wavelet)
     left = max(level - _SYNTHESIS_STEPS, 0)
@@ -550,13 +458,6 @@ def envelope_lines(
     ndarray, shape (..., n_lines)
         Largest amplitude in Nm among the bins within the tolerance and half a bin of the frequency, of the
         envelope without its mean under a periodic Hann window. A sine of amplitude 1 on a bin gives 1.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> envelope = 2 + 0.5 * np.cos(2 * np.pi * 8.4 * np.arange(2880) / 1600)
-    >>> envelope_lines(envelope, 1600, [8.33, 16.67]).round(2)
-    array([0.5, 0. ])
     """
     n = envelope.shape[-1]
     taper = hann(n, sym=False)

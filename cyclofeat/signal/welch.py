@@ -59,14 +59,7 @@ PRESETS: Mapping[str, WelchPreset] = MappingProxyType(
 
 
 def get_preset(name: str) -> WelchPreset:
-    """Return a preset by its name in :data:`PRESETS`; ``ValueError`` for any other name.
-
-    Examples
-    --------
-    >>> from cyclofeat.signal import get_preset
-    >>> get_preset("matlab_pwelch").remove_mean
-    False
-    """
+    """Return a preset by its name in :data:`PRESETS`; ``ValueError`` for any other name."""
     return PRESETS[one_of("preset", name, PRESETS)]
 
 
@@ -74,12 +67,6 @@ def segment_length(n_samples: int) -> int:
     """Samples in a segment: ``floor(n_samples / 4.5)``, which makes 8 segments with 50 % overlap.
 
     Windows of fewer than 9 samples get segments of one sample.
-
-    Examples
-    --------
-    >>> from cyclofeat.signal import segment_length
-    >>> segment_length(46_080)
-    10240
     """
     return max(1, 2 * n_samples // 9)
 
@@ -108,13 +95,6 @@ def welch_frequencies(n_samples: int, sampling_rate: float) -> Float:
     ------
     ValueError
         If the sampling rate is not positive and finite.
-
-    Examples
-    --------
-    >>> from cyclofeat.signal import welch_frequencies
-    >>> frequencies = welch_frequencies(46_080, 25_600)
-    >>> print(frequencies.size, frequencies[1], frequencies[-1])
-    8193 1.5625 12800.0
     """
     check_sampling_rate(sampling_rate)
     n_fft = fft_length(n_samples)
