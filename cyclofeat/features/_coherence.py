@@ -108,12 +108,12 @@ class CoherenceToReference(WindowTransformer):
     reference: str | float = "healthy"
     bands: Sequence[tuple[float, float]] | None = None
 
-    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         self.frequencies_ = welch_frequencies(X.shape[1], self.sampling_rate)
-        self._bands()  # raises where a band does not fit
-        self.references_ = np.array(X[self._chosen(len(X), y)])
+        self._band_limits()  # raises where a band does not fit
+        self.references_ = np.array(X[self._select_references(len(X), y)])
 
-    def _chosen(self, n_windows: int, y: ArrayLike | None) -> NDArray[np.intp]:
+    def _select_references(self, n_windows: int, y: ArrayLike | None) -> NDArray[np.intp]:
         """Rows of the training windows that become references."""
         rows = np.arange(n_windows)
         if isinstance(self.reference, str) and self.reference == "first":
@@ -138,19 +138,19 @@ class CoherenceToReference(WindowTransformer):
         spread = np.linspace(0, rows.size - 1, min(rows.size, _MOST_REFERENCES))
         return np.asarray(rows[np.rint(spread).astype(int)])
 
-    def _bands(self) -> tuple[tuple[float, float], ...]:
+    def _band_limits(self) -> tuple[tuple[float, float], ...]:
         if self.bands is None:
             return octave_bands(self.sampling_rate)[:_DEFAULT_BANDS]
         return checked_bands(self.frequencies_, self.bands)
 
-    def _columns(self) -> list[str]:
+    def _feature_names(self) -> list[str]:
         reference = "".join(c if c.isalnum() or c in "._-+" else "_" for c in str(self.reference))
         return [
             REGISTRY["coherence"].column("mscohere", reference, band_qualifier(band))
-            for band in self._bands()
+            for band in self._band_limits()
         ]
 
-    def _compute(self, X: NDArray[Any]) -> Float:
+    def _compute_features(self, X: NDArray[Any]) -> Float:
         transforms = welch_transforms(X.shape[1], PRESETS["matlab_pwelch"])
         references = self._of_references(transforms)
         rows = []
@@ -161,7 +161,7 @@ class CoherenceToReference(WindowTransformer):
 
     def _of_references(self, transforms: SegmentTransforms) -> References:
         """Return what ``_of_window`` needs of the references, computed once for many windows."""
-        lines = [np.flatnonzero(band_mask(self.frequencies_, band)) for band in self._bands()]
+        lines = [np.flatnonzero(band_mask(self.frequencies_, band)) for band in self._band_limits()]
         bands = [slice(int(inside[0]), int(inside[-1]) + 1) for inside in lines]
         # Lines above the highest band are left out.
         last = max(band.stop for band in bands)
@@ -173,7 +173,7 @@ class CoherenceToReference(WindowTransformer):
 
     def _of_window(self, x: NDArray[Any], transforms: Complex, power: Float, references: References) -> Float:
         """Features, shape (n_bands,), of one window, its transforms and their power over segments."""
-        others = np.array([not _same(x, reference) for reference in self.references_])
+        others = np.array([not _is_same_window(x, reference) for reference in self.references_])
         if not others.any():
             return np.zeros(len(references.bands))
         kept = slice(None) if others.all() else others
@@ -187,7 +187,7 @@ class CoherenceToReference(WindowTransformer):
         return np.asarray(np.median(means, axis=1))
 
 
-def _same(x: NDArray[Any], reference: NDArray[Any]) -> bool:
+def _is_same_window(x: NDArray[Any], reference: NDArray[Any]) -> bool:
     """Return True if two windows are equal but for rounding."""
     limit = _SAME * max(float(x.max()), -float(x.min()))
     # Nearly all pairs differ at once.

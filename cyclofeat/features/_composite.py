@@ -43,7 +43,7 @@ from cyclofeat.signal.welch import (
 from cyclofeat.signal.windows import Float
 
 
-def _part(
+def _part_maker(
     kind: Callable[..., WindowTransformer], *shared: str, **fixed: Any
 ) -> Callable[[TorqueFeatures], WindowTransformer]:
     """Return what makes a part: its class, with parameters of the composite and fixed ones."""
@@ -54,16 +54,16 @@ _SPEED = ("input_speed_hz", "n_lobes", "speed_tolerance")
 # Name of a part -> the part with the composite's parameters. "all" are those that give numbers, not spectra.
 _PARTS: Mapping[str, Callable[[TorqueFeatures], WindowTransformer]] = MappingProxyType(
     {
-        "TorqueStatistics": _part(TorqueStatistics),
-        "SpectralEntropy": _part(SpectralEntropy, "preset"),
-        "NormalizedEntropy": _part(SpectralEntropy, "preset", normalize=True),
-        "SpectralFlatness": _part(SpectralFlatness, "preset"),
-        "SpectralCentroid": _part(SpectralCentroid, "preset"),
-        "SpectralRolloff": _part(SpectralRolloff, "preset"),
-        "NarrowbandRatio": _part(NarrowbandRatio, "preset"),
-        "BandPower": _part(BandPower, "preset"),
-        "CoherenceToReference": _part(CoherenceToReference),
-        "WaveletMinimaOverlap": _part(WaveletMinimaOverlap, "wavelet", *_SPEED),
+        "TorqueStatistics": _part_maker(TorqueStatistics),
+        "SpectralEntropy": _part_maker(SpectralEntropy, "preset"),
+        "NormalizedEntropy": _part_maker(SpectralEntropy, "preset", normalize=True),
+        "SpectralFlatness": _part_maker(SpectralFlatness, "preset"),
+        "SpectralCentroid": _part_maker(SpectralCentroid, "preset"),
+        "SpectralRolloff": _part_maker(SpectralRolloff, "preset"),
+        "NarrowbandRatio": _part_maker(NarrowbandRatio, "preset"),
+        "BandPower": _part_maker(BandPower, "preset"),
+        "CoherenceToReference": _part_maker(CoherenceToReference),
+        "WaveletMinimaOverlap": _part_maker(WaveletMinimaOverlap, "wavelet", *_SPEED),
         "WaveletEnvelopeSpectrum": lambda whole: WaveletEnvelopeSpectrum(
             whole.sampling_rate,
             wavelet=whole.wavelet,
@@ -71,11 +71,11 @@ _PARTS: Mapping[str, Callable[[TorqueFeatures], WindowTransformer]] = MappingPro
             n_pins=whole.n_lobes + 1,
             speed_tolerance=whole.speed_tolerance,
         ),
-        "WaveletLevelStatistics": _part(WaveletLevelStatistics, "wavelet"),
-        "LobeMap": _part(LobeMap, *_SPEED),
-        "OrderSpectrum": _part(OrderSpectrum, *_SPEED),
-        "WelchPSD": _part(WelchPSD, "preset"),
-        "AmplitudeSpectrum": _part(AmplitudeSpectrum),
+        "WaveletLevelStatistics": _part_maker(WaveletLevelStatistics, "wavelet"),
+        "LobeMap": _part_maker(LobeMap, *_SPEED),
+        "OrderSpectrum": _part_maker(OrderSpectrum, *_SPEED),
+        "WelchPSD": _part_maker(WelchPSD, "preset"),
+        "AmplitudeSpectrum": _part_maker(AmplitudeSpectrum),
     }
 )
 _WHOLE_SPECTRA = ("WelchPSD", "AmplitudeSpectrum")
@@ -158,7 +158,7 @@ class TorqueFeatures(WindowTransformer):
     speed_tolerance: float = 0.015
     n_jobs: int | None = None
 
-    def _names(self) -> tuple[str, ...]:
+    def _part_names(self) -> tuple[str, ...]:
         if isinstance(self.features, str):
             return _ALL
         names = tuple(self.features)
@@ -171,16 +171,16 @@ class TorqueFeatures(WindowTransformer):
                 raise ValueError(f"features must hold each name once, got {name!r} {names.count(name)} times")
         return names
 
-    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
-        parts = {name: _PARTS[name](self) for name in self._names()}
+    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+        parts = {name: _PARTS[name](self) for name in self._part_names()}
         for part in parts.values():
             # The windows are validated already, all parameters but those that must fit them, too.
             part.n_features_in_ = X.shape[1]
-            part._learn(X, y)
+            part._fit_windows(X, y)
         self.parts_ = parts
 
-    def _columns(self) -> list[str]:
-        return [column for part in self.parts_.values() for column in part._columns()]
+    def _feature_names(self) -> list[str]:
+        return [column for part in self.parts_.values() for column in part._feature_names()]
 
     def _of_chunks(self, chunks: Iterable[NDArray[Any]]) -> list[Float]:
         if self.n_jobs in (None, 1):
@@ -188,13 +188,13 @@ class TorqueFeatures(WindowTransformer):
         # Threads: most of the time goes into transforms and filters, which leave the interpreter to others,
         # and windows need not be copied to another process.
         parallel = joblib.Parallel(n_jobs=self.n_jobs, prefer="threads", pre_dispatch="2*n_jobs")
-        return list(parallel(joblib.delayed(self._compute)(chunk) for chunk in chunks))
+        return list(parallel(joblib.delayed(self._compute_features)(chunk) for chunk in chunks))
 
-    def _compute(self, X: NDArray[Any]) -> Float:
+    def _compute_features(self, X: NDArray[Any]) -> Float:
         results = self._from_spectra(X)
         lines = self._lobe_lines(X)
         depth = max(
-            (p._depth() for p in self.parts_.values() if isinstance(p, WaveletTransformer)), default=0
+            (p._deepest_level() for p in self.parts_.values() if isinstance(p, WaveletTransformer)), default=0
         )
         coefficients = dwt(X, self.wavelet, depth) if depth else []
         for name, part in self.parts_.items():
@@ -209,7 +209,7 @@ class TorqueFeatures(WindowTransformer):
             elif lines is not None and isinstance(part, OrderSpectrum):
                 results[name] = part._from_speed(X, lines.input_speed_hz)
             else:
-                results[name] = part._compute(X)
+                results[name] = part._compute_features(X)
         return np.hstack([results[name] for name in self.parts_])
 
     def _lobe_lines(self, X: NDArray[Any]) -> lobes.LobeLines | None:

@@ -85,7 +85,7 @@ class LobeMap(WindowTransformer):
     speed_tolerance: float = 0.015
     align: str = "energy"
 
-    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         highest = lobes.highest_frequency(
             self.input_speed_hz, self.n_lobes, self.n_lines, self.speed_tolerance
         )
@@ -96,7 +96,7 @@ class LobeMap(WindowTransformer):
                 f"input_speed_hz={self.input_speed_hz:g} reach {highest:g}: use fewer lines or a higher rate"
             )
 
-    def _columns(self) -> list[str]:
+    def _feature_names(self) -> list[str]:
         names = [
             REGISTRY[name].column(f"slot{slot:02d}")
             for name in ("lobe_slot_mean", "lobe_slot_rms")
@@ -108,7 +108,7 @@ class LobeMap(WindowTransformer):
             for line in range(1, self.n_lines + 1)
         ]
 
-    def _compute(self, X: NDArray[Any]) -> Float:
+    def _compute_features(self, X: NDArray[Any]) -> Float:
         return self.from_lines(self.lines(X))
 
     def from_lines(self, lines: lobes.LobeLines) -> Float:

@@ -134,8 +134,8 @@ class WaveletMinimaOverlap(WaveletTransformer):
     n_lobes: int = 15
     speed_tolerance: float = 0.015
 
-    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
-        super()._learn(X, y)
+    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+        super()._fit_windows(X, y)
         if self.align == "energy":
             highest = lobes.highest_frequency(
                 self.input_speed_hz, self.n_lobes, self.n_lobes, self.speed_tolerance
@@ -146,15 +146,15 @@ class WaveletMinimaOverlap(WaveletTransformer):
                     f"{self.sampling_rate / 2:g}, but placing {self.n_lobes} lobes at input_speed_hz="
                     f"{self.input_speed_hz:g} takes {highest:g}: use a higher rate or align='none'"
                 )
-        self.reference_class_, members = self._members(len(X), y)
+        self.reference_class_, members = self._reference_rows(len(X), y)
         spread = np.linspace(0, len(members) - 1, min(_N_REFERENCES, len(members))).round().astype(int)
         windows = np.ascontiguousarray(X[members[spread]], dtype=np.float64)
-        self._probes = windows[:, self._probed(X.shape[1])]
-        self._digests = [_digest(window) for window in windows]
+        self._probes = windows[:, self._probe_samples(X.shape[1])]
+        self._digests = [_hash_window(window) for window in windows]
         coefficients = dwt(windows, self.wavelet, self.levels)
-        self.reference_minima_ = [minima for minima, _ in self._minima(windows, coefficients)]
+        self.reference_minima_ = [minima for minima, _ in self._level_minima(windows, coefficients)]
 
-    def _members(self, n_windows: int, y: ArrayLike | None) -> tuple[Any, NDArray[np.intp]]:
+    def _reference_rows(self, n_windows: int, y: ArrayLike | None) -> tuple[Any, NDArray[np.intp]]:
         """Label of the reference and indices of its windows."""
         if y is None:
             if self.reference != "worst":
@@ -172,26 +172,28 @@ class WaveletMinimaOverlap(WaveletTransformer):
             )
         return self.reference, np.flatnonzero(labels == self.reference)
 
-    def _columns(self) -> list[str]:
+    def _feature_names(self) -> list[str]:
         row = REGISTRY["minima_overlap"]
         # Labels may hold what names may not.
         label = re.sub(r"[^\w.+-]", "_", str(self.reference), flags=re.ASCII)
-        definition = (self._bank(), f"{self.colours}colours", self.align, label)
+        definition = (self._wavelet_name(), f"{self.colours}colours", self.align, label)
         return [row.column(*definition, f"level{level:02d}") for level in range(1, self.levels + 1)]
 
-    def _depth(self) -> int:
+    def _deepest_level(self) -> int:
         return self.levels
 
     def _from_coefficients(
         self, X: NDArray[Any], coefficients: Sequence[Float], lines: lobes.LobeLines | None = None
     ) -> Float:
         # ``lines``: lobe lines of X, if they are at hand (LobeMap's of the same speed, lobes and tolerance).
-        return _median_of_others(self._shared(X, coefficients, lines), self._known(X))
+        return _median_of_others(self._shared_cells(X, coefficients, lines), self._known_references(X))
 
-    def _shared(self, X: NDArray[Any], coefficients: Sequence[Float], lines: lobes.LobeLines | None) -> Float:
+    def _shared_cells(
+        self, X: NDArray[Any], coefficients: Sequence[Float], lines: lobes.LobeLines | None
+    ) -> Float:
         """Share of cells that are lowest in both, shape (n_windows, n_references, levels)."""
         shared = np.empty((len(X), len(self._digests), self.levels))
-        of_level = zip(self._minima(X, coefficients, lines), self.reference_minima_, strict=True)
+        of_level = zip(self._level_minima(X, coefficients, lines), self.reference_minima_, strict=True)
         for level, ((minima, cells), reference) in enumerate(of_level):
             # Whole numbers in single precision: exact in windows of up to 2^24 samples.
             weighted = (reference * cells).astype(np.float32)
@@ -199,12 +201,12 @@ class WaveletMinimaOverlap(WaveletTransformer):
             shared[:, :, level] /= cells.sum()
         return shared
 
-    def _minima(
+    def _level_minima(
         self, X: NDArray[Any], coefficients: Sequence[Float], lines: lobes.LobeLines | None = None
     ) -> list[tuple[NDArray[np.bool_], Float]]:
         """For each level: which of the compared coefficients are lowest, and how many cells each has."""
         n_samples = X.shape[1]
-        starts = self._starts(X, lines)
+        starts = self._phase_starts(X, lines)
         result = []
         for level in range(1, self.levels + 1):
             shown, cells = visible(coefficients[level - 1], level, n_samples)
@@ -225,7 +227,7 @@ class WaveletMinimaOverlap(WaveletTransformer):
         slowest = lobes.lobe_frequency(self.input_speed_hz, self.n_lobes) * (1 - self.speed_tolerance)
         return math.ceil(self.sampling_rate / slowest)
 
-    def _starts(self, X: NDArray[Any], lines: lobes.LobeLines | None) -> NDArray[np.int64] | None:
+    def _phase_starts(self, X: NDArray[Any], lines: lobes.LobeLines | None) -> NDArray[np.int64] | None:
         """Sample of each window that its lobe phase begins at; None if they are not aligned."""
         lines = lines or self.lines(X)
         if lines is None:
@@ -253,20 +255,20 @@ class WaveletMinimaOverlap(WaveletTransformer):
             ),
         )
 
-    def _probed(self, n_samples: int) -> NDArray[np.intp]:
+    def _probe_samples(self, n_samples: int) -> NDArray[np.intp]:
         return np.linspace(0, n_samples - 1, _N_PROBES).astype(np.intp)
 
-    def _known(self, X: NDArray[Any]) -> NDArray[np.bool_]:
+    def _known_references(self, X: NDArray[Any]) -> NDArray[np.bool_]:
         """Mark windows that are identical to one of the reference, shape (n_windows, n_references)."""
-        probes = np.asarray(X[:, self._probed(X.shape[1])], dtype=np.float64)
+        probes = np.asarray(X[:, self._probe_samples(X.shape[1])], dtype=np.float64)
         known: NDArray[np.bool_] = (probes[:, np.newaxis] == self._probes).all(axis=2)
         for row in np.flatnonzero(known.any(axis=1)):
-            digest = _digest(np.asarray(X[row], dtype=np.float64))
+            digest = _hash_window(np.asarray(X[row], dtype=np.float64))
             known[row] &= [digest == other for other in self._digests]
         return known
 
 
-def _digest(window: Float) -> bytes:
+def _hash_window(window: Float) -> bytes:
     # + 0.0 makes one zero of both.
     return hashlib.blake2b((window + 0.0).tobytes(), digest_size=16).digest()
 

@@ -104,7 +104,7 @@ class OrderSpectrum(WindowTransformer):
     speed_tolerance: float = 0.015
     comb: str = "lobe"
 
-    def _lines(self) -> NDArray[np.intp]:
+    def _line_numbers(self) -> NDArray[np.intp]:
         """Numbers of the lines that are features."""
         mesh = round((self.n_lobes + 1) / lines_per_input_turn(self.fold_by, self.n_lobes))
         aside = np.arange(-self.n_sidebands, self.n_sidebands + 1)
@@ -112,8 +112,8 @@ class OrderSpectrum(WindowTransformer):
         lines = np.union1d(np.arange(1, self.n_lines + 1), around)
         return lines[lines > 0]
 
-    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
-        last = int(self._lines()[-1])
+    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+        last = int(self._line_numbers()[-1])
         first_order = lines_per_input_turn(self.fold_by, self.n_lobes)
         highest = last * first_order * self.input_speed_hz * (1 + self.speed_tolerance)
         if highest > self.sampling_rate / 2:
@@ -125,12 +125,12 @@ class OrderSpectrum(WindowTransformer):
         if self.speed_tolerance > 0:  # raises where the rate is too low
             comb_lines(self.sampling_rate, self.input_speed_hz, self.speed_tolerance, self.comb, self.n_lobes)
 
-    def _columns(self) -> list[str]:
-        lines = self._lines()
+    def _feature_names(self) -> list[str]:
+        lines = self._line_numbers()
         digits = len(str(lines[-1]))
         return [REGISTRY["order_amplitude"].column(self.fold_by, f"k{line:0{digits}d}") for line in lines]
 
-    def _compute(self, X: NDArray[Any]) -> Float:
+    def _compute_features(self, X: NDArray[Any]) -> Float:
         speeds = estimate_input_speed(
             X, self.sampling_rate, self.input_speed_hz, self.speed_tolerance, self.comb, self.n_lobes
         )
@@ -138,6 +138,6 @@ class OrderSpectrum(WindowTransformer):
 
     def _from_speed(self, X: NDArray[Any], speeds: Float) -> Float:
         """Features, shape (n_windows, n_features), of windows whose input speeds are known."""
-        lines = self._lines()
+        lines = self._line_numbers()
         amplitudes = order_lines(X, self.sampling_rate, speeds, int(lines[-1]), self.fold_by, self.n_lobes)
         return np.abs(amplitudes[:, lines - 1])

@@ -39,8 +39,8 @@ def lines_of(frequencies: Float, band: tuple[float, float] | None) -> NDArray[np
 class SpectralTransformer(WindowTransformer):
     """Base of the transformers that need nothing but Welch's power spectral density of each window.
 
-    A subclass implements ``_from_psd`` in place of ``_compute``, which lets a composite share one density.
-    ``frequencies_`` are those of the density in Hz.
+    A subclass implements ``_from_psd`` in place of ``_compute_features``, which lets a composite share one
+    density. ``frequencies_`` are those of the density in Hz.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -50,14 +50,14 @@ class SpectralTransformer(WindowTransformer):
 
     preset: str = "matlab_pwelch"
 
-    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         self.frequencies_ = welch_frequencies(X.shape[1], self.sampling_rate)
 
     @abstractmethod
     def _from_psd(self, frequencies: Float, psd: Float) -> Float:
         """Features, shape (n_windows, n_features), of densities of shape (n_windows, n_bins) in Nm^2/Hz."""
 
-    def _compute(self, X: NDArray[Any]) -> Float:
+    def _compute_features(self, X: NDArray[Any]) -> Float:
         return self._from_psd(*welch_psd(X, self.sampling_rate, self.preset))
 
 
@@ -112,11 +112,11 @@ class SpectralEntropy(SpectralTransformer):
     normalize: bool = False
     band: tuple[float, float] | None = None
 
-    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
-        super()._learn(X, y)
+    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+        super()._fit_windows(X, y)
         lines_of(self.frequencies_, self.band)  # raises where the band does not fit
 
-    def _columns(self) -> list[str]:
+    def _feature_names(self) -> list[str]:
         row = REGISTRY["normalized_entropy" if self.normalize else "shannon_entropy"]
         band = () if self.band is None else (band_qualifier(self.band),)
         return [row.column(self.preset, *band)]
@@ -130,7 +130,7 @@ class SpectralEntropy(SpectralTransformer):
 class CourseTransformer(SpectralTransformer):
     """Base of the transformers that give one number per density, of whole windows or of their parts.
 
-    A subclass implements ``_value`` and names its row of the registry.
+    A subclass implements ``_compute_value`` and names its row of the registry.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -144,36 +144,36 @@ class CourseTransformer(SpectralTransformer):
     n_parts: int = 1
 
     @abstractmethod
-    def _value(self, frequencies: Float, psd: Float) -> Float:
+    def _compute_value(self, frequencies: Float, psd: Float) -> Float:
         """Value, shape (n_windows,), of densities of shape (n_windows, n_bins)."""
 
-    def _qualifiers(self) -> tuple[str, ...]:
+    def _extra_qualifiers(self) -> tuple[str, ...]:
         """Qualifiers of a column's name besides preset, band and part."""
         return ()
 
-    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         self.frequencies_ = welch_frequencies(max(1, X.shape[1] // self.n_parts), self.sampling_rate)
         lines_of(self.frequencies_, self.band)  # raises where the band does not fit
 
-    def _columns(self) -> list[str]:
+    def _feature_names(self) -> list[str]:
         band = [] if self.band is None else [band_qualifier(self.band)]
-        stated = [self.preset, *band, *self._qualifiers()]
+        stated = [self.preset, *band, *self._extra_qualifiers()]
         digits = len(str(self.n_parts))
         parts = [[f"part{i:0{digits}d}of{self.n_parts}"] for i in range(self.n_parts)]
         return [REGISTRY[self._row].column(*stated, *part) for part in (parts if self.n_parts > 1 else [[]])]
 
     def _from_psd(self, frequencies: Float, psd: Float) -> Float:
-        return self._value(frequencies, psd)[:, np.newaxis]
+        return self._compute_value(frequencies, psd)[:, np.newaxis]
 
-    def _compute(self, X: NDArray[Any]) -> Float:
+    def _compute_features(self, X: NDArray[Any]) -> Float:
         if self.n_parts == 1:
-            return super()._compute(X)
+            return super()._compute_features(X)
         length = max(1, X.shape[1] // self.n_parts)
         # A window of fewer samples than parts repeats its last ones.
         begins = np.minimum(np.arange(self.n_parts) * length, X.shape[1] - length)
         parts = X[:, begins[:, np.newaxis] + np.arange(length)]
         frequencies, psd = welch_psd(parts.reshape(-1, length), self.sampling_rate, self.preset)
-        return self._value(frequencies, psd).reshape(len(X), self.n_parts)
+        return self._compute_value(frequencies, psd).reshape(len(X), self.n_parts)
 
 
 class SpectralFlatness(CourseTransformer):
@@ -209,7 +209,7 @@ class SpectralFlatness(CourseTransformer):
 
     _row = "spectral_flatness"
 
-    def _value(self, frequencies: Float, psd: Float) -> Float:
+    def _compute_value(self, frequencies: Float, psd: Float) -> Float:
         return spectral_flatness(psd, frequencies, self.band)
 
 
@@ -243,7 +243,7 @@ class SpectralCentroid(CourseTransformer):
 
     _row = "spectral_centroid"
 
-    def _value(self, frequencies: Float, psd: Float) -> Float:
+    def _compute_value(self, frequencies: Float, psd: Float) -> Float:
         return spectral_centroid(psd, frequencies, self.band)
 
 
@@ -286,10 +286,10 @@ class SpectralRolloff(CourseTransformer):
 
     fraction: float = 0.95
 
-    def _qualifiers(self) -> tuple[str, ...]:
+    def _extra_qualifiers(self) -> tuple[str, ...]:
         return (f"fraction{self.fraction:.12g}",)
 
-    def _value(self, frequencies: Float, psd: Float) -> Float:
+    def _compute_value(self, frequencies: Float, psd: Float) -> Float:
         return spectral_rolloff(psd, frequencies, self.fraction, self.band)
 
 
@@ -333,12 +333,12 @@ class NarrowbandRatio(SpectralTransformer):
     half_width_hz: float = 5.0
     n_harmonics: int | None = None
 
-    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
-        super()._learn(X, y)
+    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+        super()._fit_windows(X, y)
         # Raises where the harmonics do not fit.
         narrowband_mask(self.frequencies_, self.fundamental_hz, self.half_width_hz, self.n_harmonics)
 
-    def _columns(self) -> list[str]:
+    def _feature_names(self) -> list[str]:
         count = "all" if self.n_harmonics is None else f"{self.n_harmonics}"
         width = f"{count}x{self.fundamental_hz:.12g}Hz+-{self.half_width_hz:.12g}Hz"
         return [REGISTRY["narrowband_ratio"].column(self.preset, width)]
@@ -383,11 +383,11 @@ class BandPower(SpectralTransformer):
 
     bands: Sequence[tuple[float, float]] | None = None
 
-    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
-        super()._learn(X, y)
+    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+        super()._fit_windows(X, y)
         checked_bands(self.frequencies_, self.bands)  # raises where a band does not fit
 
-    def _columns(self) -> list[str]:
+    def _feature_names(self) -> list[str]:
         bands = checked_bands(self.frequencies_, self.bands)
         return [REGISTRY["band_power"].column(self.preset, band_qualifier(band)) for band in bands]
 
@@ -438,11 +438,11 @@ class WelchPSD(SpectralTransformer):
     band: tuple[float, float] | None = None
     decibels: bool = False
 
-    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
-        super()._learn(X, y)
+    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+        super()._fit_windows(X, y)
         lines_of(self.frequencies_, self.band)  # raises where the band does not fit
 
-    def _columns(self) -> list[str]:
+    def _feature_names(self) -> list[str]:
         row = REGISTRY["psd_level" if self.decibels else "psd"]
         frequencies = self.frequencies_[lines_of(self.frequencies_, self.band)]
         return [row.column(self.preset, f"{frequency:.12g}Hz") for frequency in frequencies]
@@ -493,16 +493,16 @@ class AmplitudeSpectrum(WindowTransformer):
     window: str = "hamming"
     band: tuple[float, float] | None = None
 
-    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         # One window's spectrum: raises where a parameter does not fit.
         self.frequencies_, _ = amplitude_spectrum(X[:1], self.sampling_rate, self.n_fft, self.window)
         lines_of(self.frequencies_, self.band)
 
-    def _columns(self) -> list[str]:
+    def _feature_names(self) -> list[str]:
         frequencies = self.frequencies_[lines_of(self.frequencies_, self.band)]
         definition = f"{self.window}{self.n_fft}"
         return [REGISTRY["amplitude"].column(definition, f"{frequency:.12g}Hz") for frequency in frequencies]
 
-    def _compute(self, X: NDArray[Any]) -> Float:
+    def _compute_features(self, X: NDArray[Any]) -> Float:
         _, amplitudes = amplitude_spectrum(X, self.sampling_rate, self.n_fft, self.window)
         return amplitudes[:, lines_of(self.frequencies_, self.band)]

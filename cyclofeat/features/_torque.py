@@ -43,10 +43,10 @@ class TorqueStatistics(WindowTransformer):
     torque_std_nm [2. 0.]
     """
 
-    def _columns(self) -> list[str]:
+    def _feature_names(self) -> list[str]:
         return [REGISTRY[f"torque_{name}"].column() for name in _STATISTICS]
 
-    def _compute(self, X: NDArray[Any]) -> Float:
+    def _compute_features(self, X: NDArray[Any]) -> Float:
         statistics = torque_statistics(X)
         return np.column_stack([statistics[name] for name in _STATISTICS])
 
@@ -94,11 +94,11 @@ class HighPass(OneToOneFeatureMixin, WindowTransformer):
     cutoff_hz: float = 10.0
     order: int = 4
 
-    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         high_pass(X[:1, :1], self.sampling_rate, self.cutoff_hz, self.order)  # raises where they do not fit
 
-    def _columns(self) -> list[str]:
+    def _feature_names(self) -> list[str]:
         return [str(name) for name in check_feature_names_in(self, None)]
 
-    def _compute(self, X: NDArray[Any]) -> Float:
+    def _compute_features(self, X: NDArray[Any]) -> Float:
         return high_pass(X, self.sampling_rate, self.cutoff_hz, self.order)

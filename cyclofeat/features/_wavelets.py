@@ -32,8 +32,8 @@ from cyclofeat.signal.windows import Float
 class WaveletTransformer(WindowTransformer):
     """Base of the transformers that read the discrete wavelet transform of each window.
 
-    A subclass implements ``_depth`` and ``_from_coefficients`` in place of ``_compute``, which lets a
-    composite share one transform, as deep as the deepest of its parts needs.
+    A subclass implements ``_deepest_level`` and ``_from_coefficients`` in place of ``_compute_features``,
+    which lets a composite share one transform, as deep as the deepest of its parts needs.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -43,15 +43,15 @@ class WaveletTransformer(WindowTransformer):
 
     wavelet: AnyWavelet = "mb32.3"
 
-    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         as_wavelet(self.wavelet)  # raises where it is none
 
-    def _bank(self) -> str:
+    def _wavelet_name(self) -> str:
         """Name of the wavelet in feature names; the same for the same filters."""
         return wavelet_qualifier(self.wavelet)
 
     @abstractmethod
-    def _depth(self) -> int:
+    def _deepest_level(self) -> int:
         """Number of levels that ``_from_coefficients`` reads."""
 
     @abstractmethod
@@ -59,11 +59,11 @@ class WaveletTransformer(WindowTransformer):
         """Features, shape (n_windows, n_features), of windows and their transform.
 
         ``coefficients`` are those of ``cyclofeat.signal.wavelets.dwt``, details of level 1 first, of at
-        least ``_depth()`` levels; what follows these is ignored.
+        least ``_deepest_level()`` levels; what follows these is ignored.
         """
 
-    def _compute(self, X: NDArray[Any]) -> Float:
-        return self._from_coefficients(X, dwt(X, self.wavelet, self._depth()))
+    def _compute_features(self, X: NDArray[Any]) -> Float:
+        return self._from_coefficients(X, dwt(X, self.wavelet, self._deepest_level()))
 
 
 _STATISTICS = ("rms", "energy_share", "kurtosis", "lowest_colour")
@@ -130,17 +130,17 @@ class WaveletLevelStatistics(WaveletTransformer):
     levels: int = 12
     colours: int = 64
 
-    def _columns(self) -> list[str]:
+    def _feature_names(self) -> list[str]:
         columns = []
         for name in _STATISTICS:
             row = REGISTRY[f"wavelet_{name}"]
             # The share depends on which levels it is a share of.
             more = {"lowest_colour": (f"{self.colours}colours",), "energy_share": (f"of{self.levels}levels",)}
-            definition = (self._bank(), *more.get(name, ()))
+            definition = (self._wavelet_name(), *more.get(name, ()))
             columns += [row.column(*definition, f"level{level:02d}") for level in range(1, self.levels + 1)]
         return columns
 
-    def _depth(self) -> int:
+    def _deepest_level(self) -> int:
         return self.levels
 
     def _from_coefficients(self, X: NDArray[Any], coefficients: Sequence[Float]) -> Float:
@@ -227,8 +227,8 @@ class WaveletEnvelopeSpectrum(WaveletTransformer):
     n_mesh_harmonics: int = 3
     speed_tolerance: float = 0.015
 
-    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
-        super()._learn(X, y)
+    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+        super()._fit_windows(X, y)
         mesh = self.shaft_hz * self.n_pins
         if mesh >= self.sampling_rate / 2:
             raise ValueError(
@@ -249,14 +249,14 @@ class WaveletEnvelopeSpectrum(WaveletTransformer):
                     f"at most {int(highest / base / (1 + self.speed_tolerance))}"
                 )
 
-    def _columns(self) -> list[str]:
-        definition = (self._bank(), f"level{self.level_:02d}")
+    def _feature_names(self) -> list[str]:
+        definition = (self._wavelet_name(), f"level{self.level_:02d}")
         line = REGISTRY["wavelet_envelope_line"]
         shaft = [line.column(*definition, f"shaft{k:02d}") for k in range(1, self.n_shaft_harmonics + 1)]
         mesh = [line.column(*definition, f"mesh{k:02d}") for k in range(1, self.n_mesh_harmonics + 1)]
         return [REGISTRY["wavelet_envelope_mean"].column(*definition), *shaft, *mesh]
 
-    def _depth(self) -> int:
+    def _deepest_level(self) -> int:
         return self.level_
 
     def _from_coefficients(self, X: NDArray[Any], coefficients: Sequence[Float]) -> Float:

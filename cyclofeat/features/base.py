@@ -43,9 +43,10 @@ class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
     """Base of the transformers that turn each window into one row of features.
 
     A subclass states its parameters as fields of a dataclass (``eq=False, repr=False``) or stores them in
-    ``__init__``, extends ``_parameter_constraints`` by one entry per parameter, and implements ``_columns``
-    and ``_compute``. One that learns from training windows, or whose parameters must fit the windows,
-    implements ``_learn``. Windows are processed in chunks, so that spectra never fill the memory.
+    ``__init__``, extends ``_parameter_constraints`` by one entry per parameter, and implements
+    ``_feature_names`` and ``_compute_features``. One that learns from training windows, or whose parameters
+    must fit the windows, implements ``_fit_windows``. Windows are processed in chunks, so that spectra never
+    fill the memory.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -54,20 +55,20 @@ class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
 
     sampling_rate: float
 
-    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         """Check parameters against validated windows and learn state; ``y`` is as given."""
 
     @abstractmethod
-    def _columns(self) -> list[str]:
+    def _feature_names(self) -> list[str]:
         """Names of the features; called on a fitted transformer."""
 
     @abstractmethod
-    def _compute(self, X: NDArray[Any]) -> Float:
+    def _compute_features(self, X: NDArray[Any]) -> Float:
         """Features, shape (n_windows, n_features), of a chunk of validated windows; must not write to X."""
 
     def _of_chunks(self, chunks: Iterable[NDArray[Any]]) -> list[Float]:
         """Features of chunks of windows, in their order."""
-        return [self._compute(chunk) for chunk in chunks]
+        return [self._compute_features(chunk) for chunk in chunks]
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> Self:
@@ -87,7 +88,7 @@ class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
             rate) or ``X`` is not two-dimensional, real and finite.
         """
         windows = validate_data(self, X, dtype=[np.float64, np.float32])
-        self._learn(windows, y)
+        self._fit_windows(windows, y)
         return self
 
     def transform(self, X: ArrayLike) -> Float:
@@ -132,4 +133,4 @@ class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
         """
         check_is_fitted(self)
         check_feature_names_in(self, input_features, generate_names=False)
-        return np.asarray(self._columns(), dtype=object)
+        return np.asarray(self._feature_names(), dtype=object)

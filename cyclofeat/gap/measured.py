@@ -27,7 +27,7 @@ from cyclofeat.gap.world.world import World
 from cyclofeat.recordings import Recording, Windower
 from cyclofeat.recordings.recording import common_n_lobes, common_quantity
 from cyclofeat.recordings.windower import recording_label
-from cyclofeat.signal.faults import runs
+from cyclofeat.signal.faults import find_runs
 from cyclofeat.signal.orders import mean_speed
 from cyclofeat.simulators import Rig
 
@@ -489,7 +489,7 @@ def doubts_of(torques: Sequence[NDArray[Any]], *, has_counts: bool, has_tachomet
         )
     for extreme, word in ((np.max, "largest"), (np.min, "smallest")):
         at_end = [torque == extreme(torque) for torque in torques]
-        clipped = sum(np.mean(flags) > _CLIPPED and runs(flags)[1].max() >= _FLAT for flags in at_end)
+        clipped = sum(np.mean(flags) > _CLIPPED and find_runs(flags)[1].max() >= _FLAT for flags in at_end)
         if clipped:
             doubts.append(
                 f"{clipped} of {n} recordings seem clipped: they stay at their {word} value for samples on "

@@ -43,7 +43,7 @@ class AngleGrid:
     sign: float = 1.0
 
     @classmethod
-    def of(cls, angle: Float, samples_per_turn: int) -> AngleGrid:
+    def for_angle(cls, angle: Float, samples_per_turn: int) -> AngleGrid:
         """Return the grid for a record of this angle in rad, shape (n,)."""
         return cls(samples_per_turn, max(1, int(mean_density(angle) / (samples_per_turn * _DENSE))))
 
@@ -58,12 +58,12 @@ class AngleGrid:
 
     def resample(self, torque: Float, angle: Float, sampling_rate: float) -> tuple[Float, Float]:
         """Return torque at the grid points within the angle, and these angles in rad, each of shape (m,)."""
-        margin = self._margin(angle)
+        margin = self._n_reflected(angle)
         # One long array after the other: a record may fill a good part of the memory.
         longer = torque - self.level
         longer *= self.sign
-        longer = self._decimated(_continued(longer, margin))
-        turning = _continued(angle, margin)[:: self.decimation].copy()
+        longer = self._low_pass(_reflect_ends(longer, margin))
+        turning = _reflect_ends(angle, margin)[:: self.decimation].copy()
         even, grid = resample_by_angle(
             longer, turning, self.samples_per_turn, sampling_rate / self.decimation
         )
@@ -72,18 +72,18 @@ class AngleGrid:
 
     def decimate(self, torque: Float, angle: Float) -> Float:
         """Return torque at every ``decimation``-th sample, low-passed."""
-        margin = self._margin(angle)
+        margin = self._n_reflected(angle)
         level = float(torque.mean())
-        longer = self._decimated(_continued(torque - level, margin))
+        longer = self._low_pass(_reflect_ends(torque - level, margin))
         return longer[margin // self.decimation :][: angle[:: self.decimation].size] + level
 
-    def _margin(self, angle: Float) -> int:
+    def _n_reflected(self, angle: Float) -> int:
         """Return the samples by which a record is continued, a multiple of the decimation."""
         longest = (angle.size - 1) // self.decimation
         wanted = math.ceil(_MARGIN / self.samples_per_turn * mean_density(angle) / self.decimation)
         return min(wanted, longest) * self.decimation
 
-    def _decimated(self, values: Float) -> Float:
+    def _low_pass(self, values: Float) -> Float:
         if self.decimation == 1:
             return values
         return np.asarray(resample_poly(values, 1, self.decimation, window=anti_alias(self.decimation)))
@@ -94,7 +94,7 @@ def mean_density(angle: Float) -> float:
     return angle.size / (float(np.ptp(angle)) / (2 * np.pi))
 
 
-def _continued(values: Float, margin: int) -> Float:
+def _reflect_ends(values: Float, margin: int) -> Float:
     """Continue a curve by its point reflection at either end: neither value nor slope has a step there."""
     before = 2 * values[0] - values[margin:0:-1]
     return np.concatenate([before, values, 2 * values[-1] - values[-2 : -margin - 2 : -1]])

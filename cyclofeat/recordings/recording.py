@@ -168,7 +168,9 @@ class Recording:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Recording):
             return NotImplemented
-        return all(_alike(getattr(self, f.name), getattr(other, f.name)) for f in dataclasses.fields(self))
+        return all(
+            _are_equal(getattr(self, f.name), getattr(other, f.name)) for f in dataclasses.fields(self)
+        )
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -400,10 +402,10 @@ def common_quantity(recordings: Sequence[Recording]) -> str:
     return found[0] if found else QUANTITIES[0]
 
 
-def _alike(mine: Any, theirs: Any) -> bool:
+def _are_equal(mine: Any, theirs: Any) -> bool:
     """Return True if two values of a field are the same, whatever objects ``meta`` holds."""
     if isinstance(mine, Mapping) and isinstance(theirs, Mapping):
-        return mine.keys() == theirs.keys() and all(_alike(mine[key], theirs[key]) for key in mine)
+        return mine.keys() == theirs.keys() and all(_are_equal(mine[key], theirs[key]) for key in mine)
     if isinstance(mine, np.ndarray) or isinstance(theirs, np.ndarray):
         return type(theirs) is type(mine) and np.array_equal(mine, theirs)
     return type(theirs) is type(mine) and bool(mine == theirs)

@@ -91,7 +91,7 @@ class WindowStream:
         ValueError
             If a window is constant, or its samples are too few. It is left out then.
         """
-        self._append(torque, angle)
+        self._append_piece(torque, angle)
         beside = _BESIDE * self._grid.step
         while self._pieces and self._last_angle() >= (last := self._end_of_window() + beside):
             angles = self._join_pieces()[1]
@@ -102,7 +102,7 @@ class WindowStream:
         while self._pieces and self._last_angle() + ROUNDING >= self._end_of_window():
             yield self._next_window(self._join_pieces()[1].size)
 
-    def _append(self, torque: Float, angle: Float) -> None:
+    def _append_piece(self, torque: Float, angle: Float) -> None:
         if not angle.size:
             return
         if self._first_point is None:

@@ -273,7 +273,7 @@ class Windower:
         common_quantity(records)
         if self.reduction is None:
             return dataclasses.replace(self, reduction=common_n_lobes(records)).windows(records, angles)
-        _groups(records)  # a mixture is an error before any work
+        _assemblies(records)  # a mixture is an error before any work
         if angles is None:
             angles = [recording.input_angle(self.reduction) for recording in records]
         if self.samples_per_turn is None:
@@ -302,15 +302,15 @@ class Windower:
         if self.duration is None:
             speed = self._nominal_speed(records, required=True)
             assert speed is not None
-            return max(1, round(self.output_turns * self._turns / speed * rate))
+            return max(1, round(self.output_turns * self._input_turns / speed * rate))
         speed = self._nominal_speed(records, required=False)
         if speed is not None:
             # A lobe passes the load once in z_s / (z_s + 1) input turns: less shows no lobe at all.
-            lobe = self._turns / (self._turns + 1) / speed
+            lobe = self._input_turns / (self._input_turns + 1) / speed
             if self.duration < lobe:
                 raise ValueError(
                     f"duration = {self.duration:g} s is shorter than one lobe period, {lobe:.4g} s at "
-                    f"{speed:.4g} Hz input speed: one output turn is {self._turns / speed:.4g} s"
+                    f"{speed:.4g} Hz input speed: one output turn is {self._input_turns / speed:.4g} s"
                 )
         length = round(self.duration * rate)
         if length < 2:
@@ -359,7 +359,7 @@ class Windower:
                 f"samples), {self._length_text()} needs {(first + length) / rate:.4g} s ({first + length} "
                 "samples)"
             )
-        starts = first + self._starts(available, length, grid=1)
+        starts = first + self._window_starts(available, length, grid=1)
         windows = np.lib.stride_tricks.sliding_window_view(recording.torque, length)[starts]
         return windows, starts / rate, np.full(starts.size, np.nan) if angle is None else angle[starts]
 
@@ -383,20 +383,20 @@ class Windower:
         # Count in steps of the grid, so that no rounding shifts a window.
         per_turn, origin = grid.samples_per_turn, round(points[0] / grid.step)
         aligned = recording.angle_is_absolute and float(self.output_turns).is_integer()
-        period = self._turns * per_turn if aligned else 1
+        period = self._input_turns * per_turn if aligned else 1
         first = math.ceil(max(origin, grid.first_point(angle[skipped])) / period) * period
         available = origin + torque.size - first
         if available < length:
             start_rule = remedy = ""
             if aligned:
-                start_rule = f" from the first multiple of {self._turns} turns of its absolute angle on"
+                start_rule = f" from the first multiple of {self._input_turns} turns of its absolute angle on"
                 remedy = "; record one output turn more, or " + _RELATIVE
             raise ValueError(
                 f"the recording is too short: it lasts {recording.duration:.4g} s and holds "
                 f"{max(available, 0) / per_turn:.4g} input turns{start_rule}, {self._length_text()} needs "
-                f"{self.output_turns * self._turns:g}{remedy}"
+                f"{self.output_turns * self._input_turns:g}{remedy}"
             )
-        starts = first - origin + self._starts(available, length, grid=period)
+        starts = first - origin + self._window_starts(available, length, grid=period)
         windows = np.lib.stride_tricks.sliding_window_view(torque, length)[starts]
         return windows, samples_at(points[starts], angle) / rate, points[starts]
 
@@ -417,7 +417,7 @@ class Windower:
         angle = recording.input_angle(self.reduction)
         if angle is None or recording.angle is None:
             raise ValueError("recording must have an angle")
-        grid = AngleGrid.of(angle, self._samples_per_turn)
+        grid = AngleGrid.for_angle(angle, self._samples_per_turn)
         if grid.decimation < 2:
             return recording
         return recording.replace(
@@ -442,13 +442,13 @@ class Windower:
                 f"{sampling_rate:g} Hz: take fewer samples_per_turn, or train a model at this rate "
                 f"(cyclofeat train --sampling-rate {sampling_rate:g})"
             )
-        grid = AngleGrid.of(angle, per_turn)
+        grid = AngleGrid.for_angle(angle, per_turn)
         if not self.remove_mean:
             return grid
         level = float(torque.mean())
         return dataclasses.replace(grid, level=level, sign=-1.0 if level < 0 else 1.0)
 
-    def _starts(self, available: int, length: int, *, grid: int) -> Int:
+    def _window_starts(self, available: int, length: int, *, grid: int) -> Int:
         """Return the first samples of the windows, all on multiples of ``grid``."""
         hop = max(1, round(length * (1 - self.overlap)))
         if hop % grid:
@@ -469,7 +469,7 @@ class Windower:
         return starts
 
     @property
-    def _turns(self) -> int:
+    def _input_turns(self) -> int:
         """Input turns per output turn, which :meth:`windows` has settled."""
         assert self.reduction is not None
         return self.reduction
@@ -481,14 +481,14 @@ class Windower:
 
     def angle_length(self) -> int:
         """Return the number of samples of a window over the angle."""
-        return round(self.output_turns * self._turns * self._samples_per_turn)
+        return round(self.output_turns * self._input_turns * self._samples_per_turn)
 
     def _length_text(self) -> str:
         if self.duration is not None:
             length = f"{self.duration:g} s"
         else:
             length = "1 output turn" if self.output_turns == 1 else f"{self.output_turns:g} output turns"
-            length += f" ({self.output_turns * self._turns:g} input turns)"
+            length += f" ({self.output_turns * self._input_turns:g} input turns)"
         return f"a window of {length}" + (f" after skip_s = {self.skip_s:g} s" if self.skip_s else "")
 
 
@@ -501,7 +501,7 @@ def window_set(records: Sequence[Recording], parts: Sequence[Cut], sampling_rate
     """Return the windows of several recordings, each cut already, with all that is known about them."""
     origin = np.repeat(np.arange(len(records), dtype=np.int64), [part[0].shape[0] for part in parts])
     counts = [recording.defect_count for recording in records]
-    groups = _groups(records)
+    groups = _assemblies(records)
     return WindowSet(
         X=np.concatenate([part[0] for part in parts]),
         y=None if None in counts else np.asarray(counts, dtype=np.int64)[origin],
@@ -551,7 +551,7 @@ def _common_rate(records: Sequence[Recording]) -> float:
     return rate
 
 
-def _groups(records: Sequence[Recording]) -> NDArray[Any] | None:
+def _assemblies(records: Sequence[Recording]) -> NDArray[Any] | None:
     """Assembly of each recording."""
     assemblies = [recording.assembly for recording in records]
     if None in assemblies:

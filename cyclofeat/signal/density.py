@@ -63,13 +63,13 @@ def _in_band(
     if band is not None:
         if frequencies is None:
             raise ValueError(f"frequencies are needed to find the band {band!r} Hz, got None")
-        psd = psd[..., _lines(frequencies, band)]
+        psd = psd[..., _band_slice(frequencies, band)]
     if not (np.isfinite(psd).all() and (psd >= 0).all()):
         raise ValueError("psd must be finite and not negative")
     return psd
 
 
-def _lines(frequencies: ArrayLike, band: tuple[float, float]) -> slice:
+def _band_slice(frequencies: ArrayLike, band: tuple[float, float]) -> slice:
     """Lines of a band: frequencies increase, so they lie side by side."""
     inside = np.flatnonzero(band_mask(frequencies, band))
     return slice(int(inside[0]), int(inside[-1]) + 1)
@@ -82,7 +82,7 @@ def _frequencies_in_band(frequencies: ArrayLike, n_bins: int, band: tuple[float,
             f"frequencies must hold one frequency for each of the {n_bins} lines, "
             f"got shape {frequencies.shape}"
         )
-    return frequencies if band is None else frequencies[_lines(frequencies, band)]
+    return frequencies if band is None else frequencies[_band_slice(frequencies, band)]
 
 
 def _power_share(psd: ArrayLike, frequencies: ArrayLike | None, band: tuple[float, float] | None) -> Float:
@@ -373,7 +373,7 @@ def band_power(
     frequencies = _frequencies_in_band(frequencies, psd.shape[-1], None)
     distance = frequencies[-1] / max(frequencies.size - 1, 1)
     bands = checked_bands(frequencies, bands)
-    sums = [psd[..., _lines(frequencies, band)].sum(axis=-1) for band in bands]
+    sums = [psd[..., _band_slice(frequencies, band)].sum(axis=-1) for band in bands]
     return np.asarray(distance * np.stack(sums, axis=-1))
 
 

@@ -19,11 +19,11 @@ from cyclofeat.signal.speed import (
     FollowedSpeed,
     _at_samples,
     _Attempt,
-    _course,
-    _followed,
+    _speed_course,
+    _follow_until_fit,
     _Lines,
     _Pass,
-    _thinned,
+    _reduce_record,
     follow_speed,
 )
 from cyclofeat.signal.windows import Float
@@ -110,7 +110,7 @@ def follow_motor(current: Float, sampling_rate: float, nominal_hz: float, n_lobe
     ValueError
         As ``cyclofeat.signal.speed.follow_speed``.
     """
-    found = _driven(current, sampling_rate, nominal_hz, n_lobes, _ATTEMPTS)
+    found = _follow_current(current, sampling_rate, nominal_hz, n_lobes, _ATTEMPTS)
     if found.fits and not found.reaches and _is_another(found, current, sampling_rate, n_lobes):
         return dataclasses.replace(found, margin=-found.margin)
     return found
@@ -122,10 +122,10 @@ def _is_another(found: FollowedSpeed, current: Float, sampling_rate: float, n_lo
     A motor's strongest line may pass for that of the mesh at another speed.
     """
     shaft = (n_lobes + 1) / n_lobes
-    own = _driven(current, sampling_rate, found.speed_hz, n_lobes, _ATTEMPTS[:1]).evidence
+    own = _follow_current(current, sampling_rate, found.speed_hz, n_lobes, _ATTEMPTS[:1]).evidence
     for multiple in (1 / 4, 1 / 3, 1 / 2, shaft / 2, 2 / shaft, 2, 3):
         try:
-            other = _driven(current, sampling_rate, multiple * found.speed_hz, n_lobes, _ATTEMPTS[:1])
+            other = _follow_current(current, sampling_rate, multiple * found.speed_hz, n_lobes, _ATTEMPTS[:1])
         except ValueError:  # the record does not hold that speed
             continue
         if other.evidence > _CLEARLY * own:
@@ -133,11 +133,11 @@ def _is_another(found: FollowedSpeed, current: Float, sampling_rate: float, n_lo
     return False
 
 
-def _driven(
+def _follow_current(
     current: Float, sampling_rate: float, nominal_hz: float, n_lobes: int, attempts: Sequence[_Attempt]
 ) -> FollowedSpeed:
     """Follow the shaft under the most probable control, or, where none is probable, without any."""
-    lines, thinned, rate = _thinned(current, sampling_rate, nominal_hz, n_lobes)
+    lines, thinned, rate = _reduce_record(current, sampling_rate, nominal_hz, n_lobes)
     length = min(thinned.size, round(_SEARCHED_TURNS * n_lobes / nominal_hz * rate))
     first = (thinned.size - length) // 2
     middle = thinned[first : first + length]
@@ -145,12 +145,12 @@ def _driven(
     unit = float(np.copysign(middle.std(), current.mean()))
     if unit == 0:
         return follow_speed(current, sampling_rate, nominal_hz, n_lobes)
-    control = _control(middle, unit, rate, nominal_hz, lines)
+    control = _likeliest_control(middle, unit, rate, nominal_hz, lines)
     steady: Float = nominal_hz / rate * np.arange(thinned.size, dtype=float)
     best, start = _followed_from(steady, thinned, rate, lines, attempts[:1]), steady
     turned = None
     if control is not None:
-        turned = _turned((thinned - middle.mean()) / unit, rate, nominal_hz, *control)
+        turned = _controlled_turns((thinned - middle.mean()) / unit, rate, nominal_hz, *control)
     if turned is not None:
         controlled = _followed_from(turned, thinned, rate, lines, attempts[:1])
         if controlled.evidence > best.evidence + _GAINED:
@@ -164,13 +164,13 @@ def _driven(
 def _followed_from(
     turned: Float, current: Float, rate: float, lines: _Lines, attempts: Sequence[_Attempt]
 ) -> FollowedSpeed:
-    """Return what ``cyclofeat.signal.speed._followed`` finds, beginning with turns that are known."""
+    """Return what ``cyclofeat.signal.speed._follow_until_fit`` finds, beginning with turns that are known."""
     even, grid = resample_by_angle(current, 2 * np.pi * turned, _SAMPLES_PER_TURN, rate)
-    slow = _followed(even, _SAMPLES_PER_TURN, 1.0, lines, attempts)
-    return dataclasses.replace(slow, angle=_continued(2 * np.pi * turned, grid, slow.angle))
+    slow = _follow_until_fit(even, _SAMPLES_PER_TURN, 1.0, lines, attempts)
+    return dataclasses.replace(slow, angle=_extend_to_turns(2 * np.pi * turned, grid, slow.angle))
 
 
-def _turned(
+def _controlled_turns(
     driving: Float, sampling_rate: float, nominal_hz: float, gain: float, integral_s: float
 ) -> Float | None:
     """Return the turns of a shaft at the stated speed under a control; None where it would all but stop.
@@ -183,7 +183,7 @@ def _turned(
     return turned if np.diff(turned).min() > _SLOWEST * nominal_hz / sampling_rate else None
 
 
-def _control(
+def _likeliest_control(
     current: Float, unit: float, rate: float, nominal_hz: float, lines: _Lines
 ) -> tuple[float, float] | None:
     """Return gain and integral time of the control that the lines make most probable, None for no control."""
@@ -193,20 +193,20 @@ def _control(
     def evidence(gain: float, integral_s: float) -> float:
         if not (0 <= gain <= _HIGHEST_GAIN and _SHORTEST <= integral_s <= _LONGEST):
             return -np.inf
-        turned = _turned(driving, rate, nominal_hz, gain, integral_s)
+        turned = _controlled_turns(driving, rate, nominal_hz, gain, integral_s)
         if turned is None:
             return -np.inf
         # Straight lines suffice to compare controls.
         grid = np.arange(turned[0], turned[-1], 1 / _COMPARED_PER_TURN)
         even = np.interp(grid, turned, current)
-        return _course(even, _COMPARED_PER_TURN, 1.0, _COARSE, lines)[1]
+        return _speed_course(even, _COMPARED_PER_TURN, 1.0, _COARSE, lines)[1]
 
     pairs = [(float(gain), integral_s) for gain in _GAINS for integral_s in _TIMES]
-    best = _climbed(evidence, *max(pairs, key=lambda pair: evidence(*pair)))
+    best = _climb_to_maximum(evidence, *max(pairs, key=lambda pair: evidence(*pair)))
     return best if evidence(*best) > evidence(0.0, _TIMES[0]) + _GAINED else None
 
 
-def _climbed(evidence: _Evidence, gain: float, integral_s: float) -> tuple[float, float]:
+def _climb_to_maximum(evidence: _Evidence, gain: float, integral_s: float) -> tuple[float, float]:
     """Return the place of the maximum next to a place: gain and integral time, the latter in ratios."""
     step, ratio = _GAIN_STEP, _TIME_STEP
     for _ in range(_HALVINGS):
@@ -225,7 +225,7 @@ def _climbed(evidence: _Evidence, gain: float, integral_s: float) -> tuple[float
     return gain, integral_s
 
 
-def _continued(turned: Float, grid: Float, slow: Float) -> Float:
+def _extend_to_turns(turned: Float, grid: Float, slow: Float) -> Float:
     """Return ``slow`` at all angles ``turned``: beyond the grid it goes on at its mean rate."""
     rate = (slow[-1] - slow[0]) / (grid[-1] - grid[0])
     before, behind = min(turned[0], grid[0]), max(turned[-1], grid[-1])

@@ -30,7 +30,7 @@ _LOW_LINES, _HIGH_LINES = (3, 9), (44, 88)
 _QUARTERS, _SEARCHED, _FIRST_LINE, _LAST_LINE, _STRONGEST = 4, 0.1, 3, 30, 6.0
 
 
-def clipped(torque: Float) -> float:
+def clipped_share(torque: Float) -> float:
     """Share of samples at the largest or smallest value, where samples pile up there.
 
     A converter or amplifier at its end repeats one value, far more often than the next one; the crest of a
@@ -47,21 +47,21 @@ def clipped(torque: Float) -> float:
         beside = extreme(torque, where=~at_end, initial=beyond)
         if count < _PILE * np.count_nonzero(torque == beside):
             continue
-        if runs(at_end)[1].max() >= _SHORTEST_CLIP:
+        if find_runs(at_end)[1].max() >= _SHORTEST_CLIP:
             share += count / torque.size
     return share
 
 
-def dropped(torque: Float) -> NDArray[np.bool_]:
+def mark_dropouts(torque: Float) -> NDArray[np.bool_]:
     """Mark samples that repeat one value or follow a straight line for long, or are 0 far from others."""
     # One after the other: each needs some arrays as long as the record.
-    return _held(torque) | _bridged(torque)
+    return _mark_holds(torque) | _mark_straight_lines(torque)
 
 
-def _held(torque: Float) -> NDArray[np.bool_]:
+def _mark_holds(torque: Float) -> NDArray[np.bool_]:
     """Mark samples that repeat one value for long, or are 0 far from others."""
     same = torque[1:] == torque[:-1]
-    starts, lengths = runs(same)
+    starts, lengths = find_runs(same)
     lengths += 1  # of two equal samples or more
     limit = _unusually_long(lengths, torque.size - int(lengths.sum()))
     alone = torque == 0
@@ -74,7 +74,7 @@ def _held(torque: Float) -> NDArray[np.bool_]:
     stuck = inner & (lengths >= limit)
     at_zero = torque[starts] == 0
     if not at_zero.any():
-        return _marked(starts, lengths, stuck, torque.size)
+        return _mark_runs(starts, lengths, stuck, torque.size)
     steps = np.diff(torque)
     np.abs(steps, out=steps)
     # Of coarse steps the mean, since most samples repeat.
@@ -86,10 +86,10 @@ def _held(torque: Float) -> NDArray[np.bool_]:
     before[starts == 0] = np.inf
     after[ends == torque.size] = np.inf
     zero = at_zero & (np.minimum(before, after) > _JUMP * step) & (lengths < torque.size)
-    return _marked(starts, lengths, stuck | zero, torque.size)
+    return _mark_runs(starts, lengths, stuck | zero, torque.size)
 
 
-def _bridged(torque: Float) -> NDArray[np.bool_]:
+def _mark_straight_lines(torque: Float) -> NDArray[np.bool_]:
     """Mark samples on long straight lines that rise or fall."""
     most = _STRAIGHT * torque.std()
     bend = np.diff(torque)
@@ -97,19 +97,19 @@ def _bridged(torque: Float) -> NDArray[np.bool_]:
     bend = np.diff(bend)
     np.abs(bend, out=bend)
     straight = np.pad((bend <= most) & moves, 1)
-    starts, lengths = runs(straight)
+    starts, lengths = find_runs(straight)
     # Each sample that is on no line is a run of its own.
     limit = _unusually_long(lengths, torque.size - int(lengths.sum()))
-    return _marked(starts, lengths, lengths >= limit, torque.size)
+    return _mark_runs(starts, lengths, lengths >= limit, torque.size)
 
 
-def runs(marked: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def find_runs(marked: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the first samples and the lengths of the runs of marked samples; few even in a long record."""
     edges = np.flatnonzero(np.diff(marked, prepend=False, append=False))
     return edges[::2], edges[1::2] - edges[::2]
 
 
-def _marked(
+def _mark_runs(
     starts: NDArray[np.int64], lengths: NDArray[np.int64], which: NDArray[np.bool_], size: int
 ) -> NDArray[np.bool_]:
     """Mark the samples of some of the runs."""
@@ -143,7 +143,7 @@ def step_size(torque: Float) -> float:
     return float(changes[changes > 0].min(initial=np.inf)) if changes.any() else 0.0
 
 
-def jumps(torque: Float, noise: float | None = None) -> NDArray[np.float64]:
+def jump_sizes(torque: Float, noise: float | None = None) -> NDArray[np.float64]:
     """Return what each sample is off the mean of its neighbours, in multiples of what noise makes usual.
 
     ``noise`` is the :func:`noise_level`, where it is known.
@@ -164,7 +164,7 @@ def noise_change(torque: Float, n_parts: int) -> float:
     return float(levels.max() / levels.min()) if levels.min() > 0 else np.inf
 
 
-def smoothness(
+def spectral_falls(
     torque: Float, sampling_rate: float, input_speed_hz: float, n_lobes: int = 15
 ) -> tuple[float, float]:
     """Return how far the spectrum falls above the lobe lines of a count, in dB.
@@ -215,7 +215,7 @@ def weakest_part(
     return float(10 * np.log10(power.min() / np.median(power))) if power.min() > 0 else -np.inf
 
 
-def jitter(angle: Float) -> float:
+def angle_jitter(angle: Float) -> float:
     """Standard deviation in degrees by which angles of a shaft err from turn to turn.
 
     Third differences over one mean turn are next to zero where the speed changes evenly; of independent

@@ -76,7 +76,7 @@ class LobeLines:
         return LobeLines(self.input_speed_hz[windows], self.lines[windows], self.floor[windows])
 
     @classmethod
-    def joined(cls, parts: Sequence[LobeLines]) -> LobeLines:
+    def concatenate(cls, parts: Sequence[LobeLines]) -> LobeLines:
         """Return the lines of all windows of some parts, in order."""
         columns = zip(*((part.input_speed_hz, part.lines, part.floor) for part in parts), strict=True)
         return cls(*map(np.concatenate, columns))
@@ -112,7 +112,7 @@ def reduce_rate(X: Float, sampling_rate: float, wanted_rate: float) -> tuple[Flo
 
     The mean goes first: the filter pads with zeros.
     """
-    factor = _reduction(sampling_rate, wanted_rate)
+    factor = _reduction_factor(sampling_rate, wanted_rate)
     if factor < 2:
         return X - X.mean(axis=1, keepdims=True), sampling_rate
     taps = anti_alias(factor)
@@ -121,7 +121,7 @@ def reduce_rate(X: Float, sampling_rate: float, wanted_rate: float) -> tuple[Flo
     return np.asarray(rows).reshape(len(X), -1), sampling_rate / factor
 
 
-def _reduction(sampling_rate: float, wanted_rate: float) -> int:
+def _reduction_factor(sampling_rate: float, wanted_rate: float) -> int:
     return max(1, int(sampling_rate // wanted_rate))
 
 
@@ -135,7 +135,7 @@ def whitened_rate(sampling_rate: float, input_speed_hz: float, n_lobes: int, n_l
     >>> whitened_rate(25_600, 500 / 60, 15, 44)
     2560.0
     """
-    return sampling_rate / _reduction(
+    return sampling_rate / _reduction_factor(
         sampling_rate, _wanted_rate(lobe_frequency(input_speed_hz, n_lobes), n_lines)
     )
 
@@ -153,15 +153,15 @@ def anti_alias(factor: int) -> Float:
     >>> anti_alias(3).size
     61
     """
-    return _fixed(firwin(20 * factor + 1, 1 / factor, window=("kaiser", 5.0)))
+    return _make_read_only(firwin(20 * factor + 1, 1 / factor, window=("kaiser", 5.0)))
 
 
 @functools.lru_cache(maxsize=16)
-def _taper(n_samples: int) -> Float:
-    return _fixed(hann(n_samples, sym=False))
+def _hann_taper(n_samples: int) -> Float:
+    return _make_read_only(hann(n_samples, sym=False))
 
 
-def _fixed(values: NDArray[Any]) -> NDArray[Any]:
+def _make_read_only(values: NDArray[Any]) -> NDArray[Any]:
     """Make an array read-only, because cached arrays are shared."""
     values.flags.writeable = False
     return values
@@ -178,7 +178,7 @@ def prewhiten(X: Float, sampling_rate: float, order: int, lowest_hz: float) -> F
     n_samples = X.shape[1]
     if order > 0:
         length = next_fast_len(2 * n_samples, real=True)
-        power = np.abs(np.fft.rfft(X * _taper(n_samples), length)) ** 2
+        power = np.abs(np.fft.rfft(X * _hann_taper(n_samples), length)) ** 2
         frequencies = np.fft.rfftfreq(length, 1 / sampling_rate)
         drifting = frequencies < lowest_hz
         above = ~drifting & (frequencies < 1.25 * lowest_hz)
@@ -249,7 +249,7 @@ def lobe_lines(
     n_windows = X.shape[0]
     if n_windows > _BLOCK:
         blocks = (X[first : first + _BLOCK] for first in range(0, n_windows, _BLOCK))
-        return LobeLines.joined([lobe_lines(one, sampling_rate, input_speed_hz, comb) for one in blocks])
+        return LobeLines.concatenate([lobe_lines(one, sampling_rate, input_speed_hz, comb) for one in blocks])
     nominal = lobe_frequency(input_speed_hz, comb.n_lobes)
     if X.shape[1] * nominal < 2 * sampling_rate:
         return LobeLines(
@@ -257,7 +257,7 @@ def lobe_lines(
             np.zeros((n_windows, comb.n_lines), dtype=complex),
             np.zeros((n_windows, comb.n_lines)),
         )
-    white = _whitened(X, sampling_rate, nominal, comb.n_lines, comb.ar_order)
+    white = _whitened_spectra(X, sampling_rate, nominal, comb.n_lines, comb.ar_order)
     numbers = np.arange(1, comb.n_lines + 1)
     factor = np.ones(n_windows)
     if comb.speed_tolerance > 0:
@@ -296,7 +296,7 @@ def comb_prominence(
     where there are no lines.
     """
     nominal = lobe_frequency(input_speed_hz, n_lobes)
-    white = _whitened(X, sampling_rate, nominal, int(numbers.max()), _AR_ORDER)
+    white = _whitened_spectra(X, sampling_rate, nominal, int(numbers.max()), _AR_ORDER)
     return white.prominence(factors, numbers * nominal)
 
 
@@ -316,7 +316,9 @@ class _Whitened:
         return np.stack([_between_bins(row, bins) for row in ratio(self.power, self.floor)])
 
 
-def _whitened(X: Float, sampling_rate: float, nominal: float, n_lines: int, ar_order: int) -> _Whitened:
+def _whitened_spectra(
+    X: Float, sampling_rate: float, nominal: float, n_lines: int, ar_order: int
+) -> _Whitened:
     reduced, rate = reduce_rate(X, sampling_rate, _wanted_rate(nominal, n_lines))
     white = prewhiten(reduced, rate, ar_order, lowest_hz=2 * nominal)
     spectrum, resolution, centre = _centred_spectrum(white, rate)
@@ -331,7 +333,7 @@ def _centred_spectrum(X: Float, sampling_rate: float) -> tuple[Complex, float, f
     About the middle the phase of a line hardly turns from bin to bin, so that it can be read between bins.
     """
     n_windows, n_samples = X.shape
-    taper = _taper(n_samples)
+    taper = _hann_taper(n_samples)
     tapered = X * (taper * (2 / taper.sum()))
     middle = n_samples // 2
     padded = np.zeros((n_windows, next_fast_len(_PADDING * n_samples, real=True)))
@@ -353,16 +355,16 @@ def fold(lines: Complex, n_lobes: int = 15, points: int = 16, lowest_line: int =
     Slot 0 begins at the window's first sample, or where :func:`shift` moved it. Lobe lines below
     ``lowest_line`` are not used: there the brake drifts.
     """
-    waves = _waves(lowest_line, lines.shape[1], n_lobes * points)
+    waves = _fold_waves(lowest_line, lines.shape[1], n_lobes * points)
     folded = lines[:, lowest_line - 1 :] @ waves
     return np.ascontiguousarray(folded.real).reshape(len(lines), n_lobes, points)
 
 
 @functools.lru_cache(maxsize=16)
-def _waves(lowest_line: int, highest_line: int, n_points: int) -> Complex:
+def _fold_waves(lowest_line: int, highest_line: int, n_points: int) -> Complex:
     """One turn of the fold of each lobe line, shape (n_lines, n_points)."""
     phase = np.outer(np.arange(lowest_line, highest_line + 1), np.arange(n_points) / n_points)
-    return _fixed(np.exp(2j * np.pi * phase))
+    return _make_read_only(np.exp(2j * np.pi * phase))
 
 
 def shift(lines: Complex, turns: Float) -> Complex:

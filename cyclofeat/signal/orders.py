@@ -129,10 +129,10 @@ def resample_by_angle(
     ``0.5 * samples_per_turn`` on are 80 dB down; the result is then 26 samples shorter at either end than the
     angle's range. The spline is accurate to 1 % up to a fifth of the sampling rate, to 0.1 % up to a tenth.
     """
-    torque, angle = _checked(torque, angle)
+    torque, angle = _checked_series(torque, angle)
     step = 2 * math.pi / whole("samples_per_turn", samples_per_turn, least=2)
     check_sampling_rate(sampling_rate)
-    fine = _refinement(angle, samples_per_turn, sampling_rate)
+    fine = _grid_refinement(angle, samples_per_turn, sampling_rate)
     # Rounding must not cost the first or last point where the record begins or ends on the grid.
     first = math.ceil(angle[0] / step - 1e-9)
     last = math.floor(angle[-1] / step + 1e-9)
@@ -176,7 +176,7 @@ def _order_filter(fine: int) -> Float:
     return taps
 
 
-def _refinement(angle: Float, samples_per_turn: int, sampling_rate: float) -> int:
+def _grid_refinement(angle: Float, samples_per_turn: int, sampling_rate: float) -> int:
     """Return how many times finer than the result the grid must be to hold the whole record."""
     turns = (angle[-1] - angle[0]) / (2 * math.pi)
     # Speed over eighths of a turn: from sample to sample a noisy angle would give any speed.
@@ -198,7 +198,7 @@ def _refinement(angle: Float, samples_per_turn: int, sampling_rate: float) -> in
     return 1 if densest < samples_per_turn + 0.5 else math.ceil(densest / samples_per_turn)
 
 
-def _checked(torque: ArrayLike, angle: ArrayLike) -> tuple[Float, Float]:
+def _checked_series(torque: ArrayLike, angle: ArrayLike) -> tuple[Float, Float]:
     torque, angle = series("torque", torque, least=2), series("angle", angle, least=2)
     if torque.size != angle.size:
         raise ValueError(f"angle must have the length of torque, {torque.size}, got {angle.size}")

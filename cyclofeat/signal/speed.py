@@ -74,7 +74,7 @@ class _Attempt:
     passes: tuple[_Pass, ...]
     every_line: bool = False
 
-    def of(self, lines: _Lines) -> _Lines:
+    def choose_lines(self, lines: _Lines) -> _Lines:
         return replace(lines, last_lobe=lines.highest_lobe) if self.every_line else lines
 
 
@@ -99,7 +99,7 @@ class _Lines:
     highest_lobe: int
 
     @classmethod
-    def held(cls, sampling_rate: float, nominal_hz: float, n_lobes: int) -> _Lines:
+    def within_rate(cls, sampling_rate: float, nominal_hz: float, n_lobes: int) -> _Lines:
         orders = sampling_rate / 2 / (nominal_hz * (1 + FOLLOWED_TOLERANCE))
         orders = min(orders, _SAMPLES_PER_TURN / 2)
         highest = min(_HIGHEST_LOBE_LINE, int(orders / lobe_frequency(1.0, n_lobes)))
@@ -173,18 +173,18 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
         If the record is shorter than six turns of the input, or the sampling rate does not hold the first
         line of the mesh.
     """
-    return _follow(torque, sampling_rate, nominal_hz, n_lobes, _ATTEMPTS)
+    return _follow_attempts(torque, sampling_rate, nominal_hz, n_lobes, _ATTEMPTS)
 
 
-def _follow(
+def _follow_attempts(
     torque: Float, sampling_rate: float, nominal_hz: float, n_lobes: int, attempts: Sequence[_Attempt]
 ) -> FollowedSpeed:
-    lines, thinned, rate = _thinned(torque, sampling_rate, nominal_hz, n_lobes)
-    found = _followed(thinned, rate, nominal_hz, lines, attempts)
+    lines, thinned, rate = _reduce_record(torque, sampling_rate, nominal_hz, n_lobes)
+    found = _follow_until_fit(thinned, rate, nominal_hz, lines, attempts)
     return _at_samples(found, rate, torque.size, sampling_rate)
 
 
-def _thinned(
+def _reduce_record(
     torque: Float, sampling_rate: float, nominal_hz: float, n_lobes: int
 ) -> tuple[_Lines, Float, float]:
     """Return the lines that a record holds, and the record at the rate in Hz that they need; or raise."""
@@ -200,7 +200,7 @@ def _thinned(
             f"sampling_rate must be at least {2 * highest:.4g} Hz to follow {60 * nominal_hz:.4g} RPM by the "
             f"torque alone, got {sampling_rate:g} Hz"
         )
-    lines = _Lines.held(sampling_rate, nominal_hz, n_lobes)
+    lines = _Lines.within_rate(sampling_rate, nominal_hz, n_lobes)
     (thinned,), rate = reduce_rate(torque[np.newaxis], sampling_rate, _DENSE * nominal_hz)
     return lines, thinned, rate
 
@@ -250,13 +250,15 @@ def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list
     n_steps = math.ceil(math.log(highest / lowest) / math.log((1 + near) / (1 - near)))
     started = np.geomspace(lowest, highest, n_steps + 1)
 
-    def middle(nominal: float) -> Float:
+    def middle_part(nominal: float) -> Float:
         length = min(torque.size, round(_SEARCHED_TURNS * n_lobes / nominal * sampling_rate))
         first = (torque.size - length) // 2
         return torque[first : first + length]
 
     first = _ATTEMPTS[:1]
-    followed = [_follow(middle(at), sampling_rate, at, n_lobes, first) for at in started.tolist()]
+    followed = [
+        _follow_attempts(middle_part(at), sampling_rate, at, n_lobes, first) for at in started.tolist()
+    ]
     clear = sorted((one for one in followed if one.evidence >= _LEAST), key=lambda one: -one.evidence)
     best = next((one for one in clear if one.fits), None)
     if best is None or clear[0].evidence > _MORE * best.evidence:
@@ -265,34 +267,34 @@ def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list
     alike = [best.speed_hz * factor for factor in (shaft, 2 / shaft, *([] if best.reaches else [shaft / 2]))]
     possible = [best]
     for one in clear:
-        new = not any(_same(one.speed_hz, other.speed_hz) for other in possible)
+        new = not any(_is_same_speed(one.speed_hz, other.speed_hz) for other in possible)
         likely = one.evidence >= _POSSIBLE * best.evidence
-        if new and likely and (one.fits or any(_same(one.speed_hz, other) for other in alike)):
+        if new and likely and (one.fits or any(_is_same_speed(one.speed_hz, other) for other in alike)):
             possible.append(one)
     whole = [follow_speed(torque, sampling_rate, one.speed_hz, n_lobes) for one in possible]
     return whole if whole[0].fits else []
 
 
-def _same(speed: float, other: float) -> bool:
+def _is_same_speed(speed: float, other: float) -> bool:
     return abs(speed / other - 1) <= _SAME
 
 
-def _followed(
+def _follow_until_fit(
     torque: Float, sampling_rate: float, nominal_hz: float, lines: _Lines, attempts: Sequence[_Attempt]
 ) -> FollowedSpeed:
     """Follow the speed in a record with no more samples than needed: by the first attempt that fits."""
     turns = torque.size / sampling_rate * nominal_hz
     long_enough = [one for one in attempts if turns >= one.passes[0].turns] or attempts[:1]
     tried: list[FollowedSpeed] = []
-    for passes, held in dict.fromkeys((one.passes, one.of(lines)) for one in long_enough):
-        tried.append(_passed(torque, sampling_rate, nominal_hz, held, passes))
+    for passes, held in dict.fromkeys((one.passes, one.choose_lines(lines)) for one in long_enough):
+        tried.append(_follow_passes(torque, sampling_rate, nominal_hz, held, passes))
         if tried[-1].fits:
             break
     # Where no lines stand out, the last attempt, by the longest blocks, errs least.
     return max(reversed(tried), key=attrgetter("margin"))
 
 
-def _passed(
+def _follow_passes(
     torque: Float, sampling_rate: float, nominal_hz: float, lines: _Lines, passes: Sequence[_Pass]
 ) -> FollowedSpeed:
     """Follow the speed by one attempt's passes, as far as the record is long enough for their blocks.
@@ -302,12 +304,12 @@ def _passed(
     """
     turns = torque.size / sampling_rate * nominal_hz
     finer = [one for one in passes[1:] if one.turns <= turns]
-    course, evidence = _course(torque, sampling_rate, nominal_hz, passes[0], lines)
+    course, evidence = _speed_course(torque, sampling_rate, nominal_hz, passes[0], lines)
     at = np.interp(np.arange(torque.size) / sampling_rate, *course) * nominal_hz
     angle = 2 * np.pi * cumulative_trapezoid(at, dx=1 / sampling_rate, initial=0)
     for one in finer:
-        angle, evidence = _finer(torque, sampling_rate, angle, one, lines)
-    found = _found(torque, sampling_rate, angle, evidence, lines)
+        angle, evidence = _refine_angle(torque, sampling_rate, angle, one, lines)
+    found = _followed_speed(torque, sampling_rate, angle, evidence, lines)
     beside = passes[0].tolerance - passes[0].step
     if abs(found.speed_hz / nominal_hz - 1) > beside:
         found = replace(found, margin=-math.inf)  # the lines may be those of a speed beyond
@@ -315,32 +317,32 @@ def _passed(
     shaft = (lines.n_lobes + 1) / lines.n_lobes
     if found.fits or not finer or shaft * found.speed_hz > (1 + beside) * nominal_hz:
         return found
-    other = _found(
-        torque, sampling_rate, *_finer(torque, sampling_rate, shaft * angle, finer[-1], lines), lines
+    other = _followed_speed(
+        torque, sampling_rate, *_refine_angle(torque, sampling_rate, shaft * angle, finer[-1], lines), lines
     )
     return other if other.margin > _SECOND else found
 
 
-def _finer(
+def _refine_angle(
     torque: Float, sampling_rate: float, angle: Float, one: _Pass, lines: _Lines
 ) -> tuple[Float, float]:
     """Return the angle by a pass on the torque over one that is nearly right, and the evidence per turn."""
     even, grid = resample_by_angle(torque, angle, _SAMPLES_PER_TURN, sampling_rate)
-    (position, factor), evidence = _course(even, _SAMPLES_PER_TURN, 1.0, one, lines)
+    (position, factor), evidence = _speed_course(even, _SAMPLES_PER_TURN, 1.0, one, lines)
     smooth = PchipInterpolator(position + grid[0] / (2 * np.pi), factor, extrapolate=False)
     low, high = smooth.x[0], smooth.x[-1]
     factors = smooth(np.clip(angle / (2 * np.pi), low, high))
     return cumulative_trapezoid(factors, angle, initial=0), evidence
 
 
-def _found(
+def _followed_speed(
     torque: Float, sampling_rate: float, angle: Float, evidence: float, lines: _Lines
 ) -> FollowedSpeed:
-    margin, reaches = _fit(torque, sampling_rate, angle, lines)
+    margin, reaches = _fit_discs(torque, sampling_rate, angle, lines)
     return FollowedSpeed(angle, float(mean_speed(angle, sampling_rate)), evidence, margin, reaches)
 
 
-def _fit(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> tuple[float, bool]:
+def _fit_discs(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> tuple[float, bool]:
     """Return margin and reach of the lines over an angle, as of :class:`FollowedSpeed`.
 
     A worn disc has lobe lines, and a sound one those of the mesh, both with even lines of the shaft. At a
@@ -354,7 +356,7 @@ def _fit(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> tu
     alike = (n_lobes + 1) / (2 * n_lobes)
     # The mesh lines of a sound disc at 1 / n_lobes of the speed are the lobe lines themselves.
     multiples = (1.0, alike, 1 / alike, *(one for one in _MULTIPLES if one * n_lobes != 1))
-    places = [_places(multiple, lines) for multiple in multiples]
+    places = [_line_places(multiple, lines) for multiple in multiples]
     numbers = [part for pair in places for part in pair]
     one, every = np.ones(1), np.concatenate(numbers)
     power = np.concatenate(
@@ -366,7 +368,7 @@ def _fit(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> tu
     ends = np.cumsum([part.size for part in numbers])[:-1]
     parts = iter(np.split(np.minimum(power, _MOST), ends, axis=1))
     discs = [
-        _disc(lobe, np.round(lines_of / multiple) % n_lobes == 0, shaft)
+        _disc_evidence(lobe, np.round(lines_of / multiple) % n_lobes == 0, shaft)
         for lobe, shaft, (lines_of, _), multiple in zip(parts, parts, places, multiples, strict=True)
     ]
     this, like_worn, like_sound, *others = discs
@@ -383,7 +385,7 @@ def _fit(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> tu
     return min(sound - max(other + _SOUND, like_sound.worn - _RICHER), this.mesh - _MESH), reaches
 
 
-def _places(multiple: float, lines: _Lines) -> tuple[Float, Float]:
+def _line_places(multiple: float, lines: _Lines) -> tuple[Float, Float]:
     """Return the lobe lines of a disc at a multiple of the speed, and the even lines of its shaft.
 
     Both are numbers of lobe lines at the speed itself.
@@ -391,10 +393,10 @@ def _places(multiple: float, lines: _Lines) -> tuple[Float, Float]:
     lobe: Float = multiple * np.arange(1.0, math.ceil(lines.highest_lobe / multiple) + 1)
     shaft = multiple * _even_lines(_LAST_SHAFT_LINE, lines.n_lobes)
 
-    def held(numbers: Float) -> Float:
+    def within_range(numbers: Float) -> Float:
         return numbers[(numbers >= _FIRST_LOBE_LINE) & (numbers <= lines.highest_lobe)]
 
-    return held(lobe), held(shaft)
+    return within_range(lobe), within_range(shaft)
 
 
 def _even_lines(last: int, n_lobes: int) -> Float:
@@ -420,20 +422,20 @@ class _Disc:
         return self.mesh + self.shaft
 
 
-def _disc(lobe: Float, is_mesh: NDArray[np.bool_], shaft: Float) -> _Disc:
+def _disc_evidence(lobe: Float, is_mesh: NDArray[np.bool_], shaft: Float) -> _Disc:
     """Return what lobe and shaft lines tell, from their power over floor, shape (n_windows, n_lines)."""
     of_mesh = _log_ratio(lobe, _MESH_LINE).mean(axis=0)
     of_lobes = np.where(is_mesh, of_mesh, _log_ratio(lobe, _LOBE_LINE).mean(axis=0))
-    of_shaft = _reaching(_log_ratio(shaft, _SHAFT_LINE).mean(axis=0))
-    return _Disc(_reaching(of_lobes), _reaching(of_mesh[is_mesh]), max(of_shaft, 0.0))
+    of_shaft = _sum_to_last_line(_log_ratio(shaft, _SHAFT_LINE).mean(axis=0))
+    return _Disc(_sum_to_last_line(of_lobes), _sum_to_last_line(of_mesh[is_mesh]), max(of_shaft, 0.0))
 
 
-def _reaching(ratios: Float) -> float:
+def _sum_to_last_line(ratios: Float) -> float:
     """Return the log probability ratio over noise of lines from the first to an unknown last one, or none."""
     return float(np.logaddexp.reduce(np.append(0.0, np.cumsum(ratios))) - np.log(ratios.size + 1))
 
 
-def _course(
+def _speed_course(
     torque: Float, rate: float, speed: float, one: _Pass, lines: _Lines
 ) -> tuple[tuple[Float, Float], float]:
     """Return times (in 1/rate samples per unit) and factors of the speed, and the evidence per turn."""
@@ -444,11 +446,14 @@ def _course(
     factors = np.arange(1 - one.tolerance, 1 + one.tolerance + one.step / 2, one.step)
     every = np.lib.stride_tricks.sliding_window_view(torque, length)
     votes = np.concatenate(
-        [_votes(every[some], rate, speed, factors, lines, one.apart) for some in _in_batches(starts, length)]
+        [
+            _speed_votes(every[some], rate, speed, factors, lines, one.apart)
+            for some in _in_batches(starts, length)
+        ]
     )
     # Overlapping blocks repeat the same evidence.
     votes *= min(1.0, one.hop / one.turns)
-    path = _path(votes, one.change / one.step)
+    path = _likeliest_path(votes, one.change / one.step)
     times = (starts + length / 2) / rate
     evidence = float(votes[np.arange(n_blocks), path].sum() / (torque.size / rate * speed))
     course = _between_steps(votes, path, factors)
@@ -463,7 +468,9 @@ def _in_batches(rows: NDArray[Any], length: int) -> Iterator[NDArray[Any]]:
     return (rows[first : first + size] for first in range(0, len(rows), size))
 
 
-def _votes(blocks: Float, rate: float, speed: float, factors: Float, lines: _Lines, apart: float) -> Float:
+def _speed_votes(
+    blocks: Float, rate: float, speed: float, factors: Float, lines: _Lines, apart: float
+) -> Float:
     """Log-likelihood ratio of the lines over noise, shape (n_blocks, n_factors)."""
     n_lobes = lines.n_lobes
     lobe = np.arange(_FIRST_LOBE_LINE, lines.last_lobe + 1)
@@ -487,7 +494,7 @@ def _log_ratio(power: Float, shares: tuple[float, ...]) -> Float:
     return np.asarray(np.log(mixed))
 
 
-def _path(votes: Float, change: float) -> NDArray[np.int64]:
+def _likeliest_path(votes: Float, change: float) -> NDArray[np.int64]:
     """Return the most probable path through votes (Viterbi), with changes in steps of the grid."""
     n_blocks, n_factors = votes.shape
     steps = np.arange(n_factors)

@@ -83,11 +83,11 @@ def angle_from_pulses(signal: ArrayLike, pulses_per_turn: int) -> Float:
         )
     at = 2 * np.pi / per_turn * np.arange(edges.size)
     angle = np.asarray(PchipInterpolator(edges, at, extrapolate=False)(np.arange(values.size, dtype=float)))
-    _extend(angle, edges, at)
+    _extend_lines(angle, edges, at)
     return angle
 
 
-def _extend(angle: Float, known: NDArray[Any], rising: NDArray[Any]) -> None:
+def _extend_lines(angle: Float, known: NDArray[Any], rising: NDArray[Any]) -> None:
     """Write straight lines before the first and after the last known value of a rising angle.
 
     They rise by less than the step to the next known value: a shaft that went on would have made it, so it
@@ -144,7 +144,7 @@ def continuous_angle(angle: ArrayLike) -> Float:
     sign = -1.0 if moving.size and np.median(moving) < 0 else 1.0
     del steps, moving  # of a long record, arrays go as soon as they have served
     turned, falling = _without_falls(sign * values)
-    kept = _kept(turned, falling)
+    kept = _rising_samples(turned, falling)
     if kept.size < 2:
         raise ValueError("angle must rise or fall, but for its start at each turn: these samples do neither")
     rises = np.diff(turned[kept])
@@ -161,7 +161,7 @@ def continuous_angle(angle: ArrayLike) -> Float:
     if held[0] and kept.size > 2:
         kept = kept[1:]  # when the shaft came to its first value is not known
     line = at_every_sample(values.size, kept, turned[kept])
-    _extend(line, kept, turned[kept])
+    _extend_lines(line, kept, turned[kept])
     beside = ~falling & ~held & (np.abs(line - turned) > _OFF_LINE)
     if beside.any():
         raise ValueError(
@@ -171,7 +171,7 @@ def continuous_angle(angle: ArrayLike) -> Float:
     return np.asarray(sign * line)
 
 
-def _kept(turned: Float, falling: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _rising_samples(turned: Float, falling: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Return the samples that lie above all before, and not above any after them."""
     highest = np.where(falling, -np.inf, turned)
     np.maximum.accumulate(highest, out=highest)
@@ -191,19 +191,19 @@ def _without_noise(values: Float) -> Float | None:
         turned, falling = _without_falls(np.unwrap(sign * values, discont=_TURN_BEGINS))
         known = np.flatnonzero(~falling)
         sizes = [2**k for k in range(1, known.size.bit_length()) if _SMOOTHER**2 * 2**k <= known.size]
-        size = next((size for size in sizes if np.all(np.diff(_means(turned[known], size)) > 0)), None)
+        size = next((size for size in sizes if np.all(np.diff(_group_means(turned[known], size)) > 0)), None)
         if size is None:
             continue
-        at, means = (_means(x, _SMOOTHER * size) for x in (known, turned[known]))
+        at, means = (_group_means(x, _SMOOTHER * size) for x in (known, turned[known]))
         line = np.asarray(PchipInterpolator(at, means, extrapolate=False)(place))
-        _extend(line, at, means)
+        _extend_lines(line, at, means)
         beside = np.abs(line - turned)[known].max() > _OFF_LINE
         if not beside and np.diff(means).max() <= _LARGEST_STEP and np.all(np.diff(line) > 0):
             return np.asarray(sign * line)
     return None
 
 
-def _means(values: NDArray[Any], size: int) -> Float:
+def _group_means(values: NDArray[Any], size: int) -> Float:
     """Return the means of adjacent samples; those at the end that make no group are left out."""
     return np.asarray(values[: values.size // size * size].reshape(-1, size).mean(axis=1))
 

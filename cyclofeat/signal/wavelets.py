@@ -31,14 +31,14 @@ from cyclofeat.signal.windows import Float, as_windows, chunks, ratio
 
 
 @cache
-def _table() -> dict[str, Any]:
+def _filter_table() -> dict[str, Any]:
     text = resources.files("cyclofeat.signal").joinpath("filters/morris_filters.json").read_text("utf-8")
     return {name: row for name, row in json.loads(text).items() if not name.startswith("_")}
 
 
 def morris_names() -> tuple[str, ...]:
     """Names of the Morris family, shortest filter first."""
-    return tuple(_table())
+    return tuple(_filter_table())
 
 
 def morris(name: str) -> pywt.Wavelet:
@@ -66,9 +66,9 @@ def morris(name: str) -> pywt.Wavelet:
     J. M. Morris and R. Peravali, "Minimum-bandwidth discrete-time wavelets", Signal Processing 76 (1999)
     181-193.
     """
-    if name not in _table():
+    if name not in _filter_table():
         raise ValueError(f"name must be one of {', '.join(morris_names())}, got {name!r}")
-    wavelet = pywt.Wavelet(name, filter_bank=pywt.orthogonal_filter_bank(_table()[name]["scaling"]))
+    wavelet = pywt.Wavelet(name, filter_bank=pywt.orthogonal_filter_bank(_filter_table()[name]["scaling"]))
     # PyWavelets cannot tell that a filter bank of ours is orthogonal.
     wavelet.orthogonal = wavelet.biorthogonal = True
     return wavelet
@@ -91,7 +91,7 @@ def as_wavelet(wavelet: str | pywt.Wavelet | Sequence[Sequence[float]]) -> pywt.
     if isinstance(wavelet, pywt.Wavelet):
         return wavelet
     if isinstance(wavelet, str):
-        if wavelet in _table():
+        if wavelet in _filter_table():
             return morris(wavelet)
         if wavelet not in pywt.wavelist(kind="discrete"):
             raise ValueError(
@@ -116,7 +116,7 @@ def wavelet_qualifier(wavelet: str | pywt.Wavelet | Sequence[Sequence[float]]) -
         return str(as_wavelet(wavelet).name)
     filters = np.array(as_wavelet(wavelet).filter_bank)
     name = getattr(wavelet, "name", "")
-    known = name in _table() or name in pywt.wavelist(kind="discrete")
+    known = name in _filter_table() or name in pywt.wavelist(kind="discrete")
     if known and np.array_equal(np.array(as_wavelet(name).filter_bank), filters):
         return str(name)
     return f"bank{zlib.crc32(filters.tobytes()):08x}"
@@ -210,25 +210,25 @@ def visible(detail: Float, level: int, n_samples: int) -> tuple[Float, NDArray[n
     cells : ndarray of int, shape (n_shown,)
         Number of cells: 2^k but for the first and last. They add up to ``n_samples``.
     """
-    start = _cut(detail.shape[-1], level, n_samples)
+    start = _first_cell(detail.shape[-1], level, n_samples)
     first, last = start >> level, (start + n_samples - 1) >> level
     borders = np.arange(first, last + 2, dtype=np.int64) << level
     return detail[..., first : last + 1], np.diff(borders.clip(start, start + n_samples))
 
 
-def _cut(n_coefficients: int, level: int, n_samples: int) -> int:
+def _first_cell(n_coefficients: int, level: int, n_samples: int) -> int:
     """First cell that MATLAB's ``wkeep(row, n_samples, 'c')`` keeps, counted from 0."""
     return ((n_coefficients << level) - n_samples) // 2
 
 
-def _sizes(shown: Float) -> Float:
+def _coefficient_sizes(shown: Float) -> Float:
     """Absolute values, and zero for what is below sqrt(eps)."""
     size = np.abs(shown)
     size *= size >= SMALLEST
     return size
 
 
-def _shades(size: Float, colours: int) -> Float:
+def _colour_positions(size: Float, colours: int) -> Float:
     """Position of each size in its row, from 0 to ``colours``; 0 in rows of one size. Overwrites them."""
     size -= size.min(axis=-1, keepdims=True)
     span = size.max(axis=-1, keepdims=True)
@@ -253,7 +253,7 @@ def lowest_colour(shown: Float, colours: int = 64) -> NDArray[np.bool_]:
         True where ``colours * (|c| - min) / (max - min) < 1``, with minimum and maximum of the row, and
         everywhere in rows whose coefficients have one size.
     """
-    return np.asarray(_shades(_sizes(shown), colours) < 1)
+    return np.asarray(_colour_positions(_coefficient_sizes(shown), colours) < 1)
 
 
 def scalogram(
@@ -298,7 +298,7 @@ def scalogram(
     rows = []
     for level, detail in enumerate(dwt(X, wavelet, levels)[:-1], 1):
         shown, cells = visible(detail, level, n_samples)
-        shade = _shades(_sizes(shown), colours).astype(np.int64)
+        shade = _colour_positions(_coefficient_sizes(shown), colours).astype(np.int64)
         colour = np.minimum(1 + shade, colours)
         rows.append(np.repeat(colour, cells, axis=-1))
     return np.stack(rows, axis=-2)
@@ -379,7 +379,7 @@ def level_statistics(coefficients: Sequence[Float], n_samples: int, colours: int
 
 def _row_statistics(shown: Float, weight: Float, colours: int) -> tuple[Float, Float, Float]:
     """Mean square, kurtosis and share of the lowest colour of rows, their coefficients weighted."""
-    size = _sizes(shown)
+    size = _coefficient_sizes(shown)
     peak = size.max(axis=1)
     # In units of the peak: fourth powers would leave the range of floats.
     scale = np.divide(1.0, peak, out=np.zeros_like(peak), where=peak > 0)
@@ -392,7 +392,7 @@ def _row_statistics(shown: Float, weight: Float, colours: int) -> tuple[Float, F
     square *= square
     # Coefficients of one size and sign differ by rounding only.
     kurtosis = ratio(square @ weight, np.where(second > np.finfo(np.float64).eps, second, 0.0) ** 2)
-    return mean_square, kurtosis, (_shades(size, colours) < 1) @ weight
+    return mean_square, kurtosis, (_colour_positions(size, colours) < 1) @ weight
 
 
 def level_envelope(detail: Float, level: int, wavelet: AnyWavelet, n_samples: int) -> tuple[Float, int]:

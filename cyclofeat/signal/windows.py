@@ -107,13 +107,13 @@ def torque_statistics(X: ArrayLike) -> dict[str, Float]:
     windows = X.reshape(-1, n_samples)
     columns = np.empty((10, len(windows)))
     for chunk in chunks(len(windows), n_samples):
-        columns[:, chunk] = _statistics(np.asarray(windows[chunk], dtype=np.float64))
+        columns[:, chunk] = _window_statistics(np.asarray(windows[chunk], dtype=np.float64))
     names = ("min", "max", "mean", "std", "range", "rms", "crest_factor", "skewness", "kurtosis", "ripple")
     shape = X.shape[:-1]
     return {name: column.reshape(shape) for name, column in zip(names, columns, strict=True)}
 
 
-def _statistics(x: Float) -> tuple[Float, ...]:
+def _window_statistics(x: Float) -> tuple[Float, ...]:
     """Statistics of ``x``, shape (n_windows, n_samples), in the order of :func:`torque_statistics`."""
     n_samples = x.shape[1]
     low, high = x.min(axis=1), x.max(axis=1)

@@ -12,7 +12,7 @@ from cyclofeat._base.words import from_1, lobes_text, number
 from cyclofeat.datasets.readers._labels import WORN, samples_name
 from cyclofeat.recordings import Recording
 from cyclofeat.recordings.windower import SAMPLES_PER_TURN
-from cyclofeat.signal.faults import clipped, dropped
+from cyclofeat.signal.faults import clipped_share, mark_dropouts
 from cyclofeat.signal.speed import follow_speed, search_speed
 
 # Shares and deviations above which a count suffers.
@@ -126,9 +126,9 @@ def _recording_facts(
         whole = int(turns * (1 + 1e-6))  # a record of exactly one turn must not lose it to rounding
         unused = max(0.0, recording.duration * (1 - whole / turns))
     constant = facts["constant"]
-    drops = np.zeros(recording.n_samples, dtype=bool) if constant else dropped(recording.torque)
+    drops = np.zeros(recording.n_samples, dtype=bool) if constant else mark_dropouts(recording.torque)
     kept = recording.torque[~drops] if drops.any() else recording.torque
-    clips = 0.0 if constant else float(clipped(kept) * np.mean(~drops))
+    clips = 0.0 if constant else float(clipped_share(kept) * np.mean(~drops))
     return facts | {
         "clipped_share": clips,
         "dropout_share": float(np.mean(drops)),

@@ -11,7 +11,7 @@ from memory import peak_bytes
 
 from cyclofeat.datasets import describe
 from cyclofeat.recordings import Recording
-from cyclofeat.signal.faults import dropped
+from cyclofeat.signal.faults import mark_dropouts
 
 RATE = 25_600.0
 N = 102_400  # 4 s
@@ -183,7 +183,7 @@ def test_held_lost_and_bridged_samples_against_brute_force(seed):
             expected[one] |= long and torque.min() < value < torque.max()
             expected[one] |= value == 0 and min(beside) > 10 * step
     assert expected.any()
-    np.testing.assert_array_equal(dropped(torque), expected)
+    np.testing.assert_array_equal(mark_dropouts(torque), expected)
 
 
 @pytest.mark.slow

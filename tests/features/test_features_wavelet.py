@@ -86,16 +86,17 @@ def test_one_transform_serves_all(transformer):
     """A composite hands over a transform that may be deeper than needed: the same to the last bit."""
     X, y = torque(4, 6000), [0, 1, 2, 2]
     fitted = clone(transformer).fit(X, y)
-    deeper = dwt(X, transformer.wavelet, fitted._depth() + 3)
+    deeper = dwt(X, transformer.wavelet, fitted._deepest_level() + 3)
     assert_array_equal(fitted._from_coefficients(X, deeper), fitted.transform(X))
 
 
 def test_transformers_tell_whether_they_can_share():
     names = [
-        WaveletLevelStatistics(RATE, wavelet=w)._bank() for w in ("db2", BANK, pywt.Wavelet("db2"), "db3")
+        WaveletLevelStatistics(RATE, wavelet=w)._wavelet_name()
+        for w in ("db2", BANK, pywt.Wavelet("db2"), "db3")
     ]
     assert names[0] == names[2]
-    assert names[1] == WaveletMinimaOverlap(RATE, wavelet=np.array(BANK))._bank()
+    assert names[1] == WaveletMinimaOverlap(RATE, wavelet=np.array(BANK))._wavelet_name()
     assert len(set(names)) == 3
 
 

@@ -57,7 +57,7 @@ def test_aligned_overlap_against_the_pictures():
     n_samples, levels = 9000, 9
     X = torque(4, n_samples)
     fitted = overlap(levels=levels, wavelet="mb32.3").fit(X[:3])
-    starts = fitted._starts(X, None)
+    starts = fitted._phase_starts(X, None)
     assert len(set(starts)) > 1
     masks = minima_mask(X, levels=levels)
     lengths = [detail.shape[1] for detail in dwt(X, levels=levels)]
@@ -93,7 +93,7 @@ def test_aligned_overlap_does_not_depend_on_the_start_of_the_window():
 
 def test_starts_are_the_lobe_phase():
     starts = np.array([0.0, 400.0, 1500.0, 2800.0])
-    found = overlap().fit(torque(2, 23_040))._starts(torque(4, 23_040, starts=starts), None)
+    found = overlap().fit(torque(2, 23_040))._phase_starts(torque(4, 23_040, starts=starts), None)
     # The bursts' centre, slot 4.5, comes 4.5 * 192 samples after the start of the period.
     expected = (4.5 * PERIOD / 15 - starts) % PERIOD
     off = (found - expected + PERIOD / 2) % PERIOD - PERIOD / 2
@@ -102,10 +102,10 @@ def test_starts_are_the_lobe_phase():
 
 def test_short_windows_are_not_aligned():
     X = torque(4, 5759)  # a sample less than two lobe periods
-    assert overlap().fit(X)._starts(X, None) is None
+    assert overlap().fit(X)._phase_starts(X, None) is None
     assert_array_equal(overlap().fit_transform(X), overlap(align="none").fit_transform(X))
     X = torque(4, 5760)
-    assert overlap().fit(X)._starts(X, None) is not None
+    assert overlap().fit(X)._phase_starts(X, None) is not None
 
 
 @pytest.mark.parametrize("levels", [1, 12, 20])

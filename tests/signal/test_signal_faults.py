@@ -37,11 +37,11 @@ def test_smoothness_is_that_of_the_tapered_spectrum(seed):
         return 10 * np.log10(power[(lines >= low) & (lines < high)].mean())
 
     expected = level(44, 88) - level(3, 9), level(44, 88) - level(44 / 1.5, 44)
-    assert faults.smoothness(values, RATE, SPEED) == pytest.approx(expected, abs=0.2)
+    assert faults.spectral_falls(values, RATE, SPEED) == pytest.approx(expected, abs=0.2)
 
 
 def test_smoothness_is_not_known_at_a_low_rate():
-    assert np.isnan(faults.smoothness(torque(0)[::20], RATE / 20, SPEED)).all()
+    assert np.isnan(faults.spectral_falls(torque(0)[::20], RATE / 20, SPEED)).all()
 
 
 @pytest.mark.parametrize("values", [torque(3), pausing(4), pausing(5)], ids=["turns", "pauses", "too"])
@@ -61,9 +61,9 @@ def test_the_noise_between_adjacent_samples_is_that_of_the_meter():
     assert faults.noise_level(noise[:30_000]) == pytest.approx(0.1, rel=0.03)
     assert faults.noise_change(noise, 16) == pytest.approx(3, rel=0.1)
     noise[500] += 20
-    off = faults.jumps(noise)
+    off = faults.jump_sizes(noise)
     assert np.argmax(off) == 500
-    np.testing.assert_allclose(off, faults.jumps(noise, faults.noise_level(noise)), rtol=1e-12)
+    np.testing.assert_allclose(off, faults.jump_sizes(noise, faults.noise_level(noise)), rtol=1e-12)
     usual = np.abs(noise[1:-1] - (noise[:-2] + noise[2:]) / 2)
     np.testing.assert_allclose(off[1:-1], usual / (1.4826 * np.median(usual)), rtol=1e-9)
 
@@ -77,10 +77,10 @@ def test_jitter_of_pulses_once_a_turn(rise):
     angle = np.interp(turns, np.arange(2300) + errors, np.arange(2300))
     windows, steady = (2 * np.pi * one.reshape(-1, 1600) for one in (angle, turns))
     # A place that meets no pulse has a mean of two errors.
-    assert 0.7 * 8 < np.mean([faults.jitter(one) for one in windows]) < 1.05 * 8
-    assert max(faults.jitter(one) for one in steady) < 0.01
+    assert 0.7 * 8 < np.mean([faults.angle_jitter(one) for one in windows]) < 1.05 * 8
+    assert max(faults.angle_jitter(one) for one in steady) < 0.01
 
 
 def test_few_turns_do_not_tell_the_jitter():
     angle = np.linspace(0, 2 * np.pi * 4, 1000)
-    assert faults.jitter(angle + np.random.default_rng(0).normal(0, 0.3, 1000)) == 0
+    assert faults.angle_jitter(angle + np.random.default_rng(0).normal(0, 0.3, 1000)) == 0

@@ -92,9 +92,9 @@ def window_faults(recording: Recording, windows: WindowSet, stop_s: Float, n_lob
 
 def _of_samples(torque: Float, sampling_rate: float, input_speed_hz: float, n_lobes: int) -> str:
     """Return what is wrong with the samples of a window, the gravest first."""
-    if (share := float(faults.dropped(torque).mean())) > _MOST_DROPPED:
+    if (share := float(faults.mark_dropouts(torque).mean())) > _MOST_DROPPED:
         return f"{share:.0%} of the samples are lost: they repeat a value or lie on straight lines"
-    if (share := faults.clipped(torque)) > _MOST_CLIPPED:
+    if (share := faults.clipped_share(torque)) > _MOST_CLIPPED:
         return f"{share:.0%} of the samples are clipped at {torque.min():.4g} or {torque.max():.4g}"
     highest = N_LINES * lobe_frequency(input_speed_hz, n_lobes)
     fresh = faults.fresh_rate(torque, sampling_rate)
@@ -105,7 +105,7 @@ def _of_samples(torque: Float, sampling_rate: float, input_speed_hz: float, n_lo
         )
     if (step := faults.step_size(torque)) > _COARSEST * torque.std():
         return f"steps of {step:.2g} are too coarse for a torque that deviates by {torque.std():.2g}"
-    fall, slope = faults.smoothness(torque, sampling_rate, input_speed_hz, n_lobes)
+    fall, slope = faults.spectral_falls(torque, sampling_rate, input_speed_hz, n_lobes)
     if fall < _FALL_DB and slope < _SLOPE_DB:
         return f"a low-pass filter has removed what lobe lines up to {highest:.0f} Hz need"
     resolved = np.mean(np.diff(torque) == 0) < _MOST_EQUAL
@@ -123,7 +123,7 @@ def _of_samples(torque: Float, sampling_rate: float, input_speed_hz: float, n_lo
 def _of_noise(torque: Float, sampling_rate: float, n_parts: int) -> str:
     """Return what is wrong with the noise between adjacent samples."""
     noise = faults.noise_level(torque)
-    off = faults.jumps(torque, noise)
+    off = faults.jump_sizes(torque, noise)
     limit = max(_JUMP, _LEAST_SPIKE * float(torque.std()) / max(noise, np.finfo(float).tiny))
     beyond = np.flatnonzero(off > limit)
     # A step puts two adjacent samples off by the same; a spike three, the middle one by twice as much.
@@ -152,7 +152,7 @@ def _of_angle(angle: Float, sampling_rate: float, input_speed_hz: float) -> str:
     at_once = _is_off(advance[1:] / advance[:-1])
     if np.any(_is_off(advance[1:]) & at_once) or np.any(_is_off(advance[:-1]) & at_once):
         return "the angle jumps or stands still within the window"
-    if (jitter := faults.jitter(angle)) > _MOST_JITTER:
+    if (jitter := faults.angle_jitter(angle)) > _MOST_JITTER:
         return f"the angle jitters by {jitter:.2g} deg from turn to turn"
     return ""
 

@@ -22,7 +22,7 @@ from cyclofeat.gap.summaries.summarise import (
     signed_log,
     summarise,
 )
-from cyclofeat.signal.faults import runs
+from cyclofeat.signal.faults import find_runs
 
 Float = NDArray[np.float64]
 
@@ -219,7 +219,7 @@ def _codes(X: NDArray[np.float32]) -> tuple[Float, list[Cell]]:
         np.log10(distinct),
         np.log10(np.clip(smallest, 1e-9, 1e3)),
         np.log10(((highest - lowest)[:, 0] + RESOLUTION_NM) / distinct),
-        np.log1p(np.array([runs(row)[1].max(initial=0) for row in equal])),
+        np.log1p(np.array([find_runs(row)[1].max(initial=0) for row in equal])),
         np.log10(np.mean(highest == X, axis=1)),
         np.log10(np.mean(lowest == X, axis=1)),
         np.mean(X == 0, axis=1),
