@@ -19,11 +19,11 @@ from cyclofeat.signal.speed import (
     FollowedSpeed,
     _at_samples,
     _Attempt,
-    _speed_course,
     _follow_until_fit,
     _Lines,
     _Pass,
     _reduce_record,
+    _speed_course,
     follow_speed,
 )
 from cyclofeat.signal.windows import Float
