@@ -55,9 +55,5 @@ def _addresses(typingctx: Any, arrays: Any) -> Any:
     return _types.Tuple(kinds)(arrays), code
 
 
-def _arrays_themselves(arrays: Any) -> Any:
-    """What stands for the addresses where the functions are interpreted."""
-    return arrays
-
-
-addresses: Any = _arrays_themselves if _config.DISABLE_JIT else intrinsic(_addresses)
+# Interpreted functions take the arrays themselves.
+addresses: Any = (lambda arrays: arrays) if _config.DISABLE_JIT else intrinsic(_addresses)

@@ -260,15 +260,6 @@ class ReferenceGearbox:
         ramp = np.minimum(depth / RAMP_DEPTH, 1.0)
         return np.asarray(np.maximum(ramp * (stiffness * depth**1.5 - self.contact_damping * gap_rate), 0.0))
 
-    def _profile_contact(self, p: Plane, rate: Plane) -> tuple[Real, Plane]:
-        """Force (N) and normal on healthy and radially worn flanks, for sleeves at ``p`` moving at ``rate``.
-
-        Radial wear leaves the stiffness as it was.
-        """
-        t, path, normal = self.worn_foot(p)
-        radius = self.pin_radius * (1 - self.curvature(t) * self.pin_radius)
-        return self.normal_force(_dot_of(p - path, normal), _dot_of(rate, normal), radius), normal
-
     def _chord_contact(self, p: Plane, rate: Plane) -> tuple[Real, Plane]:
         """Force (N) and normal on the chord of worn lobe 0, for sleeve centres ``p`` past its tip.
 
@@ -310,8 +301,12 @@ class ReferenceGearbox:
         end_width = np.where(past_tip < pitch / 2, chord_width, 0.0)
         turn = np.exp(1j * lobe * pitch)
         magnitude, vector = np.zeros(p.shape), np.zeros(p.shape, dtype=complex)
+        # Radial wear leaves the stiffness as it was.
+        t, path, along = self.worn_foot(p)
+        radius = self.pin_radius * (1 - self.curvature(t) * self.pin_radius)
+        on_profile = self.normal_force(_dot_of(p - path, along), _dot_of(rate, along), radius), along
         for width, (force, normal) in (
-            (1 - end_width, self._profile_contact(p, rate)),
+            (1 - end_width, on_profile),
             (chord_width, _turn_contact(turn, self._chord_contact(p / turn, rate / turn))),
             (end_width, _turn_contact(turn, self._flank_end_contact(p / turn, rate / turn))),
         ):

@@ -75,19 +75,6 @@ def _next_foot(foot, rx, ry, wx, wy, hx, hy, g, at):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _near_foot(displaced, lobe, close, g, at):
-    """Place near the foot of a pin's normal, counted from the rest position, and the profile there."""
-    dx, dy = displaced
-    qx, qy = lobe
-    # Newton's first step begins at rest, where all sines are zero.
-    foot = _next_foot(0.0 * dx, dx, dy, qx, qy, g[at + rows.INVERSE_M] + qx, qy, g, at)
-    if not close:
-        _, _, rx, ry, wx, wy, hx, hy = _at_foot(foot, displaced, lobe, g, at)
-        foot = _next_foot(foot, rx, ry, wx, wy, hx, hy, g, at)
-    return foot, _at_foot(foot, displaced, lobe, g, at)
-
-
-@inner_njit(fastmath=FASTMATH, forceinline=True)
 def _profile_at(at_foot, g, at):
     """Normal, and gap and effective radius with their derivatives along the tangent, at a pin."""
     s1, v1, rx, ry, _, _, hx, hy = at_foot
@@ -144,22 +131,6 @@ def _load_weights(weights, first, shift, half):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _line_across(angle, middle, lever, normal, g, at):
-    """The line across a flank where the outline may pass into a defect: value, slopes along v and u.
-
-    ``angle`` is of the pin against the tip of the lobe ahead.
-    """
-    sine, fall = sine_and_fall(angle)
-    along_x = choose(middle, -g[at + rows.EDGE_NY + rows.AT_PIT], 0.0 * angle)
-    along_y = choose(middle, g[at + rows.EDGE_NX + rows.AT_PIT], 0.0 * angle + 1.0)
-    x = along_x - fall * along_x + sine * along_y
-    y = along_y - fall * along_y - sine * along_x
-    nx, ny = normal
-    value = lever[0] * x + lever[1] * y - choose(middle, g[at + rows.PIT_DOT], 0.0 * angle)
-    return value, x * nx + y * ny, y * nx - x * ny
-
-
-@inner_njit(fastmath=FASTMATH, forceinline=True)
 def _write_normal(spins, row, normal, axes, frames, n_blocks, b):
     """Write a normal in fixed axes: only friction needs it."""
     if spins is None:
@@ -171,6 +142,17 @@ def _write_normal(spins, row, normal, axes, frames, n_blocks, b):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
+def _write_frame(row, pin, normal, frames, n_blocks, b):
+    """Write lever and cam of a contact along its normal and tangent, from a row on."""
+    lever, cam, _ = pin
+    nx, ny = normal
+    store(frames, row * n_blocks + b, lever[0] * nx + lever[1] * ny)
+    store(frames, (row + 1) * n_blocks + b, lever[1] * nx - lever[0] * ny)
+    store(frames, (row + 2) * n_blocks + b, cam[0] * nx + cam[1] * ny)
+    store(frames, (row + 3) * n_blocks + b, cam[1] * nx - cam[0] * ny)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
 def _edge_frames(kind, angle, share, side, arm, beyond_tip, pin, reach, tables, at, b):
     """Frames of one kind of edges, and the masks of those that touch and of those only in reach.
 
@@ -178,7 +160,7 @@ def _edge_frames(kind, angle, share, side, arm, beyond_tip, pin, reach, tables, 
     radial part of that from the tip at the pin's own angle.
     """
     g, frames, n_blocks = tables.rounded, tables.frames, tables.n_blocks
-    lever, cam, axes = pin
+    _, _, axes = pin
     sine, fall = sine_and_fall(angle)
     from_x = beyond_tip - fall * arm[0] - sine * arm[1] - g[at + rows.EDGE_X + kind]
     from_y = sine * arm[0] + (arm[1] - fall * arm[1]) - g[at + rows.EDGE_Y + kind]
@@ -194,31 +176,11 @@ def _edge_frames(kind, angle, share, side, arm, beyond_tip, pin, reach, tables, 
         row = rows.EDGE_FRAMES + rows.N_EDGE_ROWS * kind
         x, y = nx - fall * nx + sine * ny, ny - fall * ny - sine * nx
         _write_normal(tables.spins, rows.EDGE_NORMALS + 2 * kind, (x, y), axes, frames, n_blocks, b)
-        store(frames, (row + rows.E_LEVER_N) * n_blocks + b, lever[0] * x + lever[1] * y)
-        store(frames, (row + rows.E_LEVER_T) * n_blocks + b, lever[1] * x - lever[0] * y)
-        store(frames, (row + rows.E_CAM_N) * n_blocks + b, cam[0] * x + cam[1] * y)
-        store(frames, (row + rows.E_CAM_T) * n_blocks + b, cam[1] * x - cam[0] * y)
+        _write_frame(row, pin, (x, y), frames, n_blocks, b)
         store(frames, (row + rows.E_OVER) * n_blocks + b, v - q)
         store(frames, (row + rows.E_ALONG) * n_blocks + b, u)
         store(frames, (row + rows.E_WEIGHT) * n_blocks + b, share)
         store(frames, (row + rows.E_SIDE) * n_blocks + b, side)
-
-
-@inner_njit(fastmath=FASTMATH, forceinline=True)
-def _write_flanks(lever, cam, normal, gaps, radii, frames, n_blocks, b):
-    """Write the rows of the flanks but for their weights."""
-    nx, ny = normal
-    store(frames, rows.F_LEVER_N * n_blocks + b, lever[0] * nx + lever[1] * ny)
-    store(frames, rows.F_LEVER_T * n_blocks + b, lever[1] * nx - lever[0] * ny)
-    store(frames, rows.F_CAM_N * n_blocks + b, cam[0] * nx + cam[1] * ny)
-    store(frames, rows.F_CAM_T * n_blocks + b, cam[1] * nx - cam[0] * ny)
-    store(frames, rows.F_GAP * n_blocks + b, gaps[0])
-    store(frames, rows.F_SLOPE * n_blocks + b, gaps[1])
-    store(frames, rows.F_BEND * n_blocks + b, gaps[2])
-    store(frames, rows.F_CHANGE * n_blocks + b, gaps[3])
-    store(frames, rows.F_RADIUS * n_blocks + b, radii[0])
-    store(frames, rows.F_RADIUS_SLOPE * n_blocks + b, radii[1])
-    store(frames, rows.F_RADIUS_BEND * n_blocks + b, radii[2])
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -356,7 +318,7 @@ def _beside_path(sink, slope, at_foot, g, at):
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
 def _worn_foot(b, foot, at_foot, displaced, lobe, places, lane, tables, half):
-    """As :func:`_near_foot`, on the path of pins over radial wear: one more of Newton's steps."""
+    """Foot on the path of pins over radial wear, by one more of Newton's steps, and the profile there."""
     g, at = tables.rounded, lane * np.uintp(rows.N_COLUMNS)
     sink, slope, bend = _wear_at(b, foot, at_foot, places, lane, tables, half)
     (height, beside, above, kappa), tilt = _beside_path(sink, slope, at_foot, g, at)
@@ -424,12 +386,20 @@ def _describe_defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches
     uneven = used & (from_meeting < MEETING) & (magnitude(before - beyond) > 0.0)
     if bits_of(uneven) != 0:
         error = _lobe_error(tables.pitched, index, n_places, ahead, tables, half)
-        line = _line_across((part - further) * g[at + rows.PITCH] - error, middle, arm, normal, g, at)
-        store(frames, rows.F_LINE * n_blocks + b, line[0])
-        store(frames, rows.F_LINE_V * n_blocks + b, line[1])
-        store(frames, rows.F_LINE_U * n_blocks + b, line[2])
+        # The line across a flank where the outline may pass into a defect, from the tip of the lobe ahead.
+        angle = (part - further) * g[at + rows.PITCH] - error
+        sine, fall = sine_and_fall(angle)
+        along_x = choose(middle, -g[at + rows.EDGE_NY + rows.AT_PIT], 0.0 * angle)
+        along_y = choose(middle, g[at + rows.EDGE_NX + rows.AT_PIT], 0.0 * angle + 1.0)
+        x = along_x - fall * along_x + sine * along_y
+        y = along_y - fall * along_y - sine * along_x
+        nx, ny = normal
+        line = arm[0] * x + arm[1] * y - choose(middle, g[at + rows.PIT_DOT], 0.0 * angle)
+        store(frames, rows.F_LINE * n_blocks + b, line)
+        store(frames, rows.F_LINE_V * n_blocks + b, x * nx + y * ny)
+        store(frames, rows.F_LINE_U * n_blocks + b, y * nx - x * ny)
         store(frames, rows.F_BEYOND * n_blocks + b, beyond)
-        lined = uneven & (magnitude(line[0]) < line_reach)
+        lined = uneven & (magnitude(line) < line_reach)
         weight = choose(lined, before, weight)
     used = used & ~lined & (weight > 0.0)
     # Chord and pit of the lobe to which the pin at rest belongs, and the nearest tip.
@@ -456,9 +426,8 @@ def _describe_defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches
 @inner_njit(fastmath=FASTMATH, forceinline=True)
 def _frames_of_pins(b, first, second, faulty, lane, tables, half):
     """Frames of the pins in block ``b`` of both wheels: writes the working memory."""
-    g, at, frames, pins, n_blocks = (
-        tables.rounded, lane * np.uintp(rows.N_COLUMNS), tables.frames, tables.pins, tables.n_blocks,
-    )  # fmt: skip
+    g, at = tables.rounded, lane * np.uintp(rows.N_COLUMNS)
+    frames, pins, n_blocks = tables.frames, tables.pins, tables.n_blocks
     pins_at = (3 + 2 * np.int64(lane)) * n_blocks + b
     c, s = (
         _of_pins(pins, rows.PIN_COS * n_blocks + b, half),
@@ -484,7 +453,13 @@ def _frames_of_pins(b, first, second, faulty, lane, tables, half):
     errors = _pitch_errors(tables.pitched, b, wheels, lane, tables, half)
     displaced = _turn_back_pins(tables.pitched, errors, displaced, cam, g, at)
     close = first.displaced < g[at + rows.CLOSE] and second.displaced < g[at + rows.CLOSE]
-    foot, at_foot = _near_foot(displaced, lobe, close, g, at)
+    # Newton's first step begins at rest, where all sines are zero.
+    (dx, dy), (qx, qy) = displaced, lobe
+    foot = _next_foot(0.0 * dx, dx, dy, qx, qy, g[at + rows.INVERSE_M] + qx, qy, g, at)
+    if not close:
+        _, _, rx, ry, wx, wy, hx, hy = _at_foot(foot, displaced, lobe, g, at)
+        foot = _next_foot(foot, rx, ry, wx, wy, hx, hy, g, at)
+    at_foot = _at_foot(foot, displaced, lobe, g, at)
     places, is_worn = (first.place, second.place), g[at + rows.WEAR_BY_WIDTH] > 0.0
     if is_worn:
         foot, at_foot = _worn_foot(b, foot, at_foot, displaced, lobe, places, lane, tables, half)
@@ -497,7 +472,14 @@ def _frames_of_pins(b, first, second, faulty, lane, tables, half):
     if g[at + rows.CONSTANT_RADIUS] > 0.0:
         constant = _per_wheel((g[at + rows.CONSTANT_RADIUS], g[at + rows.CONSTANT_RADIUS]), frames, half)
         radii = (constant, 0.0 * constant, 0.0 * constant)
-    _write_flanks(lever, cam, normal, gaps, radii, frames, n_blocks, b)
+    _write_frame(rows.F_LEVER_N, pin, normal, frames, n_blocks, b)
+    store(frames, rows.F_GAP * n_blocks + b, gaps[0])
+    store(frames, rows.F_SLOPE * n_blocks + b, gaps[1])
+    store(frames, rows.F_BEND * n_blocks + b, gaps[2])
+    store(frames, rows.F_CHANGE * n_blocks + b, gaps[3])
+    store(frames, rows.F_RADIUS * n_blocks + b, radii[0])
+    store(frames, rows.F_RADIUS_SLOPE * n_blocks + b, radii[1])
+    store(frames, rows.F_RADIUS_BEND * n_blocks + b, radii[2])
     _write_normal(tables.spins, rows.FLANK_NORMALS, normal, (c, s), frames, n_blocks, b)
     wider = DISPLACED_REACH * _per_wheel((first.displaced, second.displaced), frames, half)
     reach = g[at + rows.FLANK_REACH] + wider
@@ -517,13 +499,6 @@ def _frames_of_pins(b, first, second, faulty, lane, tables, half):
     bits[rows.TOUCHING * n_blocks + b] = bits_of(used & touching)
     bits[rows.OPEN * n_blocks + b] = bits_of(used & ~touching)
     bits[rows.LINED * n_blocks + b] = bits_of(lined)
-
-
-@inner_njit(fastmath=FASTMATH, forceinline=True)
-def _pins_in(b, tables, half):
-    """The mask of the pins that a block holds: the last one may not be full."""
-    n = min(tables.n_lobes + 1 - b * np.int64(lane_count(half)), np.int64(lane_count(half)))
-    return (np.uint64(1) << np.uint64(n)) - np.uint64(1)
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -561,9 +536,10 @@ def _pack_contacts(mask, row, row_of_normals, kind, w, n, lane, tables, lanes, h
     stride = np.uintp(n_blocks) * per_block
     table, into, n_rows = _contact_table(kind, w, lane, tables, lanes)
     for b in range(n_blocks):
-        bits = (tables.bits[mask * n_blocks + b] >> np.uint64(w * np.int64(lane_count(half)))) & _pins_in(
-            b, tables, half
-        )
+        # The last block may not be full.
+        n_here = min(tables.n_lobes + 1 - b * np.int64(lane_count(half)), np.int64(lane_count(half)))
+        bits = tables.bits[mask * n_blocks + b] >> np.uint64(w * np.int64(lane_count(half)))
+        bits &= (np.uint64(1) << np.uint64(n_here)) - np.uint64(1)
         while bits != 0:
             bit = np.uintp(first_bit(bits))
             bits &= bits - np.uint64(1)

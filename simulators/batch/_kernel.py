@@ -43,7 +43,7 @@ from cyclofeat.simulators.batch._vectors import (
 
 # Of all modules whose functions and constants are compiled here: numba's cache on disk notices changes of
 # this file only.
-SOURCES_CHECKSUM = 0x77CA8E0E
+SOURCES_CHECKSUM = 0xDFD1F026
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -237,24 +237,6 @@ def _end_lanes(bits, locked, step, tables, lanes):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _torque_and_rates(moment_out, load_torque, t, lanes):
-    """Output torque and the accelerations of wheels, output and brake, without the drive's share."""
-    turned = load(t, rows.AT + 3, lanes) - load(t, rows.AT + 2, lanes)
-    turning = load(t, rows.AT + 7, lanes) - load(t, rows.AT + 6, lanes)
-    meter = load(t, rows.METER_STIFFNESS, lanes) * turned + load(t, rows.METER_DAMPING, lanes) * turning
-    by_wheel, by_brake = load(t, rows.BY_WHEEL_INERTIA, lanes), load(t, rows.BY_BRAKE_INERTIA, lanes)
-    braked = by_brake > 0.0
-    resists = choose(braked, meter, load_torque)
-    rates = (
-        load(t, rows.MOMENT, lanes) * by_wheel,
-        load(t, rows.MOMENT + 1, lanes) * by_wheel,
-        (moment_out + resists) * load(t, rows.BY_OUTPUT_INERTIA, lanes),
-        (load_torque - meter) * by_brake,
-    )
-    return choose(braked, meter, -moment_out), rates, braked
-
-
-@inner_njit(fastmath=FASTMATH, forceinline=True)
 def _turned_eps(w, t, lanes):
     return load(t, rows.AT + w, lanes) - load(t, rows.SEEN_EPS + w, lanes)
 
@@ -312,7 +294,19 @@ def integrate_lanes(lanes, half, stages, first, n, dt, limit, faulty, angle_, dr
         when = (stages, odd, dt, first + i == 0)
         on_output, on_cams = _all_moments(m, first + i, when, faulty, angle, drive, tables, lanes, half)
         row = rows.N_DRIVE_ROWS * m
-        torque, rates, braked = _torque_and_rates(on_output, load(drive, row + rows.LOAD, lanes), t, lanes)
+        twist = load(t, rows.AT + 3, lanes) - load(t, rows.AT + 2, lanes)
+        twist_rate = load(t, rows.AT + 7, lanes) - load(t, rows.AT + 6, lanes)
+        meter = load(t, rows.METER_STIFFNESS, lanes) * twist + load(t, rows.METER_DAMPING, lanes) * twist_rate
+        by_wheel, by_brake = load(t, rows.BY_WHEEL_INERTIA, lanes), load(t, rows.BY_BRAKE_INERTIA, lanes)
+        braked, load_torque = by_brake > 0.0, load(drive, row + rows.LOAD, lanes)
+        torque = choose(braked, meter, -on_output)
+        # Accelerations without the drive's share.
+        rates = (
+            load(t, rows.MOMENT, lanes) * by_wheel,
+            load(t, rows.MOMENT + 1, lanes) * by_wheel,
+            (on_output + choose(braked, meter, load_torque)) * load(t, rows.BY_OUTPUT_INERTIA, lanes),
+            (load_torque - meter) * by_brake,
+        )
         push = load(drive, row + rows.PUSH, lanes)
         if not odd:
             torque_in = load(drive, row + rows.ALPHA, lanes) * load(t, rows.SPIN_MASS, lanes) - on_cams

@@ -306,33 +306,28 @@ def _fill_lane(lane: NDArray[Any], machine: KernelInput, dt: float, limits: tupl
         LOCKED_STEPS: limits[1] / dt,
         ALIVE: 1.0,
     }
-    for row, value in (values | _friction_rows(machine)).items():
+    friction = machine.friction
+    if friction is not None:
+        values |= {
+            SLEEVE_RADIUS: machine.joint.sleeve_radius,
+            COULOMB: friction.sleeve_friction,
+            AT_REST: friction.sleeve_static_friction - friction.sleeve_friction,
+            INVERSE_STRIBECK: 1 / friction.stribeck_speed,
+            VISCOUS: friction.sleeve_viscous_friction,
+            JOURNAL: friction.journal_friction,
+            INVERSE_TRANSITION: 1 / friction.friction_transition_speed,
+            INPUT_COULOMB: friction.input_bearing_torque,
+            INPUT_VISCOUS: friction.input_bearing_viscosity,
+            OUTPUT_COULOMB: friction.output_bearing_torque,
+            OUTPUT_VISCOUS: friction.output_bearing_viscosity,
+            INVERSE_BEARING: 1 / friction.bearing_transition_speed,
+            BY_SLEEVE_INERTIA: 1 / friction.sleeve_inertia,
+        }
+    for row, value in values.items():
         lane[row] = value
     lane[CAM_LESS_GAP : CAM_LESS_GAP + 2] = (cams - gap) * (cams + gap)
     # Nothing is described yet: no turn of the input is below this border.
     lane[AHEAD] = -np.inf
-
-
-def _friction_rows(machine: KernelInput) -> dict[int, float]:
-    """Return the constants of friction by their"""
-    friction = machine.friction
-    if friction is None:
-        return {}
-    return {
-        SLEEVE_RADIUS: machine.joint.sleeve_radius,
-        COULOMB: friction.sleeve_friction,
-        AT_REST: friction.sleeve_static_friction - friction.sleeve_friction,
-        INVERSE_STRIBECK: 1 / friction.stribeck_speed,
-        VISCOUS: friction.sleeve_viscous_friction,
-        JOURNAL: friction.journal_friction,
-        INVERSE_TRANSITION: 1 / friction.friction_transition_speed,
-        INPUT_COULOMB: friction.input_bearing_torque,
-        INPUT_VISCOUS: friction.input_bearing_viscosity,
-        OUTPUT_COULOMB: friction.output_bearing_torque,
-        OUTPUT_VISCOUS: friction.output_bearing_viscosity,
-        INVERSE_BEARING: 1 / friction.bearing_transition_speed,
-        BY_SLEEVE_INERTIA: 1 / friction.sleeve_inertia,
-    }
 
 
 def _fill_geometry(columns: NDArray[np.float64], machine: KernelInput) -> None:
