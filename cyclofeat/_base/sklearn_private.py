@@ -3,8 +3,10 @@
 They exist under these names in scikit-learn 1.6 to 1.9. When a release moves one, this is the file to mend.
 """
 
-from sklearn.base import _fit_context as fit_context
-from sklearn.utils._param_validation import Interval, StrOptions
-from sklearn.utils.validation import _check_feature_names_in as check_feature_names_in
+from sklearn import base
+from sklearn.utils import _param_validation, validation
 
-__all__ = ["Interval", "StrOptions", "check_feature_names_in", "fit_context"]
+fit_context = base._fit_context
+Interval = _param_validation.Interval
+StrOptions = _param_validation.StrOptions
+check_feature_names_in = validation._check_feature_names_in
