@@ -62,12 +62,65 @@ class SpectralTransformer(WindowTransformer):
 
 
 @dataclass(eq=False, repr=False)
-class SpectralEntropy(SpectralTransformer):
+class CourseTransformer(SpectralTransformer):
+    """Base of the transformers that give one number per density, of whole windows or of their parts.
+
+    A subclass implements ``_compute_value`` and names its row of the registry.
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        **SpectralTransformer._parameter_constraints,
+        "band": [tuple, list, None],
+        "n_parts": [Interval(Integral, 1, None, closed="left")],
+    }
+    _row: ClassVar[str]
+
+    band: tuple[float, float] | None = None
+    n_parts: int = 1
+
+    @abstractmethod
+    def _compute_value(self, frequencies: Float, psd: Float) -> Float:
+        """Value, shape (n_windows,), of densities of shape (n_windows, n_bins)."""
+
+    def _row_name(self) -> str:
+        """Name of the feature in the registry."""
+        return self._row
+
+    def _extra_qualifiers(self) -> tuple[str, ...]:
+        """Qualifiers of a column's name besides preset, band and part."""
+        return ()
+
+    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+        self.frequencies_ = welch_frequencies(max(1, X.shape[1] // self.n_parts), self.sampling_rate)
+        lines_of(self.frequencies_, self.band)  # raises where the band does not fit
+
+    def _feature_names(self) -> list[str]:
+        band = [] if self.band is None else [band_qualifier(self.band)]
+        stated = [self.preset, *band, *self._extra_qualifiers()]
+        row, digits = REGISTRY[self._row_name()], len(str(self.n_parts))
+        parts = [[f"part{i:0{digits}d}of{self.n_parts}"] for i in range(self.n_parts)]
+        return [row.column(*stated, *part) for part in (parts if self.n_parts > 1 else [[]])]
+
+    def _from_psd(self, frequencies: Float, psd: Float) -> Float:
+        return self._compute_value(frequencies, psd)[:, np.newaxis]
+
+    def _compute_features(self, X: NDArray[Any]) -> Float:
+        if self.n_parts == 1:
+            return super()._compute_features(X)
+        length = max(1, X.shape[1] // self.n_parts)
+        # A window of fewer samples than parts repeats its last ones.
+        begins = np.minimum(np.arange(self.n_parts) * length, X.shape[1] - length)
+        parts = X[:, begins[:, np.newaxis] + np.arange(length)]
+        frequencies, psd = welch_psd(parts.reshape(-1, length), self.sampling_rate, self.preset)
+        return self._compute_value(frequencies, psd).reshape(len(X), self.n_parts)
+
+
+@dataclass(eq=False, repr=False)
+class SpectralEntropy(CourseTransformer):
     """Spectral entropy of the torque in each window, in bits or normalized.
 
-    Shannon entropy ``-sum(p log2(p))`` in bits (paper A eq. 8), or the normalized entropy
-    ``-sum(p log2(p + epsilon)) / log2(N)`` (paper A eq. 4-7, epsilon assumed to be 2^-52), where p is Welch's
-    power spectral density divided by its sum over the N lines of the band.
+    That of :func:`cyclofeat.signal.shannon_entropy` (paper A eq. 8), or of
+    :func:`cyclofeat.signal.normalized_entropy` (eq. 4-7).
 
     Parameters
     ----------
@@ -76,10 +129,10 @@ class SpectralEntropy(SpectralTransformer):
     preset : {"matlab_pwelch", "ripple"}, default="matlab_pwelch"
         Definition of the density (``cyclofeat.signal.welch.PRESETS``). The default is paper A's: with the
         mean kept, the entropy over all frequencies mostly measures the ratio of ripple to mean.
+    band, n_parts
+        As for :class:`SpectralFlatness`.
     normalize : bool, default=False
         Whether to normalize to the range from 0 to 1.
-    band : tuple of float, default=None
-        Lower and upper limit in Hz, both included. ``None`` takes all frequencies.
 
     Notes
     -----
@@ -104,76 +157,18 @@ class SpectralEntropy(SpectralTransformer):
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **SpectralTransformer._parameter_constraints,
+        **CourseTransformer._parameter_constraints,
         "normalize": ["boolean"],
-        "band": [tuple, list, None],
     }
 
     normalize: bool = False
-    band: tuple[float, float] | None = None
 
-    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
-        super()._fit_windows(X, y)
-        lines_of(self.frequencies_, self.band)  # raises where the band does not fit
+    def _row_name(self) -> str:
+        return "normalized_entropy" if self.normalize else "shannon_entropy"
 
-    def _feature_names(self) -> list[str]:
-        row = REGISTRY["normalized_entropy" if self.normalize else "shannon_entropy"]
-        band = () if self.band is None else (band_qualifier(self.band),)
-        return [row.column(self.preset, *band)]
-
-    def _from_psd(self, frequencies: Float, psd: Float) -> Float:
-        entropy = normalized_entropy if self.normalize else shannon_entropy
-        return entropy(psd, frequencies, self.band)[:, np.newaxis]
-
-
-@dataclass(eq=False, repr=False)
-class CourseTransformer(SpectralTransformer):
-    """Base of the transformers that give one number per density, of whole windows or of their parts.
-
-    A subclass implements ``_compute_value`` and names its row of the registry.
-    """
-
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **SpectralTransformer._parameter_constraints,
-        "band": [tuple, list, None],
-        "n_parts": [Interval(Integral, 1, None, closed="left")],
-    }
-    _row: ClassVar[str]
-
-    band: tuple[float, float] | None = None
-    n_parts: int = 1
-
-    @abstractmethod
     def _compute_value(self, frequencies: Float, psd: Float) -> Float:
-        """Value, shape (n_windows,), of densities of shape (n_windows, n_bins)."""
-
-    def _extra_qualifiers(self) -> tuple[str, ...]:
-        """Qualifiers of a column's name besides preset, band and part."""
-        return ()
-
-    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
-        self.frequencies_ = welch_frequencies(max(1, X.shape[1] // self.n_parts), self.sampling_rate)
-        lines_of(self.frequencies_, self.band)  # raises where the band does not fit
-
-    def _feature_names(self) -> list[str]:
-        band = [] if self.band is None else [band_qualifier(self.band)]
-        stated = [self.preset, *band, *self._extra_qualifiers()]
-        digits = len(str(self.n_parts))
-        parts = [[f"part{i:0{digits}d}of{self.n_parts}"] for i in range(self.n_parts)]
-        return [REGISTRY[self._row].column(*stated, *part) for part in (parts if self.n_parts > 1 else [[]])]
-
-    def _from_psd(self, frequencies: Float, psd: Float) -> Float:
-        return self._compute_value(frequencies, psd)[:, np.newaxis]
-
-    def _compute_features(self, X: NDArray[Any]) -> Float:
-        if self.n_parts == 1:
-            return super()._compute_features(X)
-        length = max(1, X.shape[1] // self.n_parts)
-        # A window of fewer samples than parts repeats its last ones.
-        begins = np.minimum(np.arange(self.n_parts) * length, X.shape[1] - length)
-        parts = X[:, begins[:, np.newaxis] + np.arange(length)]
-        frequencies, psd = welch_psd(parts.reshape(-1, length), self.sampling_rate, self.preset)
-        return self._compute_value(frequencies, psd).reshape(len(X), self.n_parts)
+        entropy = normalized_entropy if self.normalize else shannon_entropy
+        return entropy(psd, frequencies, self.band)
 
 
 class SpectralFlatness(CourseTransformer):

@@ -116,8 +116,14 @@ class Recording:
             "run": _checked_label("run", self.run),
             "n_lobes": whole("n_lobes", self.n_lobes, 2),
             "source": None if self.source is None else _checked_text("source", self.source),
-            "meta": _checked_meta(self.meta),
+            "meta": {} if self.meta is None else self.meta,
         }
+        if not isinstance(checked["meta"], Mapping):
+            raise TypeError(f"meta must be a mapping from text to values, got {self.meta!r}")
+        checked["meta"] = dict(checked["meta"])
+        for key in checked["meta"]:
+            if not isinstance(key, str):
+                raise TypeError(f"meta must have text as keys, got {key!r}")
         if self.angle_of not in ("input", "disc"):
             raise ValueError(f"angle_of must be 'input' or 'disc', got {self.angle_of!r}")
         if self.speed_rpm is not None:
@@ -463,17 +469,6 @@ def _checked_label(name: str, value: Any) -> Label | None:
     if not -(2**63) <= value < 2**63:
         raise ValueError(f"{name} must fit into 64 bits, got {value!r}")
     return int(value)
-
-
-def _checked_meta(value: Any) -> dict[str, Any]:
-    if value is None:
-        return {}
-    if not isinstance(value, Mapping):
-        raise TypeError(f"meta must be a mapping from text to values, got {value!r}")
-    for key in value:
-        if not isinstance(key, str):
-            raise TypeError(f"meta must have text as keys, got {key!r}")
-    return dict(value)
 
 
 def _checked_defects(

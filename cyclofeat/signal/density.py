@@ -28,11 +28,6 @@ def band_mask(frequencies: ArrayLike, band: tuple[float, float]) -> NDArray[np.b
     Returns
     -------
     ndarray of bool, shape (n_bins,)
-
-    Raises
-    ------
-    ValueError
-        If not ``0 <= low < high``, or if the band reaches beyond the last frequency or holds no line.
     """
     frequencies = np.asarray(frequencies, dtype=np.float64)
     try:
@@ -401,11 +396,6 @@ def narrowband_mask(
     Returns
     -------
     ndarray of bool, shape (n_bins,)
-
-    Raises
-    ------
-    ValueError
-        If the fundamental or the width is out of range, or a harmonic lies beyond the highest frequency.
     """
     frequencies = np.asarray(frequencies, dtype=np.float64)
     if not fundamental_hz > 0:

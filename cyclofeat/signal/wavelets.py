@@ -29,6 +29,13 @@ from scipy.signal.windows import hann
 from cyclofeat._base.checks import whole
 from cyclofeat.signal.windows import Float, as_windows, chunks, ratio
 
+AnyWavelet: TypeAlias = str | pywt.Wavelet | Sequence[Sequence[float]]
+
+SMALLEST = float(np.sqrt(np.finfo(np.float64).eps))
+"""MATLAB's ``sqrt(eps)`` in Nm: smaller coefficients are taken for zero."""
+
+_SYNTHESIS_STEPS = 3  # of level_envelope: Nyquist is then four times the upper limit of the level's band
+
 
 @cache
 def _filter_table() -> dict[str, Any]:
@@ -56,11 +63,6 @@ def morris(name: str) -> pywt.Wavelet:
         Orthogonal to rounding; within 8e-8 of MATLAB's ``wfilters`` for all but mb14.3 (5e-6) and mb18.3
         (2e-7), whose printed tables have misprints.
 
-    Raises
-    ------
-    ValueError
-        For a name outside the family.
-
     References
     ----------
     J. M. Morris and R. Peravali, "Minimum-bandwidth discrete-time wavelets", Signal Processing 76 (1999)
@@ -74,7 +76,7 @@ def morris(name: str) -> pywt.Wavelet:
     return wavelet
 
 
-def as_wavelet(wavelet: str | pywt.Wavelet | Sequence[Sequence[float]]) -> pywt.Wavelet:
+def as_wavelet(wavelet: AnyWavelet) -> pywt.Wavelet:
     """A discrete wavelet from whatever names it.
 
     Parameters
@@ -82,11 +84,6 @@ def as_wavelet(wavelet: str | pywt.Wavelet | Sequence[Sequence[float]]) -> pywt.
     wavelet : str, pywt.Wavelet or sequence of four filters
         Name of PyWavelets or of the Morris family, a wavelet, or a filter bank
         ``(dec_lo, dec_hi, rec_lo, rec_hi)``.
-
-    Raises
-    ------
-    ValueError
-        For an unknown name or filters that do not form a bank.
     """
     if isinstance(wavelet, pywt.Wavelet):
         return wavelet
@@ -110,7 +107,7 @@ def as_wavelet(wavelet: str | pywt.Wavelet | Sequence[Sequence[float]]) -> pywt.
     return pywt.Wavelet("custom", filter_bank=filters)
 
 
-def wavelet_qualifier(wavelet: str | pywt.Wavelet | Sequence[Sequence[float]]) -> str:
+def wavelet_qualifier(wavelet: AnyWavelet) -> str:
     """Return the name of a wavelet in names of features, or a checksum of filters that no name stands for."""
     if isinstance(wavelet, str):
         return str(as_wavelet(wavelet).name)
@@ -142,14 +139,6 @@ def level_of(frequency_hz: float, sampling_rate: float) -> int:
     return level + 1 if frequency_hz < low else level - 1 if frequency_hz >= high else level
 
 
-AnyWavelet: TypeAlias = str | pywt.Wavelet | Sequence[Sequence[float]]
-
-SMALLEST = float(np.sqrt(np.finfo(np.float64).eps))
-"""MATLAB's ``sqrt(eps)`` in Nm: smaller coefficients are taken for zero."""
-
-_SYNTHESIS_STEPS = 3  # of level_envelope: Nyquist is then four times the upper limit of the level's band
-
-
 def dwt(X: ArrayLike, wavelet: AnyWavelet = "mb32.3", levels: int = 12) -> list[Float]:
     """Discrete wavelet transform of windows, with half-sample symmetric extension at their ends.
 
@@ -168,13 +157,6 @@ def dwt(X: ArrayLike, wavelet: AnyWavelet = "mb32.3", levels: int = 12) -> list[
     list of ndarray, shape (..., n_coefficients)
         Details of level 1 (highest frequencies) to the last, then the approximation of the last: one entry
         more than levels. In Nm, times the wavelet's 2^(k/2); float64.
-
-    Raises
-    ------
-    TypeError
-        If the number of levels is not whole.
-    ValueError
-        If ``X`` is complex, empty or not finite, the wavelet unknown or the number of levels out of range.
 
     Notes
     -----
@@ -210,15 +192,11 @@ def visible(detail: Float, level: int, n_samples: int) -> tuple[Float, NDArray[n
     cells : ndarray of int, shape (n_shown,)
         Number of cells: 2^k but for the first and last. They add up to ``n_samples``.
     """
-    start = _first_cell(detail.shape[-1], level, n_samples)
+    # The first cell that MATLAB's wkeep(row, n_samples, 'c') keeps, counted from 0.
+    start = ((detail.shape[-1] << level) - n_samples) // 2
     first, last = start >> level, (start + n_samples - 1) >> level
     borders = np.arange(first, last + 2, dtype=np.int64) << level
     return detail[..., first : last + 1], np.diff(borders.clip(start, start + n_samples))
-
-
-def _first_cell(n_coefficients: int, level: int, n_samples: int) -> int:
-    """First cell that MATLAB's ``wkeep(row, n_samples, 'c')`` keeps, counted from 0."""
-    return ((n_coefficients << level) - n_samples) // 2
 
 
 def _coefficient_sizes(shown: Float) -> Float:
@@ -277,11 +255,6 @@ def scalogram(
     ndarray of int, shape (..., levels, n_samples)
         Colour of each cell, 1 (smallest coefficient of the row) to ``colours`` (largest).
 
-    Raises
-    ------
-    ValueError
-        As :func:`dwt`; also if ``colours`` is below 2.
-
     Notes
     -----
     The colour is ``1 + fix(colours * (|c| - min) / (max - min))``, the maximum itself having the highest; it
@@ -317,11 +290,6 @@ def minima_mask(
     Returns
     -------
     ndarray of bool, shape (..., levels, n_samples)
-
-    Raises
-    ------
-    ValueError
-        As :func:`scalogram`.
     """
     return np.asarray(scalogram(X, wavelet, levels, colours) == 1)
 

@@ -90,11 +90,6 @@ def welch_frequencies(n_samples: int, sampling_rate: float) -> Float:
     -------
     ndarray, shape (n_bins,)
         Frequencies in Hz, from 0 to half of the sampling rate.
-
-    Raises
-    ------
-    ValueError
-        If the sampling rate is not positive and finite.
     """
     check_sampling_rate(sampling_rate)
     n_fft = fft_length(n_samples)

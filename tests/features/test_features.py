@@ -66,7 +66,7 @@ def test_values_are_those_of_the_pure_functions():
         frequencies, psd = welch_psd(X, SAMPLING_RATE, preset)
         for band in (None, (100.0, 3000.0)):
             for normalize, entropy in [(False, shannon_entropy), (True, normalized_entropy)]:
-                transformer = SpectralEntropy(SAMPLING_RATE, preset, normalize, band).fit(X)
+                transformer = SpectralEntropy(SAMPLING_RATE, preset, band, normalize=normalize).fit(X)
                 assert_array_equal(transformer.transform(X), entropy(psd, frequencies, band)[:, np.newaxis])
                 assert_array_equal(transformer.frequencies_, frequencies)
 
