@@ -205,7 +205,7 @@ def test_campaigns_explore_the_wear() -> None:
     assert 20 <= plans[1].values["wear_um"] <= 100
     rows = [result.row for result in _run.simulate_runs(campaign.replace(kernel="exact"), plans)]
     assert [row["wear_um"] for row in rows] == [0.0, plans[1].values["wear_um"]]
-    assert all(row.keys() == _run.columns(campaign).keys() for row in rows)
+    assert all(row.keys() == _run.table_columns(campaign).keys() for row in rows)
     assert Campaign.from_dict(campaign.to_dict()) == campaign
     with pytest.raises(ValueError, match="depth has no effect with wear_um: leave it out, got 0.5"):
         campaign.replace(depth=0.5)
