@@ -63,7 +63,7 @@ def rows(n: int, n_jobs: int) -> Iterator[list[str]]:
                 model = trained(data.training)
                 yield [
                     words, f"{speed:,.0f}", f"{rate / 1000:g}", str(model.samples_per_turn_),
-                    str(model.counter_[0].n_lines),  # type: ignore[index]
+                    str(model.counter_.lobe_map_.n_lines),
                     right(data.judged, counted(model, data.judged)),
                     right(data.judged, counted(model, data.judged, blind)),
                     right(rich, counted(model, rich)),

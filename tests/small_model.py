@@ -5,11 +5,9 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-from sklearn.pipeline import Pipeline
 
 from cyclofeat import Recording
-from cyclofeat.counting import CountingTrees, LobeModel
-from cyclofeat.features import LobeMap
+from cyclofeat.counting import LobeCounter, LobeModel
 
 RATE = 2000.0
 SPEED = 500 / 60
@@ -52,7 +50,7 @@ def small_model(counts=(0, 1, 3), per_count=12):
         recording(tuple(int(lobe) for lobe in (random.integers(15) + np.arange(count)) % 15), seed=seed)
         for seed, count in enumerate(np.tile(counts, per_count))
     ]
-    counter = Pipeline([("lobe_map", LobeMap(RATE)), ("trees", CountingTrees(30, random_state=0))])
+    counter = LobeCounter(RATE, n_trees=30, n_splits=0, random_state=0)
     model = LobeModel(counter=counter, n_splits=0, random_state=0, description="bursts <i>by hand</i>")
     return model.fit(recordings)
 

@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 from sklearn.base import BaseEstimator, clone
 from sklearn.linear_model import LogisticRegression
-from sklearn.neural_network import MLPClassifier
 from sklearn.utils import estimator_checks, get_tags
 from sklearn.utils.estimator_checks import parametrize_with_checks
 from transformers import SAMPLING_RATE, SPECTRAL, STATISTICS, WAVELET
@@ -21,7 +20,6 @@ from cyclofeat.counting import (
     EntropyLadder,
     GroupCalibratedCounter,
     LobeCounter,
-    RowCounter,
     TrainingDomain,
     make_entropy_counter,
     make_lobe_counter,
@@ -42,10 +40,8 @@ def estimators() -> list[BaseEstimator]:
         make_lobe_counter(SAMPLING_RATE, kind="ladder"),
         EntropyLadder(),
         EntropyLadder(SpectralEntropy(SAMPLING_RATE), column=-1),
-        LobeCounter(
-            SAMPLING_RATE, n_lobes=4, points_per_lobe=2, n_trees=2, n_hidden=2, n_epochs=1, n_splits=2
-        ),
-        RowCounter(SAMPLING_RATE, n_lobes=4, n_epochs=1, n_splits=2),
+        LobeCounter(SAMPLING_RATE, n_lobes=4, n_trees=2, n_splits=2),
+        LobeCounter(SAMPLING_RATE, kind="network", n_lobes=4, n_epochs=1, n_splits=2),
         GroupCalibratedCounter(LogisticRegression()),
         ConformalRegressor(n_trees=10),
         TrainingDomain(),
@@ -161,15 +157,6 @@ def checks_by_name() -> list[Any]:
             marked = [*expected, *marks(estimator, name)]
             params.append(pytest.param(estimator, name, id=f"{estimator}-{name}", marks=marked))
     return params
-
-
-@pytest.fixture(autouse=True)
-def _few_steps(monkeypatch):
-    """Networks of lobes are trained in few steps per epoch: no check needs them to count well."""
-    fit = MLPClassifier.fit
-    monkeypatch.setattr(
-        MLPClassifier, "fit", lambda self, X, y: fit(self.set_params(batch_size="auto"), X, y)
-    )
 
 
 # A tree's share of a class may be 0.

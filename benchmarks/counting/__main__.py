@@ -50,8 +50,8 @@ count from 0 to 7 (adjacent worn lobes, on one wheel or both), one window of one
 (1.8 s at 500 RPM, 22 Nm); torque at 25.6 kHz, motor current at 8 kHz; 3 Nm rms drift of the load below
 1.5 Hz, and white noise as stated. Chance is 0.125. Folds hold whole assemblies out; brackets are 95 %
 intervals (Wilson). Counters are those of `make_lobe_counter`: lobe map and 300 trees, its default, and
-`RowCounter` ("rows"), which learns which lobes are worn too. They are trained at the noise of the test, and
-count without a tachometer.
+`LobeCounter(kind="network")` ("rows"), which learns which lobes are worn too. They are trained at the
+noise of the test, and count without a tachometer.
 
 ## Accuracy on output torque
 

@@ -46,7 +46,7 @@ def held_out(counter: Any, X: Any, y: Any, n_folds: int = 5, **known: Any) -> in
 
 
 def rows_known(windows: WindowSet) -> dict[str, Any]:
-    """Return the worn lobes of windows and when lobe 0 passes, which a ``RowCounter`` learns from."""
+    """Return the worn lobes of windows and when lobe 0 passes, which a network learns from."""
     return {
         "worn": windows.worn_table(N_LOBES),
         "passage": passage_of_lobe_zero(windows.start_angle, N_LOBES),

@@ -5,15 +5,13 @@ name                         job
 ===========================  ====================================================================
 ``make_lobe_counter``        counter of worn lobes of a chosen kind, ready to fit to windows
 ``make_entropy_counter``     the same with the papers' best feature, for comparison
-``LobeCounter``              count and positions together, from a probability per lobe
-``RowCounter``               the same for rows of neighbours, from where a row begins and how long it is
+``LobeCounter``              count and positions, by trees or by a network
 ``EntropyLadder``            one number per window, thresholds between counts: the papers' way
 ``CountingTrees``            extremely randomised trees, fast for few windows
 ``GroupCalibratedCounter``   a counter whose probabilities are corrected on held-out assemblies
 ``ConformalRegressor``       a number with an interval of a chosen coverage
 ``TrainingDomain``           test of whether windows resemble those of training
 ``evaluate``                 test with whole assemblies, or whole conditions, held out
-``LobeLocator``              probability per lobe of being worn
 ``LobeModel``                estimator that counts and locates the worn lobes of recordings
 ``LobeStream``               the same for samples that arrive in pieces
 ``RadialWear``               count and depth of radial wear from several windows in a row
@@ -22,9 +20,8 @@ name                         job
 ``Protocol``                 choice of what is held out, and of how intervals are computed
 ===========================  ====================================================================
 
-The default model of ``cyclofeat train`` is a ``LobeModel``: a ``LobeMap`` with trees
-(``CountingTrees``) counts, ``GroupCalibratedCounter`` calibrates, ``LobeLocator`` locates, and
-``TrainingDomain`` and the speed check refuse.
+The default model of ``cyclofeat train`` is a ``LobeModel``: a ``LobeCounter`` counts and locates by
+trees, and ``TrainingDomain`` and the speed check refuse.
 """
 
 from importlib import import_module
@@ -35,9 +32,8 @@ from cyclofeat.counting.calibration.group_calibrated_counter import GroupCalibra
 from cyclofeat.counting.calibration.training_domain import TrainingDomain
 from cyclofeat.counting.estimators.entropy_ladder import EntropyLadder
 from cyclofeat.counting.estimators.lobe_counter import LobeCounter
-from cyclofeat.counting.estimators.lobe_locator import LobeLocator, passage_of_lobe_zero
+from cyclofeat.counting.estimators.lobe_positions import passage_of_lobe_zero
 from cyclofeat.counting.estimators.pipelines import make_entropy_counter, make_lobe_counter
-from cyclofeat.counting.estimators.row_counter import RowCounter
 from cyclofeat.counting.estimators.trees import CountingTrees
 from cyclofeat.counting.evaluation.assembly_folds import grouped_folds as grouped_folds
 from cyclofeat.counting.evaluation.evaluate import Protocol, evaluate
@@ -62,13 +58,11 @@ __all__ = [
     "GroupCalibratedCounter",
     "LobeCount",
     "LobeCounter",
-    "LobeLocator",
     "LobeModel",
     "LobeStream",
     "MeasurementPlan",
     "Protocol",
     "RadialWear",
-    "RowCounter",
     "TrainingDomain",
     "WearDepth",
     "WindowCount",

@@ -57,12 +57,38 @@ def test_held_out_answers_do_not_know_the_windows_assembly():
     y = np.random.default_rng(0).integers(2, size=60)[groups]
     X = np.eye(60)[groups]
     counter = GroupCalibratedCounter(ExtraTreesClassifier(20, random_state=0), random_state=0)
-    counter.fit(X, y, groups=groups)
+    held_out = counter.fit_cross_val_proba(X, y, groups)
     assert counter.counter_.score(X, y) == 1
-    assert np.mean(counter.oob_decision_function_.argmax(axis=1) == y) < 0.7
-    assert not hasattr(pickle.loads(pickle.dumps(counter)), "oob_decision_function_")
-    alone = counter.fit(X, y, groups=np.zeros(120))
-    assert np.isnan(alone.oob_decision_function_).all()
+    assert np.mean(held_out.argmax(axis=1) == y) < 0.7
+    assert np.isnan(counter.fit_cross_val_proba(X, y, np.zeros(120))).all()
+
+
+def test_a_copy_holds_all_that_the_fitted_counter_holds():
+    X, y, groups = assemblies(n=20)
+    counter = GroupCalibratedCounter(GaussianNB(), random_state=0).fit(X, y, groups=groups)
+    assert vars(pickle.loads(pickle.dumps(counter))).keys() == vars(counter).keys()
+
+
+class TakesPassages(GaussianNB):
+    """Remembers the passages that it was fitted with."""
+
+    def fit(self, X, y, passage=None):
+        self.passage_ = passage
+        return super().fit(X, y)
+
+
+@pytest.mark.parametrize("routing", [False, True])
+def test_metadata_reach_the_counter_in_its_pipeline(routing):
+    X, y, groups = assemblies(n=20)
+    inner = TakesPassages()
+    pipeline = make_pipeline(StandardScaler(), inner) if routing else inner
+    counter = GroupCalibratedCounter(pipeline, random_state=0)
+    with config_context(enable_metadata_routing=routing):
+        counter.fit(X, y, groups=groups, passage=np.arange(len(y)))
+    fitted = counter.counter_[-1] if routing else counter.counter_
+    assert_array_equal(fitted.passage_, np.arange(len(y)))
+    with pytest.raises(TypeError, match="fit got worn, which no step of counter="):
+        counter.fit(X, y, worn=np.zeros(len(y)))
 
 
 @pytest.mark.slow
@@ -72,7 +98,7 @@ def test_calibration_by_assembly_lowers_the_error_that_evaluate_reports():
     trees = ExtraTreesClassifier(20, random_state=0)
     protocol = Protocol(random_state=0)
     plain = evaluate(trees, X, y, groups, protocol=protocol)
-    ours = evaluate(GroupCalibratedCounter(trees), X, y, groups, protocol=protocol)
+    ours = evaluate(GroupCalibratedCounter(trees, random_state=0), X, y, groups, protocol=protocol)
     assert plain.calibration_error > 0.1
     assert ours.calibration_error < 0.6 * plain.calibration_error
     assert abs(ours.accuracy - plain.accuracy) < 0.03
@@ -83,8 +109,8 @@ def test_temperature_never_changes_the_count_and_needs_the_groups():
     X, y, groups = assemblies()
     trees = ExtraTreesClassifier(50, random_state=0)
     plain = trees.fit(X, y)
-    seeing = GroupCalibratedCounter(trees).fit(X, y, groups=groups)
-    blind = GroupCalibratedCounter(trees).fit(X, y)
+    seeing = GroupCalibratedCounter(trees, random_state=0).fit(X, y, groups=groups)
+    blind = GroupCalibratedCounter(trees, random_state=0).fit(X, y)
     new, truth, _ = assemblies(seed=1)
     assert_array_equal(seeing.predict(new), plain.predict(new))
     # folds that split assemblies see copies of their test windows: too low a temperature
@@ -105,13 +131,13 @@ def test_pool_weights_recover_the_power_that_was_taken():
 def test_perfect_held_out_answers_do_not_make_certain():
     """Twenty assemblies all right: one of 22 is taken for wrong."""
     X = np.repeat([0.0, 1.0], 10)[:, np.newaxis] + np.linspace(0, 0.1, 20)[:, np.newaxis]
-    counter = GroupCalibratedCounter(GaussianNB()).fit(X, np.repeat([0, 1], 10))
+    counter = GroupCalibratedCounter(GaussianNB(), random_state=0).fit(X, np.repeat([0, 1], 10))
     assert 0.9 < counter.predict_proba(X).max(axis=1).min() < 0.97
 
 
 def test_a_class_with_one_assembly_leaves_probabilities_as_they_are():
     X, y, _ = assemblies(n=8, windows=2)
-    counter = GroupCalibratedCounter(GaussianNB()).fit(X, y, groups=y)
+    counter = GroupCalibratedCounter(GaussianNB(), random_state=0).fit(X, y, groups=y)
     assert counter.temperature_ == 1
     assert counter.dependence_ is None
     # but for the floor of 0.001 that every opinion has
@@ -162,7 +188,9 @@ def test_dependence_is_learned_from_held_out_recordings(copies, expected):
 
 def test_a_calibrated_counter_learns_the_dependence():
     X, y, groups = assemblies(windows=4, shared=0.5)
-    counter = GroupCalibratedCounter(ExtraTreesClassifier(40, random_state=0)).fit(X, y, groups=groups)
+    counter = GroupCalibratedCounter(ExtraTreesClassifier(40, random_state=0), random_state=0).fit(
+        X, y, groups=groups
+    )
     # windows share most of their deviation, so that four are worth little more than one
     assert counter.dependence_ > 0.5
     new, truth, names = assemblies(windows=4, shared=0.5, seed=5)
@@ -174,7 +202,7 @@ def test_a_calibrated_counter_learns_the_dependence():
 
 def test_groups_come_through_scikit_learns_metadata_routing():
     X, y, groups = assemblies(n=60)
-    counter = GroupCalibratedCounter(GaussianNB())
+    counter = GroupCalibratedCounter(GaussianNB(), random_state=0)
     with config_context(enable_metadata_routing=True):
         result = cross_validate(
             counter.set_fit_request(groups=True),
@@ -186,5 +214,7 @@ def test_groups_come_through_scikit_learns_metadata_routing():
             return_indices=True,
         )
     for fitted, train in zip(result["estimator"], result["indices"]["train"], strict=True):
-        again = GroupCalibratedCounter(GaussianNB()).fit(X[train], y[train], groups=groups[train])
+        again = GroupCalibratedCounter(GaussianNB(), random_state=0).fit(
+            X[train], y[train], groups=groups[train]
+        )
         assert fitted.temperature_ == pytest.approx(again.temperature_)

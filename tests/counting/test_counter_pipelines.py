@@ -45,13 +45,13 @@ PARAMETERS = {
     "lobe_map": {"trees__max_features": 0.5, "lobe_map__ar_order": 12, "lobe_map__n_lines": 30},
     "features": {"trees__max_features": 0.5, "features__preset": "ripple"},
     "ladder": {"ladder__column": -1, "entropy__preset": "ripple"},
-    "lobes": {"n_hidden": 16, "points_per_lobe": 2, "n_splits": 2, "n_epochs": 20},
-    "rows": {"n_splits": 0, "n_epochs": 30},
+    "trees": {"n_splits": 2, "n_lines": 30},
+    "network": {"n_splits": 0, "n_epochs": 30},
 }
 
 
 @pytest.mark.parametrize(
-    "kind", [pytest.param(kind, marks=[pytest.mark.slow] * (kind == "lobes")) for kind in KINDS]
+    "kind", [pytest.param(kind, marks=[pytest.mark.slow] * (kind == "network")) for kind in KINDS]
 )
 def test_every_kind_takes_parameters_and_counts(kind, data):
     X, y, _, train = data
@@ -62,8 +62,8 @@ def test_every_kind_takes_parameters_and_counts(kind, data):
     proba = copy.predict_proba(X[~train])
     assert_allclose(proba.sum(axis=1), 1)
     assert copy.classes_.tolist() == [0, 1, 3, 5]
-    # The entropy cannot, eight assemblies are few for 340 features, and rows need to know the worn lobes.
-    if kind not in ("ladder", "features", "rows"):
+    # The entropy cannot, eight assemblies are few for 340 features, and networks need to know the worn lobes.
+    if kind not in ("ladder", "features", "network"):
         assert np.mean(copy.predict(X[~train]) == y[~train]) >= 6 / 8
 
 
@@ -84,7 +84,7 @@ def test_parameters_of_a_counter_can_be_searched_by_assembly(data):
 
 
 def test_unknown_kinds_are_refused():
-    assert type(make_lobe_counter(SAMPLING_RATE, kind="lobes")) is LobeCounter
+    assert type(make_lobe_counter(SAMPLING_RATE, kind="trees")) is LobeCounter
     with pytest.raises(ValueError, match=r"kind must be one of \('lobe_map'.*got 'forest'"):
         make_lobe_counter(SAMPLING_RATE, kind="forest")
 

@@ -14,7 +14,7 @@ from small_model import recording, shaft_model, small_model
 
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat.counting import (
-    LobeLocator,
+    LobeCounter,
     LobeModel,
     Protocol,
     evaluate,
@@ -171,30 +171,14 @@ def test_a_window_begun_later_gives_the_same_lobes(windows):
     for row, worn_lobes in zip(worn, windows.worn_lobes, strict=True):
         row[list(worn_lobes)] = True
     passage = passage_of_lobe_zero(windows.start_angle)
-    locator = LobeLocator(25_600, n_trees=50).fit(windows.X[::2], worn[::2], passage[::2])
-    here = locator.predict_proba(windows.X[1::2], passage[1::2])
+    locator = LobeCounter(25_600, n_trees=50, random_state=0)
+    locator.fit(windows.X[::2], windows.y[::2], worn=worn[::2], passage=passage[::2])
+    here = locator.predict_lobe_proba(windows.X[1::2], passage[1::2])
     # A window of whole periods may be turned in time: three tenths of a period later.
     period = 25_600 / (SPEED * 16 / 15)
     later = np.roll(windows.X[1::2], -round(0.3 * period), axis=1)
-    there = locator.predict_proba(later, passage[1::2] - 0.3)
+    there = locator.predict_lobe_proba(later, passage[1::2] - 0.3)
     assert np.median(np.abs(there - here)) < 0.1
-
-
-BOTH_KINDS = np.eye(2, 15)
-
-
-@pytest.mark.parametrize(
-    ("worn", "passage", "message"),
-    [
-        (np.ones((2, 15)), [0, 0], "both worn and sound"),
-        (np.ones((2, 14)), [0, 0], r"worn must have shape .* = \(2, 15\), got \(2, 14\)"),
-        (BOTH_KINDS, [0], r"passage must hold one value per window, shape \(2,\), got shape \(1,\)"),
-        (BOTH_KINDS, [0, np.nan], "passage must hold a value for every window, got nan at window 1"),
-    ],
-)
-def test_bad_input_to_the_locator(worn, passage, message):
-    with pytest.raises(ValueError, match=message):
-        LobeLocator(25_600).fit(np.random.default_rng(0).normal(size=(2, 46_080)), worn, passage)
 
 
 # Whole recordings
@@ -250,7 +234,7 @@ def test_a_model_is_for_the_discs_of_its_recordings(surrogates):
         if recording.defect_count in (0, 3)
     ]
     model = LobeModel(n_splits=0, n_trees=10, random_state=0).fit(of_eleven)
-    assert model.n_lobes_ == model.counter_[0].n_lobes == 11
+    assert model.n_lobes_ == model.counter_.n_lobes == 11
     with pytest.raises(ValueError, match="n_lobes must be the same for all recordings, got 11, 15"):
         LobeModel().fit([*of_eleven, surrogates[0]])
     with pytest.raises(ValueError, match="n_lobes of the recording is 13, .* trained for discs of 11"):

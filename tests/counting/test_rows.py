@@ -1,4 +1,4 @@
-"""Counter of rows of neighbouring worn lobes."""
+"""Counting rows of neighbouring worn lobes by a network."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import pytest
 from scipy.special import logsumexp, softmax
 
 from cyclofeat._base.training import first_weights
-from cyclofeat.counting import LobeModel, RowCounter, passage_of_lobe_zero
-from cyclofeat.counting.estimators import _row_network
+from cyclofeat.counting import LobeCounter, LobeModel, passage_of_lobe_zero
+from cyclofeat.counting.estimators import _lobe_network
 from cyclofeat.counting.model._training import draw_of_each_count
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.models import load_model, save_model
@@ -43,11 +43,21 @@ def judged():
     return simulated(6, 1)
 
 
+def network(**options):
+    return LobeCounter(128.0, kind="network", input_speed_hz=1.0, **options)
+
+
 @pytest.fixture(scope="module")
-def counter(training):
+def fitted(training):
+    """A counter, and what its networks said of the windows that they had not seen."""
     windows, worn, passage = windows_of(training)
-    counter = RowCounter(128.0, 1.0, speed_tolerance=0.0)
-    return counter.fit(windows.X, windows.y, worn, passage, windows.groups)
+    counter = network(speed_tolerance=0.0, random_state=0)
+    return counter, counter.fit_cross_val_proba(windows.X, windows.y, windows.groups, worn, passage)
+
+
+@pytest.fixture(scope="module")
+def counter(fitted):
+    return fitted[0]
 
 
 @pytest.mark.slow
@@ -55,15 +65,16 @@ def test_counts_and_locates_assemblies_that_training_did_not_see(counter, judged
     windows, worn, passage = windows_of(judged)
     right = counter.predict(windows.X) == windows.y
     assert right.mean() >= 0.9
-    lobes = counter._from_lines(counter.lobe_map_.lines(windows.X), passage)
+    lobes = counter.predict_lobe_proba(windows.X, passage)
+    assert np.mean((counter.predict_lobes(windows.X, passage) == worn)[right]) >= 0.98
     assert np.mean((lobes > 0.5)[right] == worn[right]) >= 0.98
     assert counter.calibrated_
 
 
 @pytest.mark.slow
-def test_windows_held_out_have_the_answer_of_the_network_that_did_not_see_them(counter, training):
+def test_windows_held_out_have_the_answer_of_the_network_that_did_not_see_them(fitted, training):
     windows = windows_of(training)[0]
-    held_out = counter.oob_decision_function_
+    counter, held_out = fitted
     np.testing.assert_allclose(held_out.sum(axis=1), 1.0)
     assert np.mean(np.array(COUNTS)[held_out.argmax(axis=1)] == windows.y) >= 0.8
     assert np.abs(held_out - counter.predict_proba(windows.X)).max() > 0.01
@@ -75,11 +86,11 @@ def test_a_network_answers_as_its_definition():
     lines = (random.normal(size=(3, 9, 2)) @ [1, 1j]).astype(np.complex64)
     weights = {
         name: values + random.normal(scale=0.1, size=values.shape).astype(np.float32)
-        for name, values in first_weights(_row_network.layers(2 * 7, 4), random).items()
+        for name, values in first_weights(_lobe_network.network_layers(2 * 7, 4), random).items()
     }
-    turns = _row_network.turns_of_places(5, 9, 2)
-    rows, sound = _row_network.log_odds(np, weights, lines, turns)
-    of_jax = _row_network.log_odds(jax.numpy, weights, lines, turns)
+    turns = _lobe_network.place_turns(5, 9, 2)
+    rows, sound = _lobe_network.log_odds(np, weights, lines, turns)
+    of_jax = _lobe_network.log_odds(jax.numpy, weights, lines, turns)
     np.testing.assert_allclose(of_jax[0], rows, rtol=1e-4, atol=1e-5)
     np.testing.assert_allclose(of_jax[1], sound, rtol=1e-4, atol=1e-5)
     for one, (window, found) in enumerate(zip(lines.astype(complex), rows, strict=True)):
@@ -108,14 +119,16 @@ def bumps(n: int, noise: float):
 
 
 def trained(lines, length, begins):
-    return _row_network.train(lines, length, begins, n_lobes=5, n_lengths=2, n_epochs=150, random_state=0)
+    return _lobe_network.train_network(
+        lines, length, begins, n_lobes=5, n_lengths=2, n_epochs=150, random_state=0
+    )
 
 
 def answered(network, lines):
     """Log odds of rows at each place, and probabilities of no row and of either length."""
-    turns = _row_network.turns_of_places(5, 12, 4)
+    turns = _lobe_network.place_turns(5, 12, 4)
     single = {name: values.astype(np.float32) for name, values in network.items()}
-    rows, sound = _row_network.log_odds(np, single, lines.astype(np.complex64), turns)
+    rows, sound = _lobe_network.log_odds(np, single, lines.astype(np.complex64), turns)
     return rows, softmax(np.concatenate([sound[:, np.newaxis], logsumexp(rows, axis=1)], axis=1), axis=1)
 
 
@@ -147,7 +160,7 @@ def test_turning_the_disc_by_a_lobe_turns_the_answer(counter, judged):
     """What is learned at one lobe holds for all: the passage only renumbers the lobes."""
     windows, _, passage = windows_of(judged)
     found = counter.lobe_map_.lines(windows.X)
-    here, there = counter._from_lines(found, passage), counter._from_lines(found, passage + 1 / 15)
+    here, there = (counter.lobe_proba_of_lines(found, passage + turn) for turn in (0, 1 / 15))
     np.testing.assert_allclose(there, np.roll(here, -1, axis=1), atol=1e-4)
 
 
@@ -156,7 +169,7 @@ def test_expected_count_is_the_sum_over_the_lobes(counter, judged):
     windows, _, passage = windows_of(judged)
     found = counter.lobe_map_.lines(windows.X)
     expected = counter.proba_of_lines(found) @ np.array(COUNTS)
-    np.testing.assert_allclose(counter._from_lines(found, passage).sum(axis=1), expected, atol=1e-6)
+    np.testing.assert_allclose(counter.lobe_proba_of_lines(found, passage).sum(axis=1), expected, atol=1e-6)
 
 
 @pytest.mark.slow
@@ -187,10 +200,10 @@ def test_rejects_lobes_that_are_no_row():
     X = np.random.default_rng(0).normal(size=(4, 2000))
     worn = np.zeros((4, 15), dtype=bool)
     worn[2:, [0, 4]] = True
-    with pytest.raises(ValueError, match="use LobeCounter"):
-        RowCounter(128.0, 1.0).fit(X, [0, 0, 2, 2], worn, np.zeros(4))
+    with pytest.raises(ValueError, match="use kind='trees' for other lobes"):
+        network().fit(X, [0, 0, 2, 2], worn=worn, passage=np.zeros(4))
     with pytest.raises(ValueError, match="passage must be given"):
-        RowCounter(128.0, 1.0).fit(X, [0, 0, 2, 2], worn)
+        network().fit(X, [0, 0, 2, 2], worn=worn)
 
 
 def test_model_names_the_counters_that_it_knows():

@@ -10,7 +10,6 @@ Run it only where the product is meant to say something else than before, and na
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import hashlib
 import json
 import sys
@@ -24,7 +23,7 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[2])]
 
 import golden_cases as cases  # noqa: E402
 
-from cyclofeat.counting import LobeLocator, LobeModel, passage_of_lobe_zero  # noqa: E402
+from cyclofeat.counting import LobeModel  # noqa: E402
 from cyclofeat.datasets import make_rig_recordings  # noqa: E402
 from cyclofeat.models import save_model  # noqa: E402
 
@@ -71,15 +70,7 @@ def record_model() -> None:
         random_state=0,
         description=f"{len(made)} simulated assemblies of rigs R1 and R2",
     ).fit(made)
-    windows = model.windower_.windows(made)
-    locator = LobeLocator(
-        windows.sampling_rate,
-        input_speed_hz=1.0,
-        n_trees=N_LOCATOR_TREES,
-        random_state=0,
-        speed_tolerance=0.0,
-    ).fit(windows.X, windows.worn_table(model.n_lobes_), passage_of_lobe_zero(windows.start_angle))
-    save_model(cases.MODEL, dataclasses.replace(model, locator=locator))
+    save_model(cases.MODEL, model)
 
 
 def record_counts() -> None:

@@ -52,10 +52,10 @@ def counters(data):
     """One of each kind, with few trees."""
     X, counts, assemblies = data
     made = {kind: make_lobe_counter(RATE, kind=kind, n_trees=10) for kind in KINDS}
-    made["rows"].set_params(n_epochs=2)
-    made = {kind: one if kind == "lobes" else GroupCalibratedCounter(one) for kind, one in made.items()}
+    made["network"].set_params(n_epochs=2)
+    made = {kind: one if kind == "trees" else GroupCalibratedCounter(one) for kind, one in made.items()}
     made["plain"] = make_lobe_counter(RATE, n_trees=10)
-    made["lobes"].set_params(points_per_lobe=2, n_hidden=16, n_splits=2, n_epochs=5)
+    made["trees"].set_params(n_splits=2)
     for kind, counter in made.items():
         if kind == "plain":
             counter.fit(X, counts)
@@ -192,7 +192,7 @@ def test_the_card_tells_what_a_user_must_know(model, tmp_path):
     assert card["training"]["description"] == "bumps"
     assert card["scores"] == {"accuracy": 0.5}
     assert set(card["versions"]) >= {"python", "numpy", "scipy", "scikit-learn", "cyclofeat", "skops"}
-    assert len(card["features"]["columns"]) == model.counter_[0].get_feature_names_out().size
+    assert len(card["features"]["columns"]) == model.counter_.lobe_map_.get_feature_names_out().size
     assert card["features"]["definitions"] == {
         name: REGISTRY[name].version for name in card["features"]["definitions"]
     }

@@ -9,6 +9,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
+from sklearn.utils.metadata_routing import MetadataRouter, MethodMapping
+from sklearn.utils.validation import has_fit_parameter
 
 from cyclofeat._base.sklearn_private import Interval, fit_context
 from cyclofeat.counting.calibration.pooling import learn_dependence, pool_opinions, pool_weights, safe_log
@@ -39,7 +41,7 @@ class GroupCalibratedCounter(Counter):
         With ``predict_proba``; cloned, not changed.
     n_splits : int, default=5
         Folds by assembly; less where a class has fewer assemblies.
-    random_state : int or None, default=0
+    random_state : int or None, default=None
         Seed of the folds.
 
     Attributes
@@ -54,15 +56,15 @@ class GroupCalibratedCounter(Counter):
     dependence_ : float or None
         How much several windows of an assembly err together, from 0 (not at all) to 1 (as one window): the
         correlation at which a :class:`LobeModel` combines them. None where no assembly has several windows.
-    oob_decision_function_ : ndarray, shape (n_windows, n_classes)
-        Probabilities of each window in training by a counter that did not see its assembly, calibrated like
-        those of ``predict_proba``. NaN without folds. Copies and files do not hold it.
 
     Notes
     -----
     Probabilities below 0.001 count as 0.001, because a zero of a forest only means that no tree has seen the
     class there. Every assembly has the same weight. By Laplace's rule of succession one of n + 2 assemblies
     is assumed to be wrong. If a class has a single assembly, probabilities are not changed.
+
+    Groups and other metadata of ``fit`` reach the counter and its steps by scikit-learn's metadata routing,
+    whether it is enabled or not: each step that takes them gets them, unless its request is ``False``.
 
     Examples
     --------
@@ -73,7 +75,7 @@ class GroupCalibratedCounter(Counter):
     >>> counts = assembly % 3
     >>> X = counts[:, np.newaxis] + random.normal(scale=0.3, size=(120, 1))
     >>> forest = RandomForestClassifier(30, random_state=0)
-    >>> counter = GroupCalibratedCounter(forest).fit(X, counts, groups=assembly)
+    >>> counter = GroupCalibratedCounter(forest, random_state=0).fit(X, counts, groups=assembly)
     >>> counter.predict_proba([[0.0], [0.5], [2.0]]).round(1)
     array([[1. , 0. , 0. ],
            [0.9, 0.1, 0. ],
@@ -88,10 +90,20 @@ class GroupCalibratedCounter(Counter):
 
     counter: Any
     n_splits: int = 5
-    random_state: int | None = 0
+    random_state: int | None = None
 
-    @fit_context(prefer_skip_nested_validation=False)
-    def fit(self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None) -> Self:
+    def get_metadata_routing(self) -> MetadataRouter:
+        """Return the routing of ``fit``: groups to this estimator, all metadata to the counter.
+
+        Returns
+        -------
+        sklearn.utils.metadata_routing.MetadataRouter
+        """
+        fit_to_fit = MethodMapping().add(caller="fit", callee="fit")
+        router = MetadataRouter(owner=type(self).__name__).add_self_request(self)
+        return router.add(counter=self.counter, method_mapping=fit_to_fit)
+
+    def fit(self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None, **metadata: ArrayLike) -> Self:
         """Fit the counter and correct its probabilities.
 
         Parameters
@@ -103,6 +115,8 @@ class GroupCalibratedCounter(Counter):
         groups : array-like, shape (n_windows,), optional
             Assembly of each window. Without groups every window counts as one assembly; if windows share an
             assembly, the calibration is then learned on windows like those in training.
+        **metadata : array-like, shape (n_windows, ...)
+            What else the counter takes of each window, such as ``worn`` and ``passage``.
 
         Returns
         -------
@@ -110,18 +124,42 @@ class GroupCalibratedCounter(Counter):
 
         Raises
         ------
+        TypeError
+            If no step of the counter takes one of the metadata.
         ValueError
             If there is one class only, or shapes do not match.
         """
+        self.fit_cross_val_proba(X, y, groups, **metadata)
+        return self
+
+    @fit_context(prefer_skip_nested_validation=False)
+    def fit_cross_val_proba(
+        self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None, **metadata: ArrayLike
+    ) -> Float:
+        """Fit, and return what counters that did not see a window's assembly say of it.
+
+        Arguments and errors are those of :meth:`fit`.
+
+        Returns
+        -------
+        ndarray, shape (n_windows, n_classes)
+            Calibrated probability of each class of the training windows, in cross-validation by assembly; NaN
+            without folds.
+        """
+        known = {name: np.asarray(values) for name, values in metadata.items() if values is not None}
+        steps = [self.counter, *self.counter.get_params(deep=True).values()]
+        for name in known:
+            if not any(hasattr(step, "fit") and has_fit_parameter(step, name) for step in steps):
+                raise TypeError(f"fit got {name}, which no step of counter={self.counter} takes")
         windows, labels, rank = self._labelled(X, y)
         member = assemblies_of(groups, len(windows))
         seed = drawn_seed(self.random_state)
         folds = grouped_folds(rank, member, self.n_splits, seed)
-        self.counter_ = fit_clone(self.counter, windows, labels, groups=member)
+        self.counter_ = fit_clone(self.counter, windows, labels, groups=member, **known)
         self.temperature_ = 1.0
         self.dependence_: float | None = None
         self.calibrated_ = bool(folds)
-        held_out = held_out_proba(self.counter, windows, labels, member, self.classes_, folds)
+        held_out = held_out_proba(self.counter, windows, labels, member, self.classes_, folds, **known)
         if folds:
             weights = window_weights(np.unique(member, return_inverse=True)[1])
             power = pool_weights(safe_log(held_out)[np.newaxis], rank, weights, np.unique(member).size)[0]
@@ -129,8 +167,7 @@ class GroupCalibratedCounter(Counter):
             self.temperature_ = float(1 / max(power, 1e-6))
             held_out = self._calibrate(held_out)
             self.dependence_ = learn_dependence(held_out, rank, member)
-        self.oob_decision_function_: Float = held_out
-        return self
+        return held_out
 
     def _calibrate(self, proba: Float) -> Float:
         return pool_opinions(safe_log(proba)[np.newaxis], np.array([1 / self.temperature_]))

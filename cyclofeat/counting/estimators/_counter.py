@@ -33,11 +33,6 @@ class Counter(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         proba = self.predict_proba(X)  # raises NotFittedError before classes_ is missed
         return np.asarray(self.classes_[np.argmax(proba, axis=1)])
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out what a counter said of each window in training, which would fill files."""
-        state = super().__getstate__()
-        return {name: value for name, value in state.items() if name != "oob_decision_function_"}
-
     def _labelled(self, X: ArrayLike, y: ArrayLike) -> tuple[NDArray[Any], NDArray[Any], Int]:
         """Check windows and labels, store the classes; return windows, labels and class indices."""
         windows, labels = validate_data(self, X, y, dtype=self._kinds)

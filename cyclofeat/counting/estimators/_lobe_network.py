@@ -1,112 +1,212 @@
-"""Small network that detects worn lobes, and where the slots of a fold begin."""
+"""Network of a :class:`LobeCounter`: the probability of a row of worn lobes that begins at a given place.
+
+It is written for any array library: JAX trains it and numpy predicts.
+"""
 
 from __future__ import annotations
 
-import warnings
+from collections.abc import Callable, Iterator, Mapping
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
-from sklearn.exceptions import ConvergenceWarning
-from sklearn.linear_model import LogisticRegression
-from sklearn.neural_network import MLPClassifier
-from sklearn.pipeline import Pipeline, make_pipeline
-from sklearn.preprocessing import StandardScaler
+from numpy.typing import NDArray
 
-from cyclofeat.counting.estimators.lobe_sets import Bool
+from cyclofeat._base.training import descent, dropout, first_weights, libraries
 from cyclofeat.counting.evaluation.assembly_folds import Float, Int
-from cyclofeat.signal import lobes
 from cyclofeat.signal.windows import Complex
 
-# Probabilities of lobes are limited to this distance from 0 and 1.
-_LEAST_LOBE = 1e-4
-# Number of places within a lobe at which the first slot may begin, if there is no tachometer.
-_BEGINNINGS = 8
-# Windows that are tried at all these places at once, to limit the memory.
-_BLOCK = 256
-# Phase of the mesh line, in turns, at the passage of a worn lobe on the assumed rigs. It defines where slots
-# begin in training without a tachometer.
-_MESH_PHASE = 0.5
-# Batch size, and least number of batches in each epoch.
-_BATCH, _STEPS = 200, 48
-# Class of a view that begins between two lobes (sound is 0, worn 1), and how far between.
-_BETWEEN = 2
-_BESIDE = (0.25, 0.75)
+Array = Any  # of numpy or JAX
+Weights = Mapping[str, Array]
+
+# Widths of the hidden layers, and share of their units that is dropped in training.
+_HIDDEN, _DROPPED = (512, 128), 0.1
+_BATCH, _RATE, _DECAY = 128, 2e-3, 0.02
+# Windows in a batch where there are fewer than four times as many as in the usual one.
+_SMALL_BATCH = 32
+# Default number of epochs, and least number of batches.
+_EPOCHS, _LEAST_STEPS = 40, 600
+# Places within each lobe at which a row may begin, as a window without a tachometer begins anywhere; how far
+# from the true one, in lobes, a beginning is right in training.
+PLACES, _NEAR = 4, 0.5
+# Standard deviations of a variant: gain in dB and phase in rad of each smooth term over the lobe lines.
+# Number of terms.
+_GAIN_DB, _PHASE, _N_TERMS = 2.0, 0.2, 4
+# Share of the variants that are disturbed. Ranges, log-uniform: root mean square of the disturbance over that
+# of the lines, and twice the damping ratio of its resonance. Most turns of the fold by which impacts slip.
+_DISTURBED, _DISTURBANCE, _DAMPING, _SLIPPED = 0.2, (0.05, 2.0), (0.05, 1.0), 0.08
+# Lower lobe lines hold the brake's drift.
+_LOWEST_LINE = 3
+# Instead of minus infinity, whose gradient is not a number.
+_NEVER = -30.0
 
 
-def views_of_lobes(lines: Complex, begins: Float, n_lobes: int, points_per_lobe: int) -> Float:
-    """Return the fold rotated to each lobe: (n_windows, n_lobes, n_lobes * points_per_lobe), of unit std."""
-    folded = lobes.fold(lobes.shift(lines, begins), n_lobes, 16)
-    points = folded.reshape(len(lines), n_lobes, points_per_lobe, -1).mean(axis=3)
-    scale = points.std(axis=(1, 2), keepdims=True)
-    points = np.divide(points, scale, out=np.zeros_like(points), where=scale > 0)
-    turn = (np.arange(n_lobes) + np.arange(n_lobes)[:, np.newaxis]) % n_lobes
-    return np.asarray(points[:, turn].reshape(len(lines), n_lobes, -1))
+@lru_cache(maxsize=8)
+def place_turns(n_lobes: int, n_lines: int, n_places: int) -> NDArray[np.complex64]:
+    """Return the factors that turn the used lobe lines to each place, shape (n_lobes * n_places, n_used)."""
+    at = np.arange(n_lobes * n_places) / (n_lobes * n_places)
+    turns = np.asarray(np.exp(2j * np.pi * np.outer(at, _used_numbers(n_lines))), dtype=np.complex64)
+    turns.flags.writeable = False  # shared by all callers
+    return turns
 
 
-def training_views(
-    lines: Complex, begins: Float, worn: Bool, points_per_lobe: int, random_state: int
-) -> tuple[Float, Int]:
-    """Return views for training, and their classes: sound lobe, worn lobe, between two lobes."""
-    n_lobes = worn.shape[1]
-    beside = begins + np.random.default_rng(random_state).uniform(*_BESIDE, len(lines)) / n_lobes
-    X = np.concatenate([views_of_lobes(lines, at, n_lobes, points_per_lobe) for at in (begins, beside)])
-    kind = np.concatenate([worn.ravel().astype(int), np.full(worn.size, _BETWEEN)])
-    return X.reshape(-1, X.shape[-1]), kind
+def _used_numbers(n_lines: int) -> NDArray[np.int64]:
+    return np.arange(min(_LOWEST_LINE, n_lines), n_lines + 1)
 
 
-def train_network(X: Float, kind: Int, n_hidden: int, n_epochs: int, random_state: int) -> Pipeline:
-    """Train the network on views of shape (n_views, n_points)."""
-    network = MLPClassifier(
-        (n_hidden,),
-        alpha=0.01,
-        batch_size=int(np.clip(len(X) // _STEPS, 1, _BATCH)),
-        max_iter=n_epochs,
-        random_state=random_state,
-    )
-    with warnings.catch_warnings():
-        # A fixed number of epochs: at convergence the network would overfit.
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        return make_pipeline(StandardScaler(), network).fit(X, kind)
+def log_odds(
+    xp: Any,
+    weights: Weights,
+    lines: Array,
+    turns: Array,
+    drop: Callable[[Array], Array] = lambda layer: layer,
+) -> tuple[Array, Array]:
+    """Return logarithms of the probabilities of rows and of a sound disc, up to a constant of each window.
 
+    Parameters
+    ----------
+    xp : module
+        numpy or jax.numpy.
+    weights : mapping from str to array
+    lines : array of complex, shape (n_windows, n_lines)
+        Lobe lines.
+    turns : array of complex, shape (n_places, n_used)
+        From :func:`place_turns`.
+    drop : callable, optional
+        Drops units of a layer in training (Srivastava et al. 2014).
 
-def lobe_logits(network: Pipeline | None, views: Float) -> tuple[Float, Float]:
-    """Return the logits of lobes, (n_windows, n_lobes), and log-likelihood of their beginning, (n_windows,).
-
-    NaN without a network.
+    Returns
+    -------
+    rows : array, shape (n_windows, n_places, n_lengths)
+        For a row of each length that begins at each place.
+    sound : array, shape (n_windows,)
     """
-    if network is None:
-        return np.full(views.shape[:2], np.nan), np.full(len(views), np.nan)
-    proba = network.predict_proba(views.reshape(-1, views.shape[-1]))
-    sound, worn, between = (
-        np.log(np.maximum(proba, _LEAST_LOBE)).reshape(*views.shape[:2], 3).transpose(2, 0, 1)
-    )
-    return worn - sound, np.logaddexp(sound, worn).sum(axis=1) - between.sum(axis=1)
+    used = lines[:, lines.shape[1] - turns.shape[1] :]
+    power = (used.real**2 + used.imag**2).sum(1)
+    scale = xp.sqrt(2 * turns.shape[1] / xp.where(power > 0, power, 1))
+    views = (used * scale[:, None])[:, None] * turns
+    x = xp.concatenate([views.real, views.imag], axis=2)
+    for name in ("hidden_1", "hidden_2"):
+        x = drop(xp.maximum(x @ weights[name] + weights[f"{name}_bias"], 0))
+    rows = x @ weights["row"] + weights["row_bias"]
+    return rows, (x.mean(1) @ weights["sound"] + weights["sound_bias"])[:, 0]
 
 
-def logits_anywhere(network: Pipeline | None, lines: Complex, n_lobes: int, points_per_lobe: int) -> Float:
-    """Return the logits of the lobes for the most likely beginning of the slots."""
-    places = np.arange(_BEGINNINGS) / (_BEGINNINGS * n_lobes)
-    found = np.empty((len(lines), n_lobes))
-    for k in range(0, len(lines), _BLOCK):
-        block = lines[k : k + _BLOCK]
-        begun = views_of_lobes(
-            np.repeat(block, _BEGINNINGS, axis=0), np.tile(places, len(block)), n_lobes, points_per_lobe
-        )
-        logits, likelihood = lobe_logits(network, begun)
-        best = likelihood.reshape(len(block), _BEGINNINGS).argmax(axis=1)
-        found[k : k + _BLOCK] = logits.reshape(len(block), _BEGINNINGS, n_lobes)[np.arange(len(block)), best]
-    return found
+def network_layers(n_inputs: int, n_lengths: int) -> dict[str, tuple[int, int, float]]:
+    """Return the layers for :func:`first_weights`."""
+    first, second = _HIDDEN
+    return {
+        "hidden_1": (n_inputs, first, 2.0), "hidden_2": (first, second, 2.0), "row": (second, n_lengths, 0.3),
+        "sound": (second, 1, 0.0),
+    }  # fmt: skip
 
 
-def begins_by_mesh(lines: Complex, n_lobes: int) -> Float:
-    """Return where the first slot begins, as a share of the fold, by the phase of the mesh line."""
-    phase = np.angle(lines[:, n_lobes - 1]) / (2 * np.pi)
-    return np.asarray((_MESH_PHASE - phase) % 1.0 / n_lobes)
+def train_network(
+    lines: Complex,
+    length: Int,
+    begins: Float,
+    *,
+    n_lobes: int,
+    n_lengths: int,
+    n_epochs: int | None,
+    random_state: int,
+) -> dict[str, NDArray[np.float16]]:
+    """Train a network.
+
+    The probability of the true length, with a beginning at most half a lobe from the true one, is that of
+    all lengths and places together: the loss is its logarithm. In each epoch a window is another variant of
+    itself: turned at random, and with a gain and phase that change smoothly over the lobe lines, as behind
+    another rotor and torque meter. A fifth of the variants get noise, or impacts of a neighbouring machine
+    at the lobe rate, which look like a worn lobe.
+
+    Parameters
+    ----------
+    lines : ndarray of complex, shape (n_windows, n_lines)
+    length : ndarray of int, shape (n_windows,)
+        Number of the length of the row, from 0 on; -1 for a sound disc.
+    begins : ndarray, shape (n_windows,)
+        Where the row begins, in turns of the fold.
+    n_lobes, n_lengths, random_state : int
+    n_epochs : int or None
+
+    Returns
+    -------
+    dict from str to ndarray
+        Weights, in half precision: their errors are far below those of the network, and files are half as
+        large.
+    """
+    jax, _, _ = libraries()
+    n, n_lines = lines.shape
+    random = np.random.default_rng(random_state)
+    places = place_turns(n_lobes, n_lines, PLACES)
+    weights: Any = first_weights(network_layers(2 * places.shape[1], n_lengths), random)
+    # Rows and a sound disc begin equally probable.
+    weights["row_bias"] -= np.float32(np.log(len(places)))
+    known = lines.astype(np.complex64), length.astype(np.int32), begins.astype(np.float32)
+    batch = _BATCH if n >= 4 * _BATCH else _SMALL_BATCH
+    per_epoch = max(n // batch, 1)
+    if n_epochs is None:
+        n_epochs = max(_EPOCHS, _LEAST_STEPS // per_epoch)
+    first_state, step = _optimiser(n_lines, n_lobes, n_epochs * per_epoch)
+    state, key = first_state(weights), jax.random.PRNGKey(random_state)
+    for _ in range(n_epochs):
+        # Batches of one size are compiled once; windows that are left over wait for the next epoch.
+        order = np.resize(random.permutation(n), max(n, batch))[: per_epoch * batch]
+        for rows in order.reshape(per_epoch, batch):
+            key, drawn = jax.random.split(key)
+            weights, state = step(weights, state, tuple(values[rows] for values in known), drawn)
+    return {name: np.asarray(values, dtype=np.float16) for name, values in weights.items()}
 
 
-def platt(logits: Float, worn: Bool) -> Float:
-    """Intercept and slope of the logistic regression of worn lobes on held-out logits (Platt)."""
-    usable = np.isfinite(logits)
-    if not usable.any() or worn[usable].min() == worn[usable].max():
-        return np.array([0.0, 1.0])
-    fitted = LogisticRegression(C=1e3).fit(logits[usable][:, np.newaxis], worn[usable])
-    return np.array([fitted.intercept_[0], max(fitted.coef_[0, 0], 0.0)])
+# Compiled once for all folds.
+@lru_cache(maxsize=4)
+def _optimiser(n_lines: int, n_lobes: int, n_steps: int) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return the optimiser's first state and one step of training, as functions."""
+    jax, jnp, _ = libraries()
+    turns = place_turns(n_lobes, n_lines, PLACES)
+    at = np.arange(len(turns)) / len(turns)
+    numbers = np.arange(1, n_lines + 1)
+    term = np.arange(1, _N_TERMS + 1)[:, np.newaxis]
+    smooth = np.cos(np.pi * term * numbers / n_lines) / term
+
+    def vary(lines: Any, turned: Any, keys: Iterator[Any]) -> Any:
+        n = len(lines)
+        gain = _GAIN_DB / 20 * np.log(10) * jax.random.normal(next(keys), (n, _N_TERMS)) @ smooth
+        phase = jax.random.normal(next(keys), (n, 1))
+        phase += jax.random.normal(next(keys), (n, _N_TERMS)) @ smooth
+        return lines * jnp.exp(gain + 1j * (_PHASE * phase + 2 * np.pi * turned * numbers))
+
+    def disturbance(lines: Any, keys: Iterator[Any]) -> Any:
+        """Return impacts at the lobe rate, or noise, both about a resonance; zero for most windows."""
+        n = len(lines)
+
+        def between(low: float, high: float) -> Any:
+            return jnp.exp(jax.random.uniform(next(keys), (n, 1), minval=np.log(low), maxval=np.log(high)))
+
+        resonance = between(_LOWEST_LINE, 2 * n_lines)
+        rings = resonance**2 / (resonance**2 - numbers**2 + 1j * numbers * resonance * between(*_DAMPING))
+        begins = jax.random.uniform(next(keys), (n, 1))
+        slipped = _SLIPPED * jax.random.uniform(next(keys), (n, 1)) * numbers
+        impacts = jnp.exp(-2j * np.pi * begins * numbers) * jnp.sinc(slipped)
+        noise = jax.random.normal(next(keys), lines.shape, dtype=lines.dtype)
+        added = rings * jnp.where(jax.random.bernoulli(next(keys), 0.5, (n, 1)), impacts, noise)
+        is_disturbed = jax.random.bernoulli(next(keys), _DISTURBED, (n, 1))
+        return is_disturbed * between(*_DISTURBANCE) * added * rms(lines) / rms(added)
+
+    def rms(lines: Any) -> Any:
+        return jnp.sqrt((jnp.abs(lines[:, _LOWEST_LINE - 1 :]) ** 2).mean(1, keepdims=True))
+
+    def loss(weights: Any, batch: Any, key: Any) -> Any:
+        lines, length, begins = batch
+        keys = iter(jax.random.split(key, 14))
+        turned = jax.random.uniform(next(keys), (len(lines), 1))
+        seen = vary(lines, turned, keys)
+        seen += disturbance(seen, keys)
+        rows, sound = log_odds(jnp, weights, seen, turns, dropout(_DROPPED, keys))
+        beside = jnp.abs((at - begins[:, None] + turned + 0.5) % 1 - 0.5) * n_lobes
+        of_length = jnp.take_along_axis(rows, jnp.maximum(length, 0)[:, None, None], axis=2)[:, :, 0]
+        right = jax.nn.logsumexp(of_length + jnp.where(beside <= _NEAR, 0.0, _NEVER), axis=1)
+        every = jnp.concatenate([sound[:, None], rows.reshape(len(lines), -1)], axis=1)
+        return (jax.nn.logsumexp(every, axis=1) - jnp.where(length < 0, sound, right)).mean()
+
+    return descent(loss, n_steps, _RATE, _DECAY)

@@ -1,32 +1,29 @@
-"""Counter that decides for each lobe whether it is worn."""
+"""Counter of worn lobes and of where they are."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass
+from functools import cached_property
 from numbers import Integral, Real
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import expit, softmax
-from sklearn.pipeline import Pipeline
-from sklearn.utils.validation import check_is_fitted
+from scipy.special import expit, logit, logsumexp, softmax
 
 from cyclofeat._base.sklearn_private import Interval, StrOptions, fit_context
-from cyclofeat.counting.calibration.pooling import pool_opinions, pool_weights, safe_log
+from cyclofeat.counting.calibration.pooling import learn_dependence, pool_opinions, pool_weights, safe_log
 from cyclofeat.counting.estimators._counter import Counter
-from cyclofeat.counting.estimators._lobe_map import held_lobe_map
-from cyclofeat.counting.estimators._lobe_network import (
-    begins_by_mesh,
+from cyclofeat.counting.estimators._lobe_network import PLACES, Weights, log_odds, place_turns, train_network
+from cyclofeat.counting.estimators._lobe_views import (
+    coarse_views,
     lobe_logits,
     logits_anywhere,
-    platt,
-    train_network,
-    training_views,
-    views_of_lobes,
+    platt_calibration,
+    views_to_learn,
 )
-from cyclofeat.counting.estimators.lobe_locator import known_lobes
-from cyclofeat.counting.estimators.lobe_sets import Bool, best_sets, inclusion, log_counts, turned
+from cyclofeat.counting.estimators.lobe_positions import Bool, best_sets, lobes_apart, log_counts, row_starts
 from cyclofeat.counting.estimators.trees import CountingTrees
 from cyclofeat.counting.evaluation.assembly_folds import (
     Float,
@@ -39,48 +36,70 @@ from cyclofeat.counting.evaluation.assembly_folds import (
     of_windows,
 )
 from cyclofeat.counting.evaluation.scores import window_weights
+from cyclofeat.features import LobeMap
 from cyclofeat.signal import lobes
 from cyclofeat.signal.windows import Complex
 
+# Trees for the lobes.
+_LOBE_TREES = 200
 # Limit of the logits of lobes: practically certain, and the product of 15 odds does not overflow.
 _SURE = 9.0
-# Rounds in which the positions of worn lobes are estimated again, if only their number is known.
-_GUESSES = 3
+# Phase of the mesh line, in turns, at the passage of a worn lobe on the assumed rigs. It defines where slots
+# begin in training without known lobes.
+_MESH_PHASE = 0.5
+# Share of an input turn over which the network's autoregressive model reaches: the resonance of rotor and
+# torque meter is one pair of its poles, the others follow the slope of the spectrum. A longer one would take
+# out the pattern of the worn lobes as well.
+_AR_TURNS = 1 / 16
+# Logarithms of a network's probabilities are limited to this.
+_LEAST_LOG = -12.0
+# Windows whose places are tried at once, to limit the memory.
+_BLOCK = 256
 
 
 @dataclass(eq=False, repr=False)
 class LobeCounter(Counter):
-    """Counter of worn lobes and their positions, from the probability of each lobe.
+    """Counter of worn lobes that also locates them.
 
-    The whitened torque, folded at the lobe frequency, gives each lobe a slot
-    (``cyclofeat.signal.lobes``). The fold turned until a slot comes first is one example of a worn or a
-    sound lobe, so that what is learned about one lobe holds for all. A small network on these views gives the
-    odds of each lobe; trees on the features of :class:`~cyclofeat.features.LobeMap` the odds of each count.
-    Both opinions of the count are pooled with weights learned on held-out assemblies, which calibrates it;
-    the lobes are then those most probable given the count.
+    The torque is whitened and folded at the lobe frequency (``cyclofeat.signal.lobes``), which gives each
+    lobe a slot. The fold turned until a slot comes first is one *view* of the disc: what is learned about one
+    lobe holds for all. Probabilities of counts are calibrated on held-out assemblies.
+
+    ``kind="trees"`` counts by extremely randomised trees on the features of
+    :class:`~cyclofeat.features.LobeMap` and locates by trees on the views. Any lobes may be worn.
+
+    ``kind="network"`` counts rows of neighbouring lobes. A network gives the probability of a row of each
+    length that begins at the first lobe of a view, from the complex lobe lines. The probability of a count is
+    the sum over all beginnings; that of each lobe follows from the same terms. The network learns from
+    variants of each window, because the machine to be counted is none of those in training: their lobe lines
+    have another gain and phase, smooth over the lines, as behind another rotor and torque meter; some also
+    have noise or the impacts of a neighbouring machine. It is more accurate than trees where it learns from
+    some hundred assemblies of each count. Training needs JAX and Optax (the extra ``prepare``); predictions
+    need numpy alone.
 
     Parameters
     ----------
     sampling_rate : float
         Samples per second of the windows, in Hz.
+    kind : {"trees", "network"}, default="trees"
+        What counts and locates.
     input_speed_hz : float, default=500/60
         Nominal input speed in turns per second.
     n_lobes : int, default=15
         Number of lobes z_s of a disc.
-    pattern : {"any", "consecutive"}, default="any"
-        Which sets of lobes are thought possible: any, or neighbours only.
-    points_per_lobe : {1, 2, 4, 8, 16}, default=8
-        Resolution of the fold.
+    n_lines : int, default=44
+        Lobe lines that are used, where windows hold as many. More tell counts better apart at low speeds,
+        where the disturbance of a lobe is short.
     n_trees : int, default=300
         Trees for the count.
-    n_hidden : int, default=64
-        Units of the network's one hidden layer.
-    n_epochs : int, default=30
-        Times that the network learns from all lobes of all windows.
-    n_splits : int, default=5
-        Folds by assembly on which the opinions are weighed; less where a class has fewer assemblies.
-    random_state : int or None, default=0
-        Seed of trees, network and folds.
+    n_epochs : int, optional
+        Times that a network sees each window, in other variants. Default: 40, and more where windows are few,
+        so that it learns from 600 batches at least.
+    n_splits : int, optional
+        Folds by assembly on which probabilities are calibrated, less where a class has fewer assemblies; for
+        less than 2 nothing is calibrated. Default: 5 for trees and 3 for networks, which answer together.
+    random_state : int or None, default=None
+        Seed of trees, networks and folds.
     speed_tolerance : float, default=0.015
         As of :class:`~cyclofeat.features.LobeMap`; 0 for windows over the angle of the shaft.
 
@@ -90,36 +109,37 @@ class LobeCounter(Counter):
         Counts in training, in order.
     calibrated_ : bool
         Whether there were enough assemblies to hold some out.
-    weights_ : ndarray, shape (2,)
-        Exponents of the two opinions of the count: trees on the lobe map, and lobes.
-    lobe_network_ : Pipeline or None
-        Scaling, then the network; None where the classes are no counts from 0 to ``n_lobes``: then there are
-        no lobes to find.
-    count_trees_ : CountingTrees
+    dependence_ : float or None
+        As of :class:`GroupCalibratedCounter`.
+    pattern_ : {"consecutive", "any"}
+        Which sets of lobes are thought possible: neighbours only, unless worn lobes in training are apart.
+    weights_ : ndarray, shape (n_opinions,)
+        Powers of what is pooled to the probability of a count, learned on held-out assemblies. Of trees: the
+        probabilities by the lobe map and, if ``pattern_`` is ``"any"``, those by the single lobes. Of
+        networks: the odds of a row, the probabilities of its length, and the odds for and against a sound
+        disc.
+    count_trees_, lobe_trees_ : CountingTrees or None
+        None for networks; ``lobe_trees_`` also where training did not know worn and sound lobes.
+    lobe_calibration_ : ndarray, shape (2,), or None
+        Intercept and slope by which logits of single lobes become probabilities (Platt); only if ``pattern_``
+        is ``"any"``.
+    networks_ : list of dict from str to ndarray
+        Weights of the networks, one for each fold.
     lobe_map_ : LobeMap
-    calibration_ : ndarray, shape (2,)
-        Intercept and slope by which held-out logits of lobes become probabilities.
 
     Notes
     -----
-    Let p_k be the calibrated probability of lobe k. For ``pattern="any"`` lobes are independent given the
-    fold: the count is Poisson-binomial, and given a count n a set S of n lobes has a probability in
-    proportion to the product over S of p_k/(1 - p_k) (the conditional Bernoulli law; Chen and Liu, Statistica
-    Sinica 7 (1997) 875). For ``"consecutive"`` the n_lobes rows of n neighbours share it.
+    *Single lobes.* If ``pattern_`` is ``"any"``, lobes are taken to be independent given the fold: with the
+    probability p_k of lobe k the count is Poisson-binomial, and given a count n a set S of n lobes has a
+    probability in proportion to the product over S of p_k/(1 - p_k) (the conditional Bernoulli law; Chen and
+    Liu, Statistica Sinica 7 (1997) 875). The contact zones of neighbouring lobes overlap, so that the effect
+    of a row is not the sum of its single lobes: train on rows and on separate lobes
+    (``make_rig_recordings(lobes="mixed")``) to count both.
 
-    *Where a slot begins.* It is known if a tachometer states the passage of lobe 0. Otherwise the fold is
-    computed from eight places within a lobe. The network is also trained on folds that begin between two
-    lobes, and the place that looks least like those is chosen. (The phase of the mesh line would be wrong by
-    up to half a slot if every other lobe is worn.) Lobes are then numbered from the first slot that begins in
-    the window. The count never uses a tachometer.
-
-    *Neighbours or not.* The contact zones of neighbouring lobes overlap, so the effect of a row of worn lobes
-    is not the sum of their single effects. To count both rows and separate lobes, train on both;
-    ``make_rig_recordings(lobes="mixed")`` makes such recordings.
-
-    *Without known lobes* (``worn`` not given) worn lobes are assumed to be neighbours: first around the
-    centre of the fold's energy, then in three rounds where held-out networks find them most probable. Such
-    positions are not reliable: rows can be off by some lobes, differently for each count.
+    *Where a slot begins.* Counting needs no tachometer. Lobes are numbered as on the disc if one states the
+    passage of lobe 0. Otherwise slots are begun at several places within a lobe, and the place with the most
+    decided lobes is taken. If ``pattern_`` is ``"any"``, trees also learn views that begin between two lobes,
+    and the place that looks least like those is taken.
 
     Examples
     --------
@@ -131,47 +151,47 @@ class LobeCounter(Counter):
     ...     (slot.astype(int) % 15 < n) * np.sin(2 * np.pi * slot) ** 3 + 0.3 * random.normal(size=slot.size)
     ...     for n in counts
     ... ]
-    >>> counter = LobeCounter(sampling_rate=25_600, n_trees=50).fit(torque, counts)
+    >>> worn = np.arange(15) < counts[:, np.newaxis]
+    >>> counter = LobeCounter(sampling_rate=25_600, n_trees=50, random_state=0)
+    >>> counter = counter.fit(torque, counts, worn=worn, passage=np.zeros(36))
     >>> counter.predict(torque[:3])
     array([0, 2, 4])
-    >>> counter.predict_lobes(torque[:3]).sum(axis=1)
-    array([0, 2, 4])
+    >>> np.flatnonzero(counter.predict_lobes(torque[1:2], passage=[0.0]))
+    array([0, 1])
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
         "sampling_rate": [Interval(Real, 0, None, closed="neither")],
+        "kind": [StrOptions({"trees", "network"})],
         "input_speed_hz": [Interval(Real, 0, None, closed="neither")],
         "n_lobes": [Interval(Integral, 3, 44, closed="both")],
-        "pattern": [StrOptions({"any", "consecutive"})],
-        "points_per_lobe": [Interval(Integral, 1, 16, closed="both")],
+        "n_lines": [Interval(Integral, lobes.FEWEST_LINES, None, closed="left")],
         "n_trees": [Interval(Integral, 1, None, closed="left")],
-        "n_hidden": [Interval(Integral, 1, None, closed="left")],
-        "n_epochs": [Interval(Integral, 1, None, closed="left")],
-        "n_splits": [Interval(Integral, 2, None, closed="left")],
+        "n_epochs": [Interval(Integral, 1, None, closed="left"), None],
+        "n_splits": [Interval(Integral, 0, None, closed="left"), None],
         "random_state": ["random_state"],
         "speed_tolerance": [Interval(Real, 0, 0.2, closed="left")],
     }
 
     sampling_rate: float
+    _: KW_ONLY
+    kind: str = "trees"
     input_speed_hz: float = 500 / 60
     n_lobes: int = 15
-    pattern: str = "any"
-    points_per_lobe: int = 8
+    n_lines: int = lobes.N_LINES
     n_trees: int = 300
-    n_hidden: int = 64
-    n_epochs: int = 30
-    n_splits: int = 5
-    random_state: int | None = 0
+    n_epochs: int | None = None
+    n_splits: int | None = None
+    random_state: int | None = None
     speed_tolerance: float = lobes.SPEED_TOLERANCE
 
-    @fit_context(prefer_skip_nested_validation=True)
     def fit(
         self,
         X: ArrayLike,
         y: ArrayLike,
+        groups: ArrayLike | None = None,
         worn: ArrayLike | None = None,
         passage: ArrayLike | None = None,
-        groups: ArrayLike | None = None,
     ) -> Self:
         """Fit to windows with known counts and, better, known worn lobes.
 
@@ -181,13 +201,14 @@ class LobeCounter(Counter):
             Windows of torque in Nm.
         y : array-like, shape (n_windows,)
             Number of worn lobes.
-        worn : array-like of bool, shape (n_windows, n_lobes), optional
-            Whether each lobe is worn. Together with ``passage``.
-        passage : array-like, shape (n_windows,), optional
-            When lobe 0 passes the cam's direction, see :func:`passage_of_lobe_zero`.
         groups : array-like, shape (n_windows,), optional
             Assembly of each window. Without groups every window counts as one assembly; if windows share an
             assembly, the calibration is then learned on windows like those in training.
+        worn : array-like of bool, shape (n_windows, n_lobes), optional
+            Whether each lobe is worn. Together with ``passage``. Without it trees only count, and networks
+            take a row to lie about the centre of the fold's energy: positions are then not reliable.
+        passage : array-like, shape (n_windows,), optional
+            When lobe 0 passes the cam's direction, see :func:`passage_of_lobe_zero`.
 
         Returns
         -------
@@ -195,49 +216,78 @@ class LobeCounter(Counter):
 
         Raises
         ------
+        ImportError
+            For networks if JAX or Optax is not installed.
         ValueError
             If there is one class only, shapes do not match, ``worn`` is given without ``passage`` or
-            disagrees with ``y``, or ``points_per_lobe`` does not divide 16.
+            disagrees with ``y``, or, for networks, marks lobes that are no row of neighbours.
+        """
+        self.fit_cross_val_proba(X, y, groups, worn, passage)
+        return self
+
+    @fit_context(prefer_skip_nested_validation=True)
+    def fit_cross_val_proba(
+        self,
+        X: ArrayLike,
+        y: ArrayLike,
+        groups: ArrayLike | None = None,
+        worn: ArrayLike | None = None,
+        passage: ArrayLike | None = None,
+    ) -> Float:
+        """Fit, and return what counters that did not see a window's assembly say of it.
+
+        Arguments and errors are those of :meth:`fit`.
+
+        Returns
+        -------
+        ndarray, shape (n_windows, n_classes)
+            Calibrated probability of each count of the training windows, in cross-validation by assembly; NaN
+            without folds.
         """
         windows, labels, rank = self._labelled(X, y)
-        if 16 % self.points_per_lobe:
-            raise ValueError(f"points_per_lobe must be 1, 2, 4, 8 or 16, got {self.points_per_lobe}")
-        counts = _counts(self.classes_, self.n_lobes)
-        known = self._known_lobes(labels, worn, passage, counts)
-        begins = None if passage is None else _begins(passage, len(windows))
         member = assemblies_of(groups, len(windows))
+        known, begins = self._known_lobes(labels, worn, passage)
         seed = drawn_seed(self.random_state)
-        self.lobe_map_ = held_lobe_map(
-            self.sampling_rate, self.input_speed_hz, self.n_lobes, self.speed_tolerance
-        ).fit(windows)
-        found = self.lobe_map_.lines(windows)
-        features = self.lobe_map_.from_lines(found)
-        folds = grouped_folds(rank, member, self.n_splits, seed)
+        network = self.kind == "network"
+        n_splits = (3 if network else 5) if self.n_splits is None else self.n_splits
+        folds = grouped_folds(rank, member, n_splits, seed) if n_splits >= 2 else []
+        self.lobe_map_: LobeMap = lobe_map_at(
+            self.sampling_rate, self.input_speed_hz, self.n_lobes, self.speed_tolerance, self.n_lines
+        )
+        if network:
+            rate = lobes.whitened_rate(
+                self.sampling_rate, self.input_speed_hz, self.n_lobes, self.lobe_map_.n_lines
+            )
+            self.lobe_map_.set_params(ar_order=round(_AR_TURNS * rate / self.input_speed_hz))
+        lines = self.lobe_map_.fit(windows).lines(windows)
+        self.__dict__.pop("_single_precision", None)  # of an earlier fit
         self.calibrated_ = bool(folds)
-        self.count_trees_ = CountingTrees(self.n_trees, random_state=seed).fit(features, rank)
-        self.lobe_network_, held_out = None, None
-        self.calibration_: Float = np.array([0.0, 1.0])
-        if counts is not None and 0 < counts[rank].sum() < counts[rank].size * self.n_lobes:
-            if begins is None:
-                begins = begins_by_mesh(found.lines, self.n_lobes)
-            if known is None:
-                known = self._guess(found.lines, begins, counts[rank], folds, seed)
-            self.lobe_network_ = self._network(found.lines, begins, known, seed)
-            by_lobe, held_out = np.full((2, *known.shape), np.nan)
-            for train, test in folds:
-                network = self._network(found.lines[train], begins[train], known[train], seed)
-                by_lobe[test] = self._lobe_logits(network, found.lines[test], begins[test])
-                held_out[test] = self._lobe_logits(network, found.lines[test], None)
-            self.calibration_ = platt(by_lobe, known)
-        self.weights_ = self._weigh(features, rank, member, folds, held_out, seed)
-        return self
+        self.pattern_ = "any" if known is not None and lobes_apart(known) else "consecutive"
+        self.count_trees_, self.lobe_trees_, self.networks_ = None, None, []
+        self.lobe_calibration_: Float | None = None
+        if network:
+            opinions = self._fit_networks(lines.lines, labels, rank, known, begins, folds, seed)
+            self.weights_: Float = np.array([1.0, 1.0, 0.0, 0.0])
+        else:
+            opinions = self._fit_trees(lines, labels, known, begins, folds, seed)
+            self.weights_ = np.array([1.0, 0.0][: len(opinions)])
+        self.dependence_: float | None = None
+        proba = np.full(opinions.shape[1:], np.nan)
+        if folds:
+            held_out = np.isfinite(opinions).all(axis=(0, 2))
+            opinions, rank, member = opinions[:, held_out], rank[held_out], member[held_out]
+            weights = window_weights(np.unique(member, return_inverse=True)[1])
+            self.weights_ = pool_weights(opinions, rank, weights, np.unique(member).size)
+            proba[held_out] = pool_opinions(opinions, self.weights_)
+            self.dependence_ = learn_dependence(proba[held_out], rank, member)
+        return proba
 
     def predict_proba(self, X: ArrayLike) -> Float:
         """Calibrated probability of each count, shape (n_windows, n_classes), of windows as for ``fit``."""
         return self.proba_of_lines(self._lines(X))
 
     def predict_lobe_proba(self, X: ArrayLike, passage: ArrayLike | None = None) -> Float:
-        """Return the probability of each lobe given the count: they add up to the expected count.
+        """Return the probability that each lobe is worn.
 
         Parameters
         ----------
@@ -250,15 +300,14 @@ class LobeCounter(Counter):
         Returns
         -------
         ndarray, shape (n_windows, n_lobes)
+            Those of a network add up to the expected count.
 
         Raises
         ------
         ValueError
-            If training had no counts from which lobes could be learned.
+            If training had no counts, or no worn and sound lobes, from which lobes could be learned.
         """
-        proba, logits = self._both(X, passage)
-        given = inclusion(logits, self.pattern)[:, self.classes_.astype(int)]
-        return np.asarray(np.einsum("wc,wck->wk", proba, given))
+        return self.lobe_proba_of_lines(self._lines(X), passage)
 
     def predict_lobes(self, X: ArrayLike, passage: ArrayLike | None = None) -> Bool:
         """Return the most probable set of as many worn lobes as :meth:`predict` counts.
@@ -266,122 +315,263 @@ class LobeCounter(Counter):
         Arguments and errors are those of :meth:`predict_lobe_proba`; the result is a table of bool of the
         same shape.
         """
-        proba, logits = self._both(X, passage)
-        counts = self.classes_.astype(int)[np.argmax(proba, axis=1)]
-        return best_sets(logits, counts, self.pattern)
+        lines = self._lines(X)
+        proba = self.proba_of_lines(lines)
+        share = np.clip(self.lobe_proba_of_lines(lines, passage, proba), expit(-_SURE), expit(_SURE))
+        return best_sets(logit(share), self.classes_.astype(int)[np.argmax(proba, axis=1)], self.pattern_)
 
-    def _both(self, X: ArrayLike, passage: ArrayLike | None) -> tuple[Float, Float]:
-        """Probability of each count, and calibrated logits of the lobes."""
-        check_is_fitted(self)
-        if self.lobe_network_ is None:
+    @property
+    def locates(self) -> bool:
+        """Whether the fitted counter can locate lobes."""
+        is_count = self.classes_.dtype.kind in "iuf"
+        return is_count and (self.lobe_trees_ is not None or bool(self.networks_))
+
+    def proba_of_lines(self, lines: lobes.LobeLines, features: Float | None = None) -> Float:
+        """Return what :meth:`predict_proba` does, of windows whose lobe lines are at hand.
+
+        ``features`` are those of the lobe map, where they are at hand too.
+        """
+        if self.kind == "network":
+            opinions = self._row_opinions(self._log_counts(self._single_precision, lines.lines))
+            return pool_opinions(opinions, self.weights_)
+        if features is None:
+            features = self.lobe_map_.from_lines(lines)
+        opinions = safe_log(aligned_proba(self.count_trees_, features, self.classes_))[np.newaxis]
+        if self.pattern_ == "any":
+            by_lobe = self._log_counts_by_lobe(self.lobe_proba_of_lines(lines))
+            opinions = np.concatenate([opinions, by_lobe[np.newaxis]])
+        return pool_opinions(opinions, self.weights_)
+
+    def lobe_proba_of_lines(
+        self, lines: lobes.LobeLines, passage: ArrayLike | None = None, proba: Float | None = None
+    ) -> Float:
+        """Return what :meth:`predict_lobe_proba` does, of windows whose lobe lines are at hand.
+
+        ``proba`` are probabilities of counts, where they are at hand too.
+        """
+        if not self.locates:
             raise ValueError(
-                f"y in fit must hold numbers of worn lobes from 0 to n_lobes={self.n_lobes} for lobes to be "
-                f"found, got {self.classes_.tolist()}"
+                "to locate lobes, y in fit must hold numbers of worn lobes, and worn both kinds of lobes; "
+                f"got the classes {self.classes_.tolist()}"
             )
-        found = self._lines(X)
-        anywhere = self._logits(found, None)
-        proba = self._count_proba(found, anywhere)
+        if self.kind == "network" and proba is None:
+            proba = self.proba_of_lines(lines)
+        n_windows = len(lines.lines)
+        if passage is None and self.pattern_ == "any":
+            return self._calibrate(logits_anywhere(self.lobe_trees_, lines.lines, self.n_lobes))
         if passage is None:
-            return proba, anywhere
-        return proba, self._logits(found, _begins(passage, len(found.lines)))
+            starts = np.arange(PLACES)[:, np.newaxis] / (PLACES * self.n_lobes) * np.ones(n_windows)
+            places = np.stack([self._lobe_proba(lines.lines, start, proba) for start in starts])
+            # The place with the most decided lobes.
+            best = np.abs(places - 0.5).sum(axis=2).argmax(axis=0)
+            return np.asarray(places[best, np.arange(n_windows)])
+        begins = np.asarray(of_windows("passage", passage, n_windows), dtype=float)
+        return self._lobe_proba(lines.lines, begins, proba)
 
-    def _from_lines(self, found: lobes.LobeLines, passage: ArrayLike) -> Float:
-        """Return the probability that each lobe is worn, whatever the count, from given lobe lines."""
-        return np.asarray(expit(self._logits(found, _begins(passage, len(found.lines)))))
-
-    def proba_of_lines(self, lines: lobes.LobeLines) -> Float:
-        """Return what :meth:`predict_proba` does, of windows whose lobe lines are at hand."""
-        return self._count_proba(lines, self._logits(lines, None))
+    def _lobe_proba(self, lines: Complex, begins: Float, proba: Float | None) -> Float:
+        """Return the probability of each lobe, with slots from ``begins`` on."""
+        if self.pattern_ == "any":
+            return self._calibrate(lobe_logits(self.lobe_trees_, lines, begins, self.n_lobes)[0])
+        if proba is None or self.lobe_trees_ is not None:
+            share = self.lobe_trees_.predict_proba(coarse_views(lines, begins, self.n_lobes))[:, 1]
+            return np.asarray(share.reshape(len(lines), self.n_lobes))
+        at_lobes = lobes.shift(lines, begins)
+        # Of each class, where its row begins.
+        rows = np.mean(
+            [self._log_rows(network, at_lobes, 1)[0] for network in self._single_precision], axis=0
+        )
+        first = softmax(rows.transpose(0, 2, 1), axis=-1)
+        worn = np.zeros(first.shape[::2])
+        for k in np.flatnonzero(~self._sound):
+            for j in range(min(int(self.classes_[k]), self.n_lobes)):
+                worn += proba[:, [k]] * np.roll(first[:, k], j, axis=1)
+        return np.asarray(np.clip(worn, 0.0, 1.0))
 
     def _lines(self, X: ArrayLike) -> lobes.LobeLines:
         windows = self._windows(X)  # raises NotFittedError before lobe_map_ is used
         lines: lobes.LobeLines = self.lobe_map_.lines(windows)
         return lines
 
-    def _count_proba(self, found: lobes.LobeLines, logits: Float) -> Float:
-        features = self.lobe_map_.from_lines(found)
-        by_map = aligned_proba(self.count_trees_, features, np.arange(self.classes_.size))
-        return pool_opinions(self._opinions(by_map, logits), self.weights_)
-
-    def _opinions(self, by_map: Float, logits: Float) -> Float:
-        """Logarithms of the two opinions of the count, shape (2, n_windows, n_classes)."""
-        if self.lobe_network_ is None:
-            return np.stack([safe_log(by_map), np.zeros_like(by_map)])
-        by_lobes = softmax(log_counts(logits, self.pattern)[:, self.classes_.astype(int)], axis=-1)
-        return np.stack([safe_log(by_map), safe_log(by_lobes)])
-
     def _known_lobes(
-        self, y: NDArray[Any], worn: ArrayLike | None, passage: ArrayLike | None, counts: Int | None
-    ) -> Bool | None:
+        self, y: NDArray[Any], worn: ArrayLike | None, passage: ArrayLike | None
+    ) -> tuple[Bool | None, Float | None]:
+        """Return the table of worn lobes and when lobe 0 passes, checked; None where they are not known."""
         if worn is None:
-            return None
-        known, _ = known_lobes(worn, passage, len(y), self.n_lobes)
-        if counts is None or not np.array_equal(known.sum(axis=1), y):
+            return None, None
+        if passage is None:
+            raise ValueError(
+                "passage must be given together with worn: it says when the lobes pass, got None"
+            )
+        known = np.asarray(worn, dtype=bool)
+        if known.shape != (len(y), self.n_lobes):
+            expected = (len(y), self.n_lobes)
+            raise ValueError(f"worn must have shape (n_windows, n_lobes) = {expected}, got {known.shape}")
+        if not np.array_equal(known.sum(axis=1), y):
             raise ValueError("y must hold the number of lobes that worn marks in each window, it does not")
-        return known
+        if self.kind == "network" and lobes_apart(known):
+            raise ValueError("worn must hold rows of neighbours, use kind='trees' for other lobes")
+        return known, np.asarray(of_windows("passage", passage, len(y)), dtype=float)
 
-    def _network(self, lines: Complex, begins: Float, worn: Bool, seed: int) -> Pipeline | None:
-        """Trained network; None where lobes are all worn or all sound."""
-        if worn.min() == worn.max():
-            return None
-        X, kind = training_views(lines, begins, worn, self.points_per_lobe, seed)
-        return train_network(X, kind, self.n_hidden, self.n_epochs, seed)
+    # Trees
 
-    def _lobe_logits(self, network: Pipeline | None, lines: Complex, begins: Float | None) -> Float:
-        """Return the logits of the lobes, with slots from ``begins`` on or where the network finds them."""
-        if begins is None:
-            return logits_anywhere(network, lines, self.n_lobes, self.points_per_lobe)
-        return lobe_logits(network, views_of_lobes(lines, begins, self.n_lobes, self.points_per_lobe))[0]
-
-    def _guess(self, lines: Complex, begins: Float, n_worn: Int, folds: Folds, seed: int) -> Bool:
-        """Estimate the worn row, first at the energy of the fold, then where held-out networks find it."""
-        begun = lobes.fold(lobes.shift(lines, begins), self.n_lobes)
-        first = np.round(lobes.energy_centre(begun) * self.n_lobes - n_worn / 2).astype(int)
-        worn = turned(np.arange(self.n_lobes) < n_worn[:, np.newaxis], first)
-        for _ in range(_GUESSES if folds else 0):
-            logits = np.zeros(worn.shape)
-            for train, test in folds:
-                logits[test] = self._lobe_logits(
-                    self._network(lines[train], begins[train], worn[train], seed), lines[test], begins[test]
-                )
-            worn = best_sets(np.nan_to_num(logits), n_worn, "consecutive")
-        return worn
-
-    def _logits(self, found: lobes.LobeLines, begins: Float | None) -> Float:
-        """Calibrated logits of the lobes."""
-        if self.lobe_network_ is None:
-            return np.zeros((len(found.lines), self.n_lobes))
-        return self._calibrated(self._lobe_logits(self.lobe_network_, found.lines, begins))
-
-    def _calibrated(self, logits: Float) -> Float:
-        intercept, slope = self.calibration_
-        return np.asarray(np.clip(intercept + slope * logits, -_SURE, _SURE))
-
-    def _weigh(
-        self, features: Float, rank: Int, member: Int, folds: Folds, held_out: Float | None, seed: int
+    def _fit_trees(
+        self,
+        lines: lobes.LobeLines,
+        y: NDArray[Any],
+        worn: Bool | None,
+        begins: Float | None,
+        folds: Folds,
+        seed: int,
     ) -> Float:
-        """Learn the exponents of the two opinions on held-out assemblies."""
-        by_map = np.full((rank.size, self.classes_.size), np.nan)
+        """Grow the trees; return logarithms of held-out probabilities, (n_opinions, n_windows, n_classes)."""
+        features = self.lobe_map_.from_lines(lines)
+        trees = CountingTrees(self.n_trees, random_state=self.random_state)
+        self.count_trees_ = trees.fit(features, y)
+        by_map = np.full((len(y), self.classes_.size), np.nan)
         for train, test in folds:
-            trees = CountingTrees(self.n_trees, random_state=seed).fit(features[train], rank[train])
-            by_map[test] = aligned_proba(trees, features[test], np.arange(self.classes_.size))
-        if held_out is None:
-            held_out = np.zeros((rank.size, self.n_lobes))
-        usable = np.isfinite(by_map).all(axis=1) & np.isfinite(held_out).all(axis=1)
-        if not usable.any():
-            return np.array([1.0, 0.0])
-        opinions = self._opinions(by_map[usable], self._calibrated(held_out[usable]))
-        n_assemblies = np.unique(member[usable]).size
-        return pool_weights(opinions, rank[usable], window_weights(member)[usable], n_assemblies)
+            trees = CountingTrees(self.n_trees, random_state=self.random_state)
+            by_map[test] = aligned_proba(trees.fit(features[train], y[train]), features[test], self.classes_)
+        if worn is None or begins is None or worn.min() == worn.max():
+            self.pattern_ = "consecutive"
+            return safe_log(by_map)[np.newaxis]
+        if self.pattern_ == "consecutive":
+            trees = CountingTrees(
+                _LOBE_TREES, min_samples_leaf=3, max_features=0.5, random_state=self.random_state
+            )
+            self.lobe_trees_ = trees.fit(coarse_views(lines.lines, begins, self.n_lobes), worn.ravel())
+            return safe_log(by_map)[np.newaxis]
+        every = np.arange(len(y))
+        self.lobe_trees_ = self._grow_lobe_trees(lines.lines, begins, worn, every, seed)
+        known, anywhere = np.full((2, *worn.shape), np.nan)
+        for train, test in folds:
+            trees = self._grow_lobe_trees(lines.lines, begins, worn, train, seed)
+            known[test] = lobe_logits(trees, lines.lines[test], begins[test], self.n_lobes)[0]
+            anywhere[test] = logits_anywhere(trees, lines.lines[test], self.n_lobes)
+        self.lobe_calibration_ = platt_calibration(known, worn)
+        return np.stack([safe_log(by_map), self._log_counts_by_lobe(self._calibrate(anywhere))])
+
+    def _grow_lobe_trees(
+        self, lines: Complex, begins: Float, worn: Bool, rows: NDArray[np.intp], seed: int
+    ) -> CountingTrees:
+        """Grow trees that judge lobes one by one, on some of the windows."""
+        trees = CountingTrees(_LOBE_TREES, min_samples_leaf=3, max_features=0.3, random_state=seed)
+        return trees.fit(*views_to_learn(lines[rows], begins[rows], worn[rows], seed))
+
+    def _calibrate(self, logits: Float) -> Float:
+        """Return calibrated probabilities of lobes."""
+        assert self.lobe_calibration_ is not None
+        intercept, slope = self.lobe_calibration_
+        return np.asarray(expit(np.clip(intercept + slope * logits, -_SURE, _SURE)))
+
+    def _log_counts_by_lobe(self, lobe_proba: Float) -> Float:
+        """Return the logarithm of the probability of each count, if lobes are independent."""
+        counts = log_counts(logit(lobe_proba))[:, self.classes_.astype(int)]
+        return safe_log(softmax(counts, axis=-1))
+
+    # Networks
+
+    def _fit_networks(
+        self,
+        lines: Complex,
+        y: NDArray[Any],
+        rank: Int,
+        worn: Bool | None,
+        begins: Float | None,
+        folds: Folds,
+        seed: int,
+    ) -> Float:
+        """Train the networks; return the held-out opinions of the count, (4, n_windows, n_classes)."""
+        if worn is not None and begins is not None:
+            first: Int = row_starts(worn).argmax(axis=1)
+        else:
+            counts = y.astype(float) if y.dtype.kind in "iuf" else rank.astype(float)
+            begins = np.zeros(len(y))
+            if lines.shape[1] >= self.n_lobes:
+                phase = np.angle(lines[:, self.n_lobes - 1]) / (2 * np.pi)
+                begins = np.asarray((_MESH_PHASE - phase) % 1.0 / self.n_lobes)
+            centre = lobes.energy_centre(lobes.fold(lobes.shift(lines, begins), self.n_lobes))
+            first = np.round(centre * self.n_lobes - counts / 2).astype(np.int64) % self.n_lobes
+        # The number of each window's length; sound discs have no row, theirs is -1.
+        length = np.where(self._sound, -1, np.cumsum(~self._sound) - 1)[rank]
+        begins = begins + first / self.n_lobes
+        every = np.arange(len(rank))
+        self.networks_: list[Weights] = [
+            train_network(
+                lines[rows], length[rows], begins[rows], n_lobes=self.n_lobes,
+                n_lengths=int((~self._sound).sum()), n_epochs=self.n_epochs, random_state=seed + number,
+            )
+            for number, (rows, _) in enumerate(folds or [(every, every)])
+        ]  # fmt: skip
+        logs = np.full((rank.size, self.classes_.size), np.nan)
+        for network, (_, rows) in zip(self._single_precision, folds, strict=False):
+            logs[rows] = self._log_counts([network], lines[rows])
+        return self._row_opinions(logs)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what follows from the networks."""
+        state = super().__getstate__()
+        return {name: value for name, value in state.items() if name != "_single_precision"}
+
+    @cached_property
+    def _single_precision(self) -> list[Weights]:
+        """Networks in single precision, in which numpy is fast; files hold half precision only."""
+        return [
+            {name: values.astype(np.float32) for name, values in network.items()}
+            for network in self.networks_
+        ]
+
+    @property
+    def _sound(self) -> Bool:
+        """Mark the class of a sound disc, where there is one."""
+        is_number = self.classes_.dtype.kind in "iuf"
+        return np.asarray(self.classes_ == 0) if is_number else np.zeros(self.classes_.size, dtype=bool)
+
+    def _log_rows(self, network: Weights, lines: Complex, n_places: int) -> tuple[Float, Float]:
+        """Return the log odds of each class with a row at each place, and of a sound disc.
+
+        Shapes are (n_windows, n_lobes * n_places, n_classes), where the class of a sound disc has zeros, and
+        (n_windows,).
+        """
+        turns = place_turns(self.n_lobes, lines.shape[1], n_places)
+        rows, sound = log_odds(np, network, lines.astype(np.complex64), turns)
+        logs = np.zeros((*rows.shape[:2], self.classes_.size))
+        logs[..., ~self._sound] = rows
+        return logs, sound
+
+    def _log_counts(self, networks: Sequence[Weights], lines: Complex) -> Float:
+        """Return the log odds of each class against no row, (n_windows, n_classes), means over the networks.
+
+        The mean is taken after the sum over the places. The sum of one network holds the peaks of its own
+        noise, on which probabilities are calibrated; means at each place have lower peaks.
+        """
+        logs = np.zeros((len(lines), self.classes_.size))
+        for k in range(0, len(logs), _BLOCK):
+            answers = [self._log_rows(network, lines[k : k + _BLOCK], PLACES) for network in networks]
+            logs[k : k + _BLOCK] = np.mean(
+                [logsumexp(rows, axis=1) - sound[:, np.newaxis] for rows, sound in answers], axis=0
+            )
+        logs[:, self._sound] = 0.0
+        return logs
+
+    def _row_opinions(self, logs: Float) -> Float:
+        """Return what is pooled: odds of a row, probabilities of its length, and one for and against none."""
+        sound = np.broadcast_to(self._sound.astype(float), logs.shape)
+        total = logsumexp(logs[:, ~self._sound], axis=1, keepdims=True)
+        any_row = np.where(self._sound, 0.0, np.clip(total, _LEAST_LOG, -_LEAST_LOG))
+        length = np.where(self._sound, 0.0, np.maximum(logs - total, _LEAST_LOG))
+        return np.stack([any_row, length, sound, -sound])
 
 
-def _begins(passage: ArrayLike, n_windows: int) -> Float:
-    return np.asarray(of_windows("passage", passage, n_windows), dtype=float)
-
-
-def _counts(classes: NDArray[Any], n_lobes: int) -> Int | None:
-    """Return the classes as whole numbers from 0 to n_lobes; None if they are something else."""
-    if classes.dtype.kind not in "iuf":
-        return None
-    counts = classes.astype(np.int64)
-    return counts if np.all(counts == classes) and counts[0] >= 0 and counts[-1] <= n_lobes else None
+def lobe_map_at(
+    sampling_rate: float,
+    input_speed_hz: float,
+    n_lobes: int,
+    speed_tolerance: float,
+    most_lines: int = lobes.N_LINES,
+) -> LobeMap:
+    """Return a lobe map with as many lines as the sampling rate allows, at most ``most_lines``."""
+    n_lines = lobes.lines_held(sampling_rate, input_speed_hz, n_lobes, speed_tolerance, most_lines)
+    return LobeMap(
+        sampling_rate, input_speed_hz=input_speed_hz, n_lobes=n_lobes, n_lines=n_lines,
+        speed_tolerance=speed_tolerance,
+    )  # fmt: skip

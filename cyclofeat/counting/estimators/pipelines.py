@@ -7,15 +7,13 @@ from typing import Any
 from sklearn.base import BaseEstimator
 from sklearn.pipeline import Pipeline
 
-from cyclofeat.counting.estimators._lobe_map import held_lobe_map
 from cyclofeat.counting.estimators.entropy_ladder import EntropyLadder
-from cyclofeat.counting.estimators.lobe_counter import LobeCounter
-from cyclofeat.counting.estimators.row_counter import RowCounter
+from cyclofeat.counting.estimators.lobe_counter import LobeCounter, lobe_map_at
 from cyclofeat.counting.estimators.trees import CountingTrees
 from cyclofeat.features import SpectralEntropy, TorqueFeatures
 from cyclofeat.signal.lobes import SPEED_TOLERANCE
 
-KINDS = ("lobe_map", "features", "ladder", "lobes", "rows")
+KINDS = ("lobe_map", "features", "ladder", "trees", "network")
 
 
 def make_lobe_counter(
@@ -25,7 +23,7 @@ def make_lobe_counter(
     input_speed_hz: float = 500 / 60,
     n_lobes: int = 15,
     n_trees: int = 300,
-    random_state: int | None = 0,
+    random_state: int | None = None,
     speed_tolerance: float = SPEED_TOLERANCE,
 ) -> Any:
     """Make a counter of worn lobes of a chosen kind, ready to fit to windows.
@@ -36,15 +34,15 @@ def make_lobe_counter(
     ``"lobe_map"``  :class:`~cyclofeat.features.LobeMap`, then extremely randomised trees
     ``"features"``  :class:`~cyclofeat.features.TorqueFeatures` (all of them), then the same trees
     ``"ladder"``    :class:`~cyclofeat.features.SpectralEntropy`, then :class:`EntropyLadder`: the papers'
-    ``"lobes"``     :class:`LobeCounter`: count and positions
-    ``"rows"``      :class:`RowCounter`: count and positions of lobes that are neighbours
+    ``"trees"``     :class:`LobeCounter`: calibrated count, and positions
+    ``"network"``   :class:`LobeCounter` of kind "network": the same for lobes that are neighbours
     ==============  ====================================================================================
 
     Parameters
     ----------
     sampling_rate : float
         Samples per second of the windows, in Hz. A low rate holds fewer lobe lines than 44.
-    kind : {"lobe_map", "features", "ladder", "lobes", "rows"}
+    kind : {"lobe_map", "features", "ladder", "trees", "network"}
     input_speed_hz : float
         Nominal input speed in turns per second.
     n_lobes : int
@@ -59,7 +57,7 @@ def make_lobe_counter(
 
     Returns
     -------
-    sklearn.pipeline.Pipeline, LobeCounter or RowCounter
+    sklearn.pipeline.Pipeline or LobeCounter
         Unfitted. The steps of the pipelines are ``"lobe_map"`` and ``"trees"``; ``"features"`` and
         ``"trees"``; ``"entropy"`` and ``"ladder"``.
 
@@ -74,7 +72,7 @@ def make_lobe_counter(
     >>> [name for name, _ in counter.steps]
     ['lobe_map', 'trees']
 
-    Probabilities that are right as often as they say (``"lobes"`` is calibrated already):
+    Probabilities that are right as often as they say (those of a :class:`LobeCounter` are):
 
     >>> from cyclofeat.counting import GroupCalibratedCounter
     >>> calibrated = GroupCalibratedCounter(make_lobe_counter(sampling_rate=25_600))
@@ -84,14 +82,13 @@ def make_lobe_counter(
     if kind not in KINDS:
         raise ValueError(f"kind must be one of {KINDS}, got {kind!r}")
     disc: dict[str, Any] = {"input_speed_hz": input_speed_hz, "n_lobes": n_lobes}
-    if kind == "lobes":
+    if kind in ("trees", "network"):
         return LobeCounter(
-            sampling_rate, **disc, n_trees=n_trees, random_state=random_state, speed_tolerance=speed_tolerance
-        )
-    if kind == "rows":
-        return RowCounter(sampling_rate, **disc, random_state=random_state, speed_tolerance=speed_tolerance)
+            sampling_rate, kind=kind, **disc, n_trees=n_trees, random_state=random_state,
+            speed_tolerance=speed_tolerance,
+        )  # fmt: skip
     trees = ("trees", CountingTrees(n_estimators=n_trees, random_state=random_state))
-    lobe_map = ("lobe_map", held_lobe_map(sampling_rate, input_speed_hz, n_lobes, speed_tolerance))
+    lobe_map = ("lobe_map", lobe_map_at(sampling_rate, input_speed_hz, n_lobes, speed_tolerance))
     steps: dict[str, list[tuple[str, BaseEstimator]]] = {
         "lobe_map": [lobe_map, trees],
         "features": [("features", TorqueFeatures(sampling_rate, **disc)), trees],
@@ -101,7 +98,7 @@ def make_lobe_counter(
 
 
 def make_entropy_counter(
-    sampling_rate: float, *, n_trees: int = 300, random_state: int | None = 0
+    sampling_rate: float, *, n_trees: int = 300, random_state: int | None = None
 ) -> Pipeline:
     """Make a counter on the papers' best feature: Shannon spectral entropy, then the same trees.
 

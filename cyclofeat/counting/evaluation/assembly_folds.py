@@ -121,6 +121,7 @@ def held_out_proba(
     member: Int,
     classes: NDArray[Any],
     folds: Folds,
+    **metadata: NDArray[Any],
 ) -> Float:
     """Return the probabilities of each window by a copy of the estimator trained without its assembly.
 
@@ -128,6 +129,7 @@ def held_out_proba(
     """
     proba = np.full((len(y), len(classes)), np.nan)
     for train, test in folds:
-        fitted = fit_clone(estimator, X[train], y[train], groups=member[train])
+        known = {name: values[train] for name, values in metadata.items()}
+        fitted = fit_clone(estimator, X[train], y[train], groups=member[train], **known)
         proba[test] = aligned_proba(fitted, X[test], classes)
     return proba

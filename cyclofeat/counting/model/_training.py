@@ -1,4 +1,4 @@
-"""What a model of whole recordings learns: windows, and the counter and locator that are fitted to them."""
+"""What a model of whole recordings learns: windows, and the counter that is fitted to them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
@@ -16,11 +15,8 @@ from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.checks import whole
 from cyclofeat.counting.calibration.group_calibrated_counter import GroupCalibratedCounter
 from cyclofeat.counting.calibration.training_domain import features_seen
-from cyclofeat.counting.estimators._lobe_map import held_lobe_map
 from cyclofeat.counting.estimators.lobe_counter import LobeCounter
-from cyclofeat.counting.estimators.lobe_locator import LobeLocator, passage_of_lobe_zero
-from cyclofeat.counting.estimators.row_counter import RowCounter
-from cyclofeat.counting.estimators.trees import CountingTrees
+from cyclofeat.counting.estimators.lobe_positions import lobes_apart, passage_of_lobe_zero
 from cyclofeat.counting.evaluation.assembly_folds import fewest_assemblies, fit_clone
 from cyclofeat.counting.evaluation.evaluate import (
     Answers,
@@ -137,8 +133,8 @@ def counter_of_windows(model: LobeModel) -> Callable[[WindowSet, int], BaseEstim
     def make(windows: WindowSet, n_lobes: int) -> BaseEstimator:
         rate, seed = windows.sampling_rate, model.random_state
         worn = windows.worn_table(n_lobes)
-        of_rows = isinstance(kind, RowCounter) or kind == "rows"
-        if of_rows and (worn is None or _any_apart(worn)):
+        of_rows = kind == "rows" or is_network(kind)
+        if of_rows and (worn is None or lobes_apart(worn)):
             raise ValueError(
                 "recordings must all state an absolute angle and worn_lobes that are neighbours for "
                 "counter='rows', some do not"
@@ -147,14 +143,11 @@ def counter_of_windows(model: LobeModel) -> Callable[[WindowSet, int], BaseEstim
             counter = clone(kind)
         elif kind == "rows":
             n_lines = max(N_LINES, round(N_LINES * rate / SAMPLES_PER_TURN))
-            counter = RowCounter(rate, n_lines=n_lines, n_epochs=model.epochs, random_state=seed)
-        elif worn is not None and _any_apart(worn):
-            counter = LobeCounter(rate, n_trees=model.n_trees, random_state=seed)
+            counter = LobeCounter(
+                rate, kind="network", n_lines=n_lines, n_epochs=model.epochs, random_state=seed
+            )
         else:
-            lobe_map = held_lobe_map(rate, 1.0, n_lobes, speed_tolerance=0.0)
-            trees = CountingTrees(n_estimators=model.n_trees, random_state=seed)
-            calibrated = GroupCalibratedCounter(trees, random_state=seed)
-            counter = Pipeline([("lobe_map", lobe_map), ("trees", calibrated)])
+            counter = LobeCounter(rate, n_trees=model.n_trees, random_state=seed)
         # The angle is the time of windows: one turn per unit, exactly.
         known = {"sampling_rate": rate, "input_speed_hz": 1.0, "n_lobes": n_lobes, "speed_tolerance": 0.0}
         names = [name for name in counter.get_params(deep=True) if name.rpartition("__")[2] in known]
@@ -174,10 +167,18 @@ def fit_counter(
     if worn is not None:
         lobes = worn, passage_of_lobe_zero(windows.start_angle, n_lobes)
         metadata |= {"worn": lobes[0], "passage": lobes[1]}
-    if isinstance(counter, RowCounter):
-        counter.fit(X, y, **metadata)
-        scores = _scores_of_training(counter.oob_decision_function_, windows, protocol)
-        return counter, scores, features_seen(counter, X)
+    if isinstance(counter, LobeCounter):
+        proba = counter.fit_cross_val_proba(X, y, **metadata)
+        features = np.asarray(counter.lobe_map_.transform(X))
+        if is_network(counter):
+            scores = _scores_of_training(proba, windows, protocol)
+        elif counter.pattern_ == "any":
+            scores = _cross_validated_scores(counter, X, windows, protocol, lobes)
+        else:
+            # Calibration raises all probabilities to one power, which never changes the count.
+            trees = GroupCalibratedCounter(counter.count_trees_)
+            scores = _cross_validated_scores(trees, features, windows, protocol, None)
+        return counter, scores, features
     if not (isinstance(counter, Pipeline) and isinstance(counter[0], LobeMap)):
         scores = _cross_validated_scores(counter, X, windows, protocol, lobes)
         fitted = fit_clone(counter, X, y, **metadata)
@@ -192,17 +193,9 @@ def fit_counter(
     return Pipeline([counter.steps[0], *steps]), scores, seen
 
 
-def fit_locator(
-    counter: BaseEstimator, windows: WindowSet, n_lobes: int, random_state: int | None
-) -> LobeLocator | LobeCounter | RowCounter | None:
-    """Return what locates worn lobes: the counter, or a fitted locator where worn lobes are known."""
-    if isinstance(counter, (LobeCounter, RowCounter)):
-        return counter
-    worn = windows.worn_table(n_lobes)
-    if worn is None or not worn.any() or worn.all():
-        return None
-    locator = LobeLocator(windows.sampling_rate, 1.0, n_lobes, random_state=random_state, speed_tolerance=0.0)
-    return locator.fit(windows.X, worn, passage_of_lobe_zero(windows.start_angle, n_lobes))
+def is_network(counter: Any) -> bool:
+    """Return True for a counter of rows by networks."""
+    return isinstance(counter, LobeCounter) and counter.kind == "network"
 
 
 def _cross_validated_scores(
@@ -231,8 +224,3 @@ def _scores_of_training(proba: Float, windows: WindowSet, protocol: Protocol | N
     predictions = answers.classes[proba.argmax(axis=1)]
     answers = replace(answers, proba=proba, certainty=proba.max(axis=1), predictions=predictions)
     return score_answers(answers, protocol).to_dict()
-
-
-def _any_apart(worn: NDArray[np.bool_]) -> bool:
-    """Return True if the worn lobes of any window are more than one row of neighbours."""
-    return bool(((worn & ~np.roll(worn, 1, axis=1)).sum(axis=1) > 1).any())

@@ -25,8 +25,7 @@ from cyclofeat.counting.calibration.pooling import combine_proba
 from cyclofeat.counting.calibration.training_domain import TrainingDomain, features_seen
 from cyclofeat.counting.estimators._counter import PoorOnArbitraryData
 from cyclofeat.counting.estimators.lobe_counter import LobeCounter
-from cyclofeat.counting.estimators.lobe_locator import passage_of_lobe_zero
-from cyclofeat.counting.estimators.row_counter import RowCounter
+from cyclofeat.counting.estimators.lobe_positions import passage_of_lobe_zero
 from cyclofeat.counting.evaluation.evaluate import Protocol
 from cyclofeat.counting.evaluation.evaluation import score_text
 from cyclofeat.counting.model._training import (
@@ -35,7 +34,7 @@ from cyclofeat.counting.model._training import (
     counter_of_windows,
     draw_of_each_count,
     fit_counter,
-    fit_locator,
+    is_network,
     windows_to_learn,
 )
 from cyclofeat.counting.model._verdicts import disagreement, most_frequent, outvoted, window_faults
@@ -82,27 +81,26 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         lobe lines. Of ``"rows"``, 256 hold 88, which tell counts better apart at low speeds; recordings to be
         counted must hold as many.
     counter : {"trees", "rows"} or classifier, default="trees"
-        Counter of windows. ``"trees"``: trees on the lobe map, calibrated on held-out assemblies; where all
-        recordings state their worn lobes and some hold sets that are not one row of neighbours, a
-        :class:`LobeCounter`, which counts lobe by lobe. ``"rows"``: a :class:`RowCounter`, for neighbouring
-        lobes that all recordings state. It counts more accurately, learns more slowly, and its file is small;
-        training needs JAX and Optax. With ``wear_um`` it is more accurate than trees from some 500 assemblies
-        of each count on; single windows are then counted by what the first of each recording tells. Of
-        another classifier, such as a pipeline, steps with the parameters ``sampling_rate``,
-        ``input_speed_hz``, ``n_lobes`` or ``speed_tolerance`` get those of the windows; wrap it in a
-        :class:`GroupCalibratedCounter` for calibrated probabilities.
+        Counter of windows. ``"trees"``: a :class:`LobeCounter`, calibrated by assembly. ``"rows"``:
+        a :class:`LobeCounter` of kind "network", for neighbouring lobes that all recordings state. It counts
+        more accurately, learns more slowly, and its file is small; training needs JAX and Optax. With
+        ``wear_um`` it is more accurate than trees from some 500 assemblies of each count on; single windows
+        are then counted by what the first of each recording tells. Of another classifier, such as a
+        pipeline, steps with the parameters ``sampling_rate``, ``input_speed_hz``, ``n_lobes`` or
+        ``speed_tolerance`` get those of the windows; wrap it in a :class:`GroupCalibratedCounter` for
+        calibrated probabilities. A classifier that is no :class:`LobeCounter` locates no lobes.
     n_trees : int, default=300
-        Trees of ``"trees"``, of the locator and of the depth of wear.
+        Trees of ``"trees"`` and of the depth of wear.
     epochs : int, optional
         Times that ``"rows"`` sees each window; with ``wear_um``, each run of windows. Default: 40, and more
-        where they are few (``n_epochs`` of :class:`RowCounter`).
+        where they are few (``n_epochs`` of :class:`LobeCounter`).
     wear_um : (low, high), optional
         Range of radial wear in um whose depth is learned, that of ``meta["wear_um"]`` of all recordings with
         worn lobes. Counts are then made from as many windows in a row as the shortest recording holds, at
         most five, because early wear hardly shows in one. Default: no depth.
     n_splits : int, default=5
         Folds of the cross-validation with whole assemblies held out, whose result goes on the card; 0 for
-        none. A :class:`RowCounter` has folds of its own, whose result is taken. Where a class has fewer
+        none. ``"rows"`` has folds of its own, whose result is taken. Where a class has fewer
         assemblies there is none either, and the card says so.
     random_state : int, optional
         Seed of trees, networks and folds.
@@ -115,9 +113,6 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         Labels of the counts, in the order of the columns of :meth:`predict_proba`.
     counter_ : classifier
         Fitted counter of windows; its ``classes_`` are the numbers of worn lobes.
-    locator_ : LobeLocator, LobeCounter, RowCounter or None
-        Fitted; the counter itself where that locates lobes. None where the training recordings did not all
-        state their worn lobes and an absolute angle.
     domain_ : TrainingDomain or None
         Fitted to the features that the counter sees; None where there was one assembly only.
     wear_ : RadialWear or None
@@ -193,7 +188,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         stated = None if self.wear_um is None else stated_depths(known, self.wear_um)
         windower = self._windower()
         assert windower.samples_per_turn is not None
-        rows = self.counter == "rows" or isinstance(self.counter, RowCounter)
+        rows = self.counter == "rows" or is_network(self.counter)
         # Faint lines are often right, but those of a sound disc are noise: the stated speed is safer.
         turnings = [turning_of(recording, n_lobes, by_faint_lines=False) for recording in known]
         per_turn = common_samples_per_turn(known, turnings, n_lobes, windower.samples_per_turn)
@@ -213,12 +208,11 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         if np.unique(windows.y).size < 2:
             raise ValueError(f"recordings must hold at least two defect counts, got {windows.y[0]} only")
         counter = make(windows, n_lobes)
-        epochs = counter.n_epochs if isinstance(counter, RowCounter) else None
-        if isinstance(counter, RowCounter) and stated is not None:
+        epochs = counter.n_epochs if rows else None
+        if rows and stated is not None:
             counter.set_params(n_epochs=None)
         protocol = Protocol(n_splits=self.n_splits, random_state=self.random_state) if self.n_splits else None
         self.counter_, scores, features = fit_counter(counter, windows, n_lobes, protocol)
-        self.locator_ = fit_locator(self.counter_, windows, n_lobes, self.random_state)
         member = windows.recording if windows.groups is None else windows.groups
         self.domain_: TrainingDomain | None = None
         if np.unique(member).size > 1:
@@ -246,13 +240,19 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             of_runs = clone(self.counter_).set_params(n_epochs=epochs) if rows else None
             self.wear_ = RadialWear.train(
                 of_tachometer, stated, n_lobes=n_lobes, n_trees=self.n_trees, random_state=self.random_state,
-                rows=of_runs,
+                network=of_runs,
             )  # fmt: skip
             self.card_["wear"] = self.wear_.summary()
         self.n_lobes_, self.samples_per_turn_ = n_lobes, per_turn
         self.coarser_: LobeModel | None = None
         self.classes_: NDArray[Any] = np.array([label_of[c] for c in self.counter_.classes_.tolist()])
         return self
+
+    @property
+    def locator_(self) -> LobeCounter | None:
+        """The counter where it locates lobes: training recordings all state worn lobes and absolute angle."""
+        counter = self.counter_
+        return counter if isinstance(counter, LobeCounter) and counter.locates else None
 
     def _windower(self) -> Windower:
         """Return the windower as given, or the default one."""
@@ -697,8 +697,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         rows = [slice(end - len(one.windows), end) for end, one in zip(ends.tolist(), batch, strict=True)]
         located: Sequence[Float | None] = [None] * len(batch)
         if self.locator_ is not None:
-            if lines is None:
-                lines = self.locator_.lobe_map_.lines(X)
+            assert lines is not None
             located = self._lobe_proba(batch, lines, rows, proba)
         return [
             AnsweredWindows(
@@ -733,10 +732,10 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             features = seen = self.counter_[0].from_lines(lines)
             if isinstance(deciding, Pipeline) and self.domain_ is not None:
                 features = np.asarray(deciding[:-1].transform(features))
-        elif isinstance(self.counter_, (LobeCounter, RowCounter)):
+        elif isinstance(self.counter_, LobeCounter):
             lines = self.counter_.lobe_map_.lines(X)
             features = self.counter_.lobe_map_.from_lines(lines)
-            return self.counter_.proba_of_lines(lines), features, lines
+            return self.counter_.proba_of_lines(lines, features), features, lines
         elif self.domain_ is not None:
             features = features_seen(self.counter_, X)
         return np.asarray(deciding.predict_proba(seen)), features, lines
@@ -777,8 +776,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         ]
         passages = np.concatenate([places.ravel() for places in begins])
         row_of = np.concatenate(repeated)
-        known = {"proba": of_counts[row_of]} if isinstance(self.locator_, RowCounter) else {}
-        proba = self.locator_._from_lines(lines.part(row_of), passages, **known)
+        proba = self.locator_.lobe_proba_of_lines(lines.part(row_of), passages, of_counts[row_of])
         parts = np.split(proba, np.cumsum([places.size for places in begins])[:-1])
         return [part.reshape(*places.shape, -1) for part, places in zip(parts, begins, strict=True)]
 

@@ -15,8 +15,8 @@ from cyclofeat._base.words import number
 from cyclofeat.counting.calibration.conformal_regressor import ConformalRegressor
 from cyclofeat.counting.calibration.group_calibrated_counter import GroupCalibratedCounter
 from cyclofeat.counting.calibration.pooling import combine_proba
-from cyclofeat.counting.estimators.lobe_locator import passage_of_lobe_zero
-from cyclofeat.counting.estimators.row_counter import RowCounter
+from cyclofeat.counting.estimators.lobe_counter import LobeCounter
+from cyclofeat.counting.estimators.lobe_positions import passage_of_lobe_zero
 from cyclofeat.counting.estimators.trees import CountingTrees
 from cyclofeat.counting.evaluation.assembly_folds import Float
 from cyclofeat.features import LobeMap
@@ -90,7 +90,7 @@ class RadialWear:
 
     Attributes
     ----------
-    counter : GroupCalibratedCounter or RowCounter
+    counter : GroupCalibratedCounter or LobeCounter
         Fitted to the features of runs, or to runs; classes are defect counts.
     depth : ConformalRegressor
         Fitted to the logarithm of the depth in um, by the features of runs and the probabilities of counts.
@@ -111,7 +111,7 @@ class RadialWear:
         not seen their assembly. Faint wear is like none: with equal odds a third of them may be.
     """
 
-    counter: GroupCalibratedCounter | RowCounter
+    counter: GroupCalibratedCounter | LobeCounter
     depth: ConformalRegressor
     n_windows: int
     n_lobes: int
@@ -130,8 +130,8 @@ class RadialWear:
         *,
         n_lobes: int,
         n_trees: int = 300,
-        random_state: int | None = 0,
-        rows: RowCounter | None = None,
+        random_state: int | None = None,
+        network: LobeCounter | None = None,
     ) -> RadialWear:
         """Train on windows over the angle of the shaft.
 
@@ -143,9 +143,9 @@ class RadialWear:
             Depth of each recording's wear in um, not used where no lobe is worn; least and largest depth.
         n_lobes, n_trees, random_state : int
             As of :class:`LobeModel`.
-        rows : RowCounter, optional
-            Counts the runs, with the lobe lines that these hold; worn lobes are known and neighbours.
-            Default: trees.
+        network : LobeCounter, optional
+            Of kind "network": counts the runs, with the lobe lines that these hold; worn lobes are known and
+            neighbours. Default: trees.
 
         Returns
         -------
@@ -169,17 +169,16 @@ class RadialWear:
         runs = [runs_of(windows.X[one], n_windows) for one in of_recordings]
         per_turn = round(windows.sampling_rate)
         features = np.vstack([wear_features(one, n_lobes, per_turn) for one in runs])
-        counter: GroupCalibratedCounter | RowCounter
-        if rows is not None:
-            counter = rows.set_params(n_lines=_n_lines(n_lobes, per_turn))
+        counter: GroupCalibratedCounter | LobeCounter
+        if network is not None:
+            counter = network.set_params(n_lines=_n_lines(n_lobes, per_turn))
             table = windows.part(first).worn_table(n_lobes)
             passage = passage_of_lobe_zero(windows.start_angle[first], n_lobes)
-            counter.fit(np.concatenate(runs), count, table, passage, groups=member)
+            proba = counter.fit_cross_val_proba(np.concatenate(runs), count, member, table, passage)
         else:
             trees = CountingTrees(n_trees, max_features=0.2, random_state=random_state)
             counter = GroupCalibratedCounter(trees, random_state=random_state)
-            counter.fit(features, count, groups=member)
-        proba = counter.oob_decision_function_
+            proba = counter.fit_cross_val_proba(features, count, member)
         log_depth = np.log(depths_um[recording])
         limit, accuracy, false_alarms, odds = None, None, None, 1.0
         # Depths are stated, and so learned and judged, where wear is seen.
@@ -239,7 +238,7 @@ class RadialWear:
         if not len(runs):
             return None
         features = wear_features(runs, self.n_lobes, self.samples_per_turn)
-        seen = runs if isinstance(self.counter, RowCounter) else features
+        seen = runs if isinstance(self.counter, LobeCounter) else features
         return np.hstack([self.counter.predict_proba(seen), features])
 
     def probability(self, answers: Float) -> Float:
