@@ -263,7 +263,9 @@ class LobeCounter(Counter):
         self.__dict__.pop("_single_precision", None)  # of an earlier fit
         self.calibrated_ = bool(folds)
         self.pattern_ = "any" if known is not None and lobes_apart(known) else "consecutive"
-        self.count_trees_, self.lobe_trees_, self.networks_ = None, None, []
+        self.count_trees_: CountingTrees | None = None
+        self.lobe_trees_: CountingTrees | None = None
+        self.networks_: list[Weights] = []
         self.lobe_calibration_: Float | None = None
         if network:
             opinions = self._fit_networks(lines.lines, labels, rank, known, begins, folds, seed)
@@ -358,6 +360,7 @@ class LobeCounter(Counter):
             proba = self.proba_of_lines(lines)
         n_windows = len(lines.lines)
         if passage is None and self.pattern_ == "any":
+            assert self.lobe_trees_ is not None
             return self._calibrate(logits_anywhere(self.lobe_trees_, lines.lines, self.n_lobes))
         if passage is None:
             starts = np.arange(PLACES)[:, np.newaxis] / (PLACES * self.n_lobes) * np.ones(n_windows)
@@ -371,10 +374,12 @@ class LobeCounter(Counter):
     def _lobe_proba(self, lines: Complex, begins: Float, proba: Float | None) -> Float:
         """Return the probability of each lobe, with slots from ``begins`` on."""
         if self.pattern_ == "any":
+            assert self.lobe_trees_ is not None
             return self._calibrate(lobe_logits(self.lobe_trees_, lines, begins, self.n_lobes)[0])
-        if proba is None or self.lobe_trees_ is not None:
+        if self.lobe_trees_ is not None:
             share = self.lobe_trees_.predict_proba(coarse_views(lines, begins, self.n_lobes))[:, 1]
             return np.asarray(share.reshape(len(lines), self.n_lobes))
+        assert proba is not None
         at_lobes = lobes.shift(lines, begins)
         # Of each class, where its row begins.
         rows = np.mean(
@@ -495,7 +500,7 @@ class LobeCounter(Counter):
         length = np.where(self._sound, -1, np.cumsum(~self._sound) - 1)[rank]
         begins = begins + first / self.n_lobes
         every = np.arange(len(rank))
-        self.networks_: list[Weights] = [
+        self.networks_ = [
             train_network(
                 lines[rows], length[rows], begins[rows], n_lobes=self.n_lobes,
                 n_lengths=int((~self._sound).sum()), n_epochs=self.n_epochs, random_state=seed + number,
