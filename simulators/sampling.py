@@ -113,15 +113,8 @@ def sample_each(
 ) -> Generator[tuple[int, T], None, None]:
     """Yield the place of each sample, and what ``then`` makes of place and run in the thread that made it.
 
-    Parameters
-    ----------
-    samples : sequence of Sample
-    then : callable
-        Called with the place of a sample and its :class:`SampledRun`.
-    kernel, n_jobs
-        As in :func:`cyclofeat.simulators.simulate_many`.
-    most_draws : int
-        Machines that are drawn for a sample until one can run.
+    ``kernel`` and ``n_jobs`` as in :func:`cyclofeat.simulators.simulate_many`. For each sample, up to
+    ``most_draws`` machines are drawn until one can run.
     """
     plans = dict(enumerate(sample.plan() for sample in samples))
 
@@ -145,24 +138,9 @@ def sample_runs(
 ) -> list[MachineRun | SimulationFailed | ValueError]:
     """Simulate recordings of rigs, in batches where possible; a failure is a result.
 
-    Parameters
-    ----------
-    samples : sequence of Sample, PlannedRun or ValueError
-        Recordings, drawn (:meth:`cyclofeat.simulators.Rig.plan_run`) or not. An error stands for itself.
-    kernel : {"exact", "batch", "auto"}
-        As in :func:`cyclofeat.simulators.simulate_many`.
-
-    Returns
-    -------
-    list of MachineRun, SimulationFailed or ValueError
-        In the order of the samples, each depending on its own sample and the kernel only. ValueError: the
-        machine cannot be built or run.
-
-    Examples
-    --------
-    >>> plans = [Rig.r1().plan_run(LobeDefects.worn(n), duration=0.1, random_state=n) for n in range(2)]
-    >>> [run.record().torque_out.shape for run in sample_runs(plans)]
-    [(2560,), (2560,)]
+    Samples may be drawn already (:meth:`cyclofeat.simulators.Rig.plan_run`); an error stands for itself.
+    Results have the order of the samples, and each depends on its own sample and the kernel only. A
+    ValueError is that of a machine that cannot be built or run.
     """
     checks.one_of("kernel", kernel, ("exact", "batch", "auto"))
     plans: list[PlannedRun | ValueError] = []
@@ -205,11 +183,11 @@ class Wear:
     lobes : {"consecutive", "random", "mixed"}
         Neighbours from a random first lobe; any lobes; or one or the other with equal chances.
     wheels : tuple of int, optional
-        Wheels with the wear. Default: wheel 0 alone or both, with equal chances.
+        Default: wheel 0 alone or both, with equal chances.
     depth : float
         Severity of the chord.
     wear_um : (float, float), optional
-        Range of radial wear in um in place of the chord; log-uniform unless it begins at 0.
+        Range of radial wear in place of the chord; log-uniform unless it begins at 0.
     radial_share : float
         Probability of radial wear; the other assemblies have the chord.
     """

@@ -38,23 +38,10 @@ _N_STEPS = 121
 
 @dataclass(frozen=True)
 class Trial:
-    """Simulated assemblies with n or n + 1 worn lobes, and how many were identified correctly.
+    """Simulated assemblies with ``worn`` lobes or one more, of which ``right`` were identified correctly.
 
-    Attributes
-    ----------
-    rig : str
-    depth : float
-        Of the wear, as a share of the lobe's width.
-    noise_nm : float
-        Standard deviation of the white noise in Nm.
-    turns : int
-        Output turns recorded.
-    worn : int
-        n.
-    assemblies : int
-        With n or n + 1 worn lobes.
-    right : float
-        Assemblies identified correctly; an assembly counts in part if some of its recordings are correct.
+    ``depth`` is a share of the lobe's width, ``noise_nm`` the standard deviation of the white noise in Nm,
+    and ``turns`` the output turns recorded. An assembly counts in part if some of its recordings are right.
     """
 
     rig: str
@@ -346,19 +333,9 @@ def plan_turns(
 
 
 def right_decisions(noncentral: NDArray[Any], degrees: int) -> Float:
-    """Return the share of right decisions between a chi-squared number and a noncentral one.
+    """Return the share of right decisions between chi-squared and noncentral numbers, 0.5 (guessing) to 1.
 
-    Parameters
-    ----------
-    noncentral : ndarray
-        Noncentralities.
-    degrees : int
-        Degrees of freedom.
-
-    Returns
-    -------
-    ndarray
-        At the best threshold, both equally frequent; 0.5 (guessing) to 1.
+    At the best threshold, both equally frequent, for each noncentrality.
     """
     largest = max(float(np.max(noncentral)), 1.0)
     table = np.concatenate([[0.0], np.geomspace(min(0.1, largest / 2), largest, 60)])

@@ -114,26 +114,8 @@ def run_campaign(
 class Shards:
     """Rows of several ``.npy`` files of float32 as one two-dimensional array, read on demand.
 
-    A single row is memory-mapped; other selections and ``numpy.asarray`` copy.
-
-    Parameters
-    ----------
-    paths : sequence of path
-        Files, each of shape (n, n_samples).
-    sizes : sequence of int
-        Number of rows in each.
-    n_samples : int
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     paths = [pathlib.Path(folder) / name for name in ("a.npy", "b.npy")]
-    ...     np.save(paths[0], np.array([[1, 2], [3, 4]], dtype=np.float32))
-    ...     np.save(paths[1], np.array([[5, 6]], dtype=np.float32))
-    ...     X = Shards(paths, [2, 1], 2)
-    ...     X.shape, X[[2, 0]].tolist(), X[1:, 1].tolist()
-    ((3, 2), [[5.0, 6.0], [1.0, 2.0]], [4.0, 6.0])
+    A single row is memory-mapped; other selections and ``numpy.asarray`` copy. ``sizes`` are the numbers of
+    rows in the files.
     """
 
     dtype = np.dtype(np.float32)

@@ -289,7 +289,7 @@ def test_wheels_count_from_1_in_files() -> None:
 
 
 @pytest.mark.parametrize("backend", ["loky", "threading"])
-def test_the_same_bytes_for_any_run(whole: Path, tmp_path: Path, backend: str) -> None:
+def test_the_same_bytes_for_any_workers(whole: Path, tmp_path: Path, backend: str) -> None:
     calls: list[tuple[int, int]] = []
     with joblib.parallel_config(backend=backend):
         run_campaign(
@@ -816,14 +816,14 @@ def test_a_worker_of_another_version_is_refused(monkeypatch: pytest.MonkeyPatch,
 
 
 @contextlib.contextmanager
-def cluster(n_run: int = 2):  # type: ignore[no-untyped-def]
+def cluster(n_workers: int = 2):  # type: ignore[no-untyped-def]
     import dask
     from distributed import LocalCluster
 
     with (
         dask.config.set({"distributed.worker.multiprocessing-method": "spawn"}),
         LocalCluster(
-            n_run=n_run,
+            n_workers=n_workers,
             threads_per_worker=1,
             processes=True,
             dashboard_address=":0",
@@ -834,7 +834,7 @@ def cluster(n_run: int = 2):  # type: ignore[no-untyped-def]
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-def test_no_scheduler_no_run_no_dask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_scheduler_no_workers_no_dask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from distributed import LocalCluster
 
     monkeypatch.setattr(_run, "CONNECT_S", 0.5)
@@ -849,7 +849,7 @@ def test_no_scheduler_no_run_no_dask(tmp_path: Path, monkeypatch: pytest.MonkeyP
         run_campaign(SMALL, tmp_path / "out", scheduler=8786)
     with (
         LocalCluster(
-            n_run=0, processes=False, dashboard_address=":0", protocol="tcp", host="127.0.0.1"
+            n_workers=0, processes=False, dashboard_address=":0", protocol="tcp", host="127.0.0.1"
         ) as made,
         pytest.raises(WorkerLost, match="has had no worker for 0.5 s; all finished shards are kept"),
     ):
@@ -879,7 +879,7 @@ def test_a_cluster_makes_the_same_bytes_although_one_worker_is_killed(tmp_path: 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-def test_a_cluster_without_run_is_an_error_and_the_campaign_goes_on_elsewhere(
+def test_a_cluster_without_workers_is_an_error_and_the_campaign_goes_on_elsewhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(_run, "NO_WORKER_S", 2.0)

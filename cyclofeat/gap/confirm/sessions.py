@@ -29,15 +29,10 @@ _MACHINES_AT_ONCE = 4
 
 @dataclass(frozen=True)
 class SimulatedSessions:
-    """Simulated sessions.
+    """Simulated sessions, and how they were drawn.
 
-    Attributes
-    ----------
-    sessions : list of Session
-    sizes : ndarray, shape (n_sessions, n_sizes)
-        Parameters of the effects, in the world's order and on the scale of their fit.
-    tolerances : ndarray, shape (n_sessions,)
-        What differs between recordings anyway, over what the world states.
+    ``sizes``, shape (n_sessions, n_sizes), holds the parameters of the effects in the world's order and on
+    the scale of their fit; ``tolerances`` what differs between recordings anyway, over what the world states.
     """
 
     sessions: list[Session] = field(repr=False)
@@ -56,22 +51,12 @@ def simulate_sessions(
     random_state: int = 0,
     n_jobs: int = 1,
 ) -> SimulatedSessions:
-    """Simulate sessions with the conditions of another; some at a time share the runs of a machine.
+    """Simulate sessions with the conditions of a template; some at a time share the runs of a machine.
 
-    Parameters
-    ----------
-    world : World
-    template : Session
-        Whose conditions, assemblies, counts and tachometer they have; unknown counts are drawn.
-    draw : callable
-        Returns effects with random sizes; of those that share a machine, the first's effects on the gearbox
-        are used.
-    n_sessions : int
-    tolerance : callable, optional
-        Returns a random factor on all that differs between recordings anyway. Default: always 1.
-    n_rigs_per_machine : int, default=2
-        Sessions that share a machine, with other effects on the torque signal.
-    random_state, n_jobs : int
+    ``draw`` returns effects with random sizes: of the ``n_rigs_per_machine`` that share a machine, the
+    effects of the first on the gearbox are used, and those of each on the torque signal. ``tolerance``
+    returns a random factor on all that differs between recordings anyway (default: always 1). Unknown counts
+    are drawn.
     """
 
     def rigs(random: np.random.Generator) -> DrawnRigs:
@@ -113,28 +98,11 @@ def simulate_prior(
     n_jobs: int = 1,
     progress: Callable[[int, int], object] | None = None,
 ) -> Rigs:
-    """Simulate sessions with the conditions of another, of rigs whose effects are drawn from the prior.
+    """Simulate sessions with the conditions of a template, of rigs whose effects are drawn from the prior.
 
-    Parameters
-    ----------
-    world : World
-    template : Session
-        Whose conditions, assemblies and counts they have; unknown counts are drawn.
-    n_rigs : int
-        Two at a time share the runs of a machine.
-    random_state, n_jobs : int
-    progress : callable, optional
-        Called with the number of rigs done and ``n_rigs``.
-
-    Returns
-    -------
-    Rigs
-        Without those of which too many recordings failed.
-
-    Raises
-    ------
-    SimulationFailed
-        If all failed.
+    Two rigs at a time share the runs of a machine. Unknown counts are drawn. ``progress`` is called with the
+    number of rigs done and ``n_rigs``. Rigs of which too many recordings failed are left out; raises
+    SimulationFailed if all failed.
     """
 
     def rigs(random: np.random.Generator) -> DrawnRigs:

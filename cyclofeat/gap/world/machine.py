@@ -33,16 +33,9 @@ _SOLVER = dataclasses.replace(SOLVER, check_friction=False)
 class DrawnMachine:
     """One machine before its simulation.
 
-    Attributes
-    ----------
-    effects : tuple of Effect
-        Those that the gearbox answers.
-    chains : list of tuple of Effect
-        Those on the torque signal, for each rig that shares the machine.
-    session : DrawnSession
-        Conditions of the recordings.
-    seeds : list of numpy.random.SeedSequence
-        Of the recordings.
+    ``effects`` are those that the gearbox answers, ``chains`` those on the torque signal of each rig that
+    shares the machine, ``session`` the conditions of the recordings, and ``seeds`` the seeds of the
+    recordings.
     """
 
     effects: tuple[Effect, ...]

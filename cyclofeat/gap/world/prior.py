@@ -26,20 +26,10 @@ _REVERSED = 1 / 3  # share of the conditions in reverse
 
 @dataclass(frozen=True)
 class DrawnSession:
-    """Conditions of the recordings of one machine.
+    """Conditions of the recordings of one machine, arrays of shape (n_recordings,).
 
-    Attributes
-    ----------
-    speeds_rpm, loads_nm : ndarray, shape (n_recordings,)
-        Set-points of the input's speed in RPM and of the load in Nm.
-    directions : ndarray of int, shape (n_recordings,)
-        1, or -1 in reverse.
-    counts : ndarray of int, shape (n_recordings,)
-        Worn lobes.
-    assemblies : ndarray of int, shape (n_recordings,)
-        Recordings with equal numbers are of one assembly.
-    tolerance : float
-        Factor on all that differs between assemblies and recordings anyway.
+    Set-points of speed and load, direction (-1 in reverse) and worn lobes; recordings with equal numbers in
+    ``assemblies`` are of one assembly. ``tolerance`` is a factor on all that differs anyway.
     """
 
     speeds_rpm: Float = field(repr=False)
