@@ -21,7 +21,7 @@ from benchmarks._markdown import line, table
 from cyclofeat.counting import make_lobe_counter
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.gap import Comparison, EffectPosterior, load_posterior
-from cyclofeat.gap.confirm.confirm import confirm, draw_effects
+from cyclofeat.gap.confirm.confirm import confirm_effects, draw_effects
 from cyclofeat.gap.measured import MeasuredRig
 from cyclofeat.gap.posterior.answers import named_effects
 from cyclofeat.gap.simulations import Bank
@@ -40,7 +40,7 @@ def right(comparison: Comparison, judged: Bank, model: object) -> float:
     of_model = comparison.replace(rig=model, random_state=comparison.random_state + 2)
     bank = of_model.bank(TRAINED * len(COUNTS), COUNTS)
     counter = make_lobe_counter(
-        comparison.sampling_rate, input_speed_hz=comparison.conditions.input_speed_hz,
+        comparison.sampling_rate, input_speed_hz=comparison.kinematics.input_speed_hz,
         n_lobes=comparison.n_lobes, n_trees=N_TREES, random_state=0,
     )  # fmt: skip
     return float(counter.fit(bank.X, bank.counts).score(judged.X, judged.counts))
@@ -64,7 +64,7 @@ def corrected(
     )  # fmt: skip
     session = MeasuredRig.of(recordings, world.rig, world.sampling_rate).session()
     named = named_effects(posterior.presence(session))
-    confirmed = confirm(posterior, session, named)
+    confirmed = confirm_effects(posterior, session, named)
     variants = draw_effects(posterior, session, confirmed, N_VARIANTS)
     return comparison.corrected_rig(confirmed.effects), comparison.corrected_rig(variants=variants), named
 

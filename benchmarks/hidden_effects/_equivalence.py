@@ -16,7 +16,7 @@ from benchmarks.hidden_effects._sets import FIT, SEED, STANDARD, Planned
 from benchmarks.hidden_effects._visible import simulated_cells
 from cyclofeat.gap import Comparison
 from cyclofeat.gap.simulations import MAY_DIFFER
-from cyclofeat.gap.summaries.summarise import Conditions
+from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.summaries.turns import class_means, less_class_means
 from cyclofeat.gap.where.locate import locate
 from cyclofeat.gap.where.permutation import family_p
@@ -101,7 +101,7 @@ def distributions(n: int) -> tuple[Float, Float, list[Any], NDArray[np.int64]]:
     """Summaries of ``n`` recordings from both without an effect, cells, and counts of worn lobes."""
     planned = [Planned(FIT, i, STANDARD, COUNTS[i % len(COUNTS)]) for i in range(n)]
     own = np.array([_recorded(one, (10**6, one.number)) for one in planned])
-    here, cells = recording_cells(own, Conditions(SAMPLING_RATE, INPUT_HZ))
+    here, cells = recording_cells(own, Kinematics(SAMPLING_RATE, INPUT_HZ))
     there = simulated_cells((), planned, 5)[""]
     return here, there, cells, np.array([one.count for one in planned])
 

@@ -19,7 +19,7 @@ from benchmarks.hidden_effects._effects import Hidden, Run, nuisance_and_seed, o
 from benchmarks.hidden_effects._machine import SAMPLING_RATE
 from benchmarks.hidden_effects._sets import FIT, HOLD, SEED, Definition, Planned, definitions
 from cyclofeat.datasets import read_folder
-from cyclofeat.gap.summaries.summarise import Conditions
+from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.world.cells import turn_samples
 from cyclofeat.recordings import Recording
 
@@ -29,7 +29,7 @@ _PARTS = (FIT, HOLD)
 
 def n_samples(speed_rpm: float) -> int:
     """Samples of a recording: one output turn and 3 % more."""
-    return turn_samples(Conditions(SAMPLING_RATE, speed_rpm / 60))
+    return turn_samples(Kinematics(SAMPLING_RATE, speed_rpm / 60))
 
 
 def machine_run(one: Definition, planned: Planned) -> tuple[Run, np.random.SeedSequence]:

@@ -162,7 +162,7 @@ def _ends(row: Row, strength: str) -> tuple[float, float]:
 
 
 def _conditions(machine: int, random: np.random.Generator) -> tuple[tuple[Condition, ...], Condition | None]:
-    """Conditions of a machine: of three in a row one has three, one the standard one, one another."""
+    """Kinematics of a machine: of three in a row one has three, one the standard one, one another."""
     kind = np.random.default_rng([SEED, machine // 3, 3]).permutation(3)[machine % 3]
     if kind == 0:
         return (STANDARD,), None

@@ -31,7 +31,7 @@ from cyclofeat.gap.simulations import (
     Population,
     with_may_differ,
 )
-from cyclofeat.gap.summaries.summarise import Conditions
+from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.world.cells import recording_cells
 from cyclofeat.gap.world.prior import FLOOR
 from cyclofeat.simulators import Effect, Rig, known_effects
@@ -112,7 +112,7 @@ def _cells(torques: Sequence[NDArray[np.float32] | None], recordings: Sequence[P
         ]  # fmt: skip
         if there:
             X = np.array([torques[i] for i in there])
-            values, _ = recording_cells(X, Conditions(SAMPLING_RATE, speed / 60))
+            values, _ = recording_cells(X, Kinematics(SAMPLING_RATE, speed / 60))
             rows |= dict(zip(there, values, strict=True))
     n_cells = len(next(iter(rows.values()))) if rows else 0
     return np.array([rows.get(i, np.full(n_cells, np.nan)) for i in range(len(recordings))])

@@ -11,10 +11,10 @@ import numpy as np
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.checks import is_number
 from cyclofeat.gap.comparison import GapSettings
-from cyclofeat.gap.confirm.confirm import Confirmed, confirm, draw_effects
+from cyclofeat.gap.confirm.confirm import Confirmed, confirm_effects, draw_effects
 from cyclofeat.gap.confirm.next_measurement import simulate_possible
 from cyclofeat.gap.measured import SAME_LOAD, SAME_SPEED, Condition, MeasuredRig, set_points
-from cyclofeat.gap.overlays import Overlay, overlays
+from cyclofeat.gap.overlays import Overlay, summarise_overlays
 from cyclofeat.gap.posterior.answers import ABSENT, answer_of, named_effects
 from cyclofeat.gap.posterior.effect_posterior import EffectPosterior, load_posterior
 from cyclofeat.gap.proof.prove import Proof, prove_all
@@ -91,13 +91,13 @@ def find_gap(
         posterior, session, random_state=settings.random_state, n_jobs=settings.n_jobs
     )
     named = named_effects(presence)
-    confirmed = confirm(
+    confirmed = confirm_effects(
         posterior, session, named, possible=possible.sessions,
         random_state=settings.random_state, n_jobs=settings.n_jobs, progress=say,
     )  # fmt: skip
     corrected = corrected_rig(located, world.rig, confirmed.effects)
     variants = draw_effects(posterior, session, confirmed, _VARIANTS, random_state=settings.random_state)
-    left = _remainder(world, confirmed)
+    left = _remainder_of_result(world, confirmed)
     proof: tuple[Proof, ...] = ()
     if held is not None and named:
         say("judging on recordings held out")
@@ -107,13 +107,13 @@ def find_gap(
         rig=corrected,
         quantity=rig.quantity,
         posterior_rig=corrected_rig(located, world.rig, variants=variants),
-        effects=_effects(posterior, session, presence, confirmed),
+        effects=_found_effects(posterior, session, presence, confirmed),
         named=confirmed.effects,
         remainder=left,
         next_measurements=possible.next_measurements(posterior),
-        overlays=_overlays(located, corrected, settings) if settings.pictures else (),
+        overlays=_draw_overlays(located, corrected, settings) if settings.pictures else (),
         proof=proof,
-        warnings=(*rig.warnings, *rig.doubts, *_not_fitted(confirmed)),
+        warnings=(*rig.warnings, *rig.doubts, *_unfitted_warning(confirmed)),
         seconds=time.monotonic() - began,
     )
 
@@ -128,7 +128,7 @@ def corrected_rig(
     return located[0].comparison.corrected_rig(effects, variants).replace(gearbox=rig.gearbox)
 
 
-def _effects(
+def _found_effects(
     posterior: EffectPosterior, session: Session, presence: dict[str, float], confirmed: Confirmed
 ) -> tuple[FoundEffect, ...]:
     """Return what is known of each effect, the most probable first."""
@@ -162,7 +162,7 @@ def _effects(
     return tuple(sorted(found, key=lambda one: -one.probability))
 
 
-def _not_fitted(confirmed: Confirmed) -> tuple[str, ...]:
+def _unfitted_warning(confirmed: Confirmed) -> tuple[str, ...]:
     if confirmed.fitted or not confirmed.accepted:
         return ()
     return (
@@ -170,7 +170,7 @@ def _not_fitted(confirmed: Confirmed) -> tuple[str, ...]:
     )
 
 
-def _remainder(world: World, confirmed: Confirmed) -> Remainder:
+def _remainder_of_result(world: World, confirmed: Confirmed) -> Remainder:
     left, cells = confirmed.remainder, world.described_cells
     rows = [
         RemainderRow(**vars(cells[k]), difference=float(confirmed.difference[k]), z=float(left.z[k]))
@@ -180,13 +180,15 @@ def _remainder(world: World, confirmed: Confirmed) -> Remainder:
     return Remainder(left.p, not (confirmed.accepted or confirmed.open), tuple(rows), p_open)
 
 
-def _overlays(located: Sequence[LocatedGap], corrected: Rig, settings: GapSettings) -> tuple[Overlay, ...]:
+def _draw_overlays(
+    located: Sequence[LocatedGap], corrected: Rig, settings: GapSettings
+) -> tuple[Overlay, ...]:
     found: list[Overlay] = []
     for one in located:
         condition = Condition.of(one.comparison)
         after = one.comparison.replace(rig=condition.set_on(corrected), n_bank=settings.n_after)
         bank = after.bank_like(one.measured)
-        found += overlays(one.comparison, one.measured.windows, one.bank.X, bank.X)
+        found += summarise_overlays(one.comparison, one.measured.windows, one.bank.X, bank.X)
     return tuple(found)
 
 
@@ -198,7 +200,7 @@ def compare_recordings(
 ) -> GapResult:
     """Find where measured recordings differ from those of any simulator.
 
-    Nothing is named, as the simulator is not known. Conditions, counts and tachometers are used as far as
+    Nothing is named, as the simulator is not known. Kinematics, counts and tachometers are used as far as
     both sets state them.
 
     Parameters
@@ -252,14 +254,16 @@ def compare_recordings(
             overlay
             for one in located
             if pictures
-            for overlay in overlays(one.comparison, one.measured.windows, one.bank.X)
+            for overlay in summarise_overlays(one.comparison, one.measured.windows, one.bank.X)
         ),
-        warnings=(*both.warnings, *parts[0].doubts, *_limits(*parts, located)),
+        warnings=(*both.warnings, *parts[0].doubts, *_limit_sentences(*parts, located)),
         seconds=time.monotonic() - began,
     )
 
 
-def _limits(measured: MeasuredRig, simulated: MeasuredRig, located: Sequence[LocatedGap]) -> Iterator[str]:
+def _limit_sentences(
+    measured: MeasuredRig, simulated: MeasuredRig, located: Sequence[LocatedGap]
+) -> Iterator[str]:
     """Yield a sentence on what these sets of recordings cannot tell."""
     compared = [Condition.of(one.comparison) for one in located]
     left_out = [condition.text for condition in measured.conditions if condition not in compared]
@@ -313,9 +317,9 @@ def hold_out(recordings: Sequence[Recording], by: float | str, *, random_state: 
     [500.0, 500.0]
     """
     if by in _SET_POINTS:
-        held = _at_the_middle(recordings, str(by))
+        held = _middle_set_point(recordings, str(by))
     elif is_number(by) and 0 < float(by) < 1:
-        held = _share(recordings, float(by), random_state)
+        held = _held_share(recordings, float(by), random_state)
     else:
         raise ArgumentError(
             "{argument} must be a share between 0 and 1, speed or load, got {got}", argument="by", got=by
@@ -324,7 +328,7 @@ def hold_out(recordings: Sequence[Recording], by: float | str, *, random_state: 
     return parts[0], parts[1]
 
 
-def _at_the_middle(recordings: Sequence[Recording], by: str) -> set[int]:
+def _middle_set_point(recordings: Sequence[Recording], by: str) -> set[int]:
     """Return the recordings at the middle speed or load."""
     label, unit, share = _SET_POINTS[by]
     stated = [getattr(recording, label) for recording in recordings]
@@ -344,14 +348,14 @@ def _at_the_middle(recordings: Sequence[Recording], by: str) -> set[int]:
     return set(np.flatnonzero(of_recording == found[found.size // 2]).tolist())
 
 
-def _share(recordings: Sequence[Recording], share: float, random_state: int) -> set[int]:
+def _held_share(recordings: Sequence[Recording], share: float, random_state: int) -> set[int]:
     """Return a share of the assemblies of every count and condition."""
     known = all(recording.assembly is not None for recording in recordings)
     assemblies: dict[Any, list[int]] = {}
     for i, recording in enumerate(recordings):
         assemblies.setdefault(recording.assembly if known else i, []).append(i)
     strata: dict[Any, list[list[int]]] = {}
-    kinds = _kinds(recordings)
+    kinds = _recording_kinds(recordings)
     members = list(assemblies.values())
     for k in np.random.default_rng(random_state).permutation(len(members)):
         # Both parts hold the same classes and conditions.
@@ -368,7 +372,7 @@ def _share(recordings: Sequence[Recording], share: float, random_state: int) -> 
     return held
 
 
-def _kinds(recordings: Sequence[Recording]) -> list[tuple[Any, ...]]:
+def _recording_kinds(recordings: Sequence[Recording]) -> list[tuple[Any, ...]]:
     """Return the count and the condition of each recording; without a set-point that not all state."""
     columns: list[Sequence[Any]] = [
         [recording.defect_count for recording in recordings],

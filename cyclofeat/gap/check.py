@@ -19,8 +19,8 @@ from cyclofeat.gap.confirm.sessions import simulate_prior
 from cyclofeat.gap.measured import Condition, MeasuredRig
 from cyclofeat.gap.posterior.effect_posterior import EffectPosterior, load_posterior
 from cyclofeat.gap.posterior.score import PosteriorScore, score_posterior
-from cyclofeat.gap.posterior.strengths import detection_limit, ends, strengths_of
-from cyclofeat.gap.result import EffectRows, NextMeasurement, finite
+from cyclofeat.gap.posterior.strengths import detection_limit, strengths_of, visible_ends
+from cyclofeat.gap.result import EffectRows, NextMeasurement, replace_nonfinite
 from cyclofeat.gap.world.rigs import Rigs, Session
 from cyclofeat.gap.world.world import World
 from cyclofeat.recordings import Recording
@@ -117,7 +117,7 @@ class GapCheck(EffectRows[CheckedEffect]):
     def to_dict(self) -> dict[str, Any]:
         """Plain values that JSON can hold, as ``cyclofeat gap --check --json`` prints them."""
         return dict(
-            finite(
+            replace_nonfinite(
                 {
                     "format": _FORMAT,
                     "recordings": len(self.conditions),
@@ -213,15 +213,15 @@ def check_recordings(
     posterior = posterior or load_posterior()
     whole("n_rigs", n_rigs, 1)
     world = posterior.world
-    template = _template(tuple(recordings), world)
+    template = _planned_session(tuple(recordings), world)
     posterior.predict_proba([template])  # conditions that it has not learned fail at once
     n_next = -(-n_rigs // _FOR_NEXT)
 
-    def after(n: int) -> Tell | None:
+    def count_from(n: int) -> Tell | None:
         return None if progress is None else lambda done, _: progress(n + done, n_rigs + n_next)
 
     rigs = simulate_prior(
-        world, template, n_rigs, random_state=random_state, n_jobs=n_jobs, progress=after(0)
+        world, template, n_rigs, random_state=random_state, n_jobs=n_jobs, progress=count_from(0)
     )
     score = score_posterior(
         posterior, rigs, counts=template.counts is not None, tachometer=template.speeds_rpm is not None
@@ -232,16 +232,18 @@ def check_recordings(
     return GapCheck(
         conditions=tuple(Condition(at[0], at[1], int(at[2])) for at in template.conditions.tolist()),
         effects=tuple(
-            _checked(k, p, rigs, world) for k in np.flatnonzero(np.isfinite(p).all(axis=0)).tolist()
+            _check_effect(k, p, rigs, world) for k in np.flatnonzero(np.isfinite(p).all(axis=0)).tolist()
         ),
         score=score,
         wrong={name: n for n, name in counted if n},
-        next_measurements=_next(posterior, template, n_next, random_state + 1, n_jobs, after(n_rigs)),
+        next_measurements=_rank_further(
+            posterior, template, n_next, random_state + 1, n_jobs, count_from(n_rigs)
+        ),
         seconds=time.monotonic() - began,
     )
 
 
-def _next(
+def _rank_further(
     posterior: EffectPosterior,
     template: Session,
     n_rigs: int,
@@ -261,7 +263,7 @@ def _next(
     return further.rank(posterior, sessions, complete.present, n_errors=_SURE)
 
 
-def _template(recordings: tuple[Any, ...], world: World) -> Session:
+def _planned_session(recordings: tuple[Any, ...], world: World) -> Session:
     """Return a session with the conditions of recordings, and what is known of them."""
     if not recordings or isinstance(recordings[0], Recording):
         rig = MeasuredRig.of(recordings, world.rig, world.sampling_rate, quantity=world.quantity)
@@ -276,7 +278,7 @@ def _template(recordings: tuple[Any, ...], world: World) -> Session:
     )
 
 
-def _checked(column: int, p: Float, rigs: Rigs, world: World) -> CheckedEffect:
+def _check_effect(column: int, p: Float, rigs: Rigs, world: World) -> CheckedEffect:
     """Return how well an effect is found, given the probabilities of all in each rig."""
     effect: Effect = (world.effects or ())[column]
     there, found = rigs.present[:, column], p[:, column] > _NAMED
@@ -285,15 +287,15 @@ def _checked(column: int, p: Float, rigs: Rigs, world: World) -> CheckedEffect:
     sizes = rigs.sizes[there, world.size_names.index(f"{effect.effect_id}.{name}")]
     strengths = strengths_of(parameter, sizes)
     half, most = (
-        ends(parameter, detection_limit(strengths, found[there], share)) for share in (_HALF, _MOST)
+        visible_ends(parameter, detection_limit(strengths, found[there], share)) for share in (_HALF, _MOST)
     )
     return CheckedEffect(
         effect.effect_id, int(there.sum()), float(np.mean(found[there])) if there.any() else np.nan,
-        name, parameter.unit, *half, *most, _confused(there & ~found, ~there, p, rigs),
+        name, parameter.unit, *half, *most, _confused_effects(there & ~found, ~there, p, rigs),
     )  # fmt: skip
 
 
-def _confused(missed: Flags, without: Flags, p: Float, rigs: Rigs) -> tuple[str, ...]:
+def _confused_effects(missed: Flags, without: Flags, p: Float, rigs: Rigs) -> tuple[str, ...]:
     """Return absent effects whose probability is higher where an effect is missed than without it."""
     rises: dict[str, float] = {}
     if missed.sum() < _FEWEST:

@@ -26,8 +26,8 @@ from cyclofeat.gap.simulations import (
     simulate_bank,
     with_may_differ,
 )
-from cyclofeat.gap.summaries.summarise import SPEED_TOLERANCE, Conditions, summarise
-from cyclofeat.gap.summaries.turns import MeasuredTurns, mixed, read_measured
+from cyclofeat.gap.summaries.summarise import SPEED_TOLERANCE, Kinematics, summarise_windows
+from cyclofeat.gap.summaries.turns import MeasuredTurns, mix_counts, read_measured
 from cyclofeat.simulators import Effect, LobeDefects, Rig
 
 Float = NDArray[np.float64]
@@ -141,10 +141,10 @@ class Comparison:
             object.__setattr__(self, name, value)
 
     @property
-    def conditions(self) -> Conditions:
+    def kinematics(self) -> Kinematics:
         """Rate, nominal speed and number of lobes."""
         assert self.input_speed_hz is not None
-        return Conditions(self.sampling_rate, self.input_speed_hz, self.n_lobes)
+        return Kinematics(self.sampling_rate, self.input_speed_hz, self.n_lobes)
 
     @property
     def n_lobes(self) -> int:
@@ -154,7 +154,7 @@ class Comparison:
     @property
     def n_samples(self) -> int:
         """Number of samples that are compared: those of whole output turns."""
-        return self.conditions.whole_turns(round(self.duration * self.sampling_rate))
+        return self.kinematics.whole_turns(round(self.duration * self.sampling_rate))
 
     @functools.cached_property
     def population(self) -> Population:
@@ -231,18 +231,18 @@ class Comparison:
     def bank_like(self, measured: MeasuredTurns) -> Bank:
         """Simulate ``n_bank`` recordings with the counts of measured ones in about their shares."""
         return self.bank(
-            self.n_bank, None if measured.counts is None else mixed(measured.counts, self.n_bank)
+            self.n_bank, None if measured.counts is None else mix_counts(measured.counts, self.n_bank)
         )
 
     def summaries(self, bank: Bank) -> Float:
         """Summaries of simulated recordings, shape (n, n_cells)."""
         speeds = bank.speeds if self.tachometer else None
         return self.remember(
-            lambda: summarise(bank.X, self.conditions, speeds)[0],
+            lambda: summarise_windows(bank.X, self.kinematics, speeds)[0],
             "summaries",
             bank.X,
             speeds,
-            self.conditions,
+            self.kinematics,
         )
 
     def measured(
@@ -272,7 +272,7 @@ class Comparison:
         """
         if (angle is not None) != self.tachometer:
             raise ValueError(f"angle must be given if and only if tachometer is True, got {self.tachometer}")
-        measured = read_measured(self.conditions, X, y, groups, angle)
+        measured = read_measured(self.kinematics, X, y, groups, angle)
         if measured.windows.shape[1] != self.n_samples:
             raise ValueError(
                 f"X must hold windows of {self.duration:g} s like the comparison (duration), got "

@@ -18,7 +18,7 @@ from cyclofeat._base.checks import check_type, positive
 from cyclofeat._base.quantities import TORQUES, factor_to_output
 from cyclofeat.gap.comparison import Comparison, GapSettings
 from cyclofeat.gap.simulations import Bank
-from cyclofeat.gap.summaries.summarise import Conditions
+from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.summaries.turns import MeasuredTurns
 from cyclofeat.gap.world.cells import turn_samples
 from cyclofeat.gap.world.prior import FLOOR
@@ -60,7 +60,7 @@ class Condition:
     @classmethod
     def of(cls, comparison: Comparison) -> Condition:
         """Return the condition of a comparison."""
-        speed_rpm = round(60 * comparison.conditions.input_speed_hz, 6)
+        speed_rpm = round(60 * comparison.kinematics.input_speed_hz, 6)
         return cls(speed_rpm, float(comparison.rig.gearbox.load_torque), comparison.direction)
 
     def is_near(self, other: Condition) -> bool:
@@ -185,9 +185,9 @@ class MeasuredRig:
                 "their gearbox, or give {n_lobes:=}",
                 wanted=rig.gearbox.n_lobes, got=n_lobes,
             )  # fmt: skip
-        at_output, of_input = _at_output(given, measured, n_lobes)
-        at_one_rate, warnings = _at_one_rate(at_output, sampling_rate)
-        of_recording, more = _conditions(at_one_rate, float(rig.gearbox.load_torque), conditions)
+        at_output, of_input = _refer_to_output(given, measured, n_lobes)
+        at_one_rate, warnings = _bring_to_one_rate(at_output, sampling_rate)
+        of_recording, more = _sort_by_condition(at_one_rate, float(rig.gearbox.load_torque), conditions)
         return cls(
             recordings=at_one_rate,
             sampling_rate=at_one_rate[0].sampling_rate,
@@ -196,7 +196,7 @@ class MeasuredRig:
             of_recording=of_recording,
             has_counts=all(recording.defect_count is not None for recording in given),
             has_tachometer=all(recording.angle is not None for recording in given),
-            warnings=(*of_input, *warnings, *more, *_few_assemblies(given)),
+            warnings=(*of_input, *warnings, *more, *_assembly_warning(given)),
         )
 
     @property
@@ -257,7 +257,7 @@ class MeasuredRig:
         angle = None
         if self.has_tachometer:
             starts = np.round(cut.start_s * cut.sampling_rate).astype(int)
-            of_input = self._angles(recordings)
+            of_input = self._input_angles(recordings)
             n = cut.X.shape[1]
             angle = np.array([of_input[i][k : k + n] for i, k in zip(cut.recording, starts, strict=True)])
         y = cut.y if self.has_counts else None
@@ -317,7 +317,7 @@ class MeasuredRig:
             X=turns.windows[first],
             counts=turns.counts_or_zeros,
             speeds=nominal if turns.speeds is None else turns.speeds[first],
-            assemblies=_assemblies(self.at(condition)),
+            assemblies=_assembly_numbers(self.at(condition)),
         )
 
     def session(self, *, one_assembly: bool = False) -> Session:
@@ -336,7 +336,7 @@ class MeasuredRig:
         """
         needed = []
         for i, (one, at) in enumerate(zip(self.recordings, self.of_recording, strict=True)):
-            needed.append(turn_samples(Conditions(self.sampling_rate, at.speed_rpm / 60, self.n_lobes)))
+            needed.append(turn_samples(Kinematics(self.sampling_rate, at.speed_rpm / 60, self.n_lobes)))
             if one.n_samples < needed[-1]:
                 raise ValueError(
                     f"{recording_label(i, one)} is too short: an output turn and 3 % "
@@ -345,7 +345,7 @@ class MeasuredRig:
                 )
         speeds = None
         if self.has_tachometer:
-            angles = self._angles(self.recordings)
+            angles = self._input_angles(self.recordings)
             turned = [mean_speed(a[:n], self.sampling_rate) for a, n in zip(angles, needed, strict=True)]
             speeds = 60 * np.array(turned)
         return Session.of(
@@ -354,17 +354,17 @@ class MeasuredRig:
             [(at.speed_rpm, at.load_nm, at.direction) for at in self.of_recording],
             counts=[one.defect_count or 0 for one in self.recordings] if self.has_counts else None,
             speeds_rpm=speeds,
-            assemblies=[0] * len(self.recordings) if one_assembly else _assemblies(self.recordings),
+            assemblies=[0] * len(self.recordings) if one_assembly else _assembly_numbers(self.recordings),
             n_lobes=self.n_lobes,
         )
 
-    def _angles(self, recordings: Iterable[Recording]) -> list[Float]:
+    def _input_angles(self, recordings: Iterable[Recording]) -> list[Float]:
         """Angles of the input shaft; the tachometer may have been on a disc."""
         angles = (recording.input_angle(self.n_lobes) for recording in recordings)
         return [angle for angle in angles if angle is not None]
 
 
-def _at_output(
+def _refer_to_output(
     recordings: Sequence[Recording], quantity: str, n_lobes: int
 ) -> tuple[Sequence[Recording], list[str]]:
     """Return recordings with the torque referred to the output, and a warning where it was the input's."""
@@ -375,7 +375,7 @@ def _at_output(
     return [recording.replace(torque=factor * recording.torque) for recording in recordings], [warning]
 
 
-def _at_one_rate(
+def _bring_to_one_rate(
     recordings: Sequence[Recording], sampling_rate: float | None
 ) -> tuple[tuple[Recording, ...], list[str]]:
     """Return recordings at one rate, and a warning if some had to be resampled."""
@@ -394,10 +394,10 @@ def _at_one_rate(
         f"{n} of {len(recordings)} recordings were resampled from {', '.join(f'{one:g}' for one in faster)} "
         f"to {rate:g} Hz: what lies above {rate / 2:g} Hz and the steps of their converter are not compared"
     )
-    return tuple(_resampled(recording, rate) for recording in recordings), [warning]
+    return tuple(_lower_rate(recording, rate) for recording in recordings), [warning]
 
 
-def _resampled(recording: Recording, rate: float) -> Recording:
+def _lower_rate(recording: Recording, rate: float) -> Recording:
     """Return a recording at a lower rate; unchanged where it has that rate."""
     before = recording.sampling_rate
     if math.isclose(before, rate, rel_tol=_SAME_RATE):
@@ -413,7 +413,7 @@ def _resampled(recording: Recording, rate: float) -> Recording:
     return recording.replace(torque=torque, angle=angle, sampling_rate=rate)
 
 
-def _conditions(
+def _sort_by_condition(
     recordings: Sequence[Recording], load_nm: float, known: Sequence[Condition]
 ) -> tuple[tuple[Condition, ...], list[str]]:
     """Return the condition of each recording, and a warning if some state no load."""
@@ -450,7 +450,7 @@ def set_points(values: Sequence[float] | Float, share: float) -> Float:
     return snapped
 
 
-def _few_assemblies(recordings: Sequence[Recording]) -> list[str]:
+def _assembly_warning(recordings: Sequence[Recording]) -> list[str]:
     """Return a warning if recordings of one assembly count as several."""
     assemblies = {recording.assembly for recording in recordings}
     if None in assemblies or not 1 < len(assemblies) < len(recordings):
@@ -461,7 +461,7 @@ def _few_assemblies(recordings: Sequence[Recording]) -> list[str]:
     ]
 
 
-def _assemblies(recordings: Sequence[Recording]) -> NDArray[np.int64]:
+def _assembly_numbers(recordings: Sequence[Recording]) -> NDArray[np.int64]:
     """Return numbers of assemblies; a recording that states none has one of its own."""
     names = [f"\n{i}" if one.assembly is None else str(one.assembly) for i, one in enumerate(recordings)]
     return np.unique(names, return_inverse=True)[1].astype(np.int64)

@@ -13,7 +13,7 @@ from sklearn.utils.validation import check_array
 
 from cyclofeat.gap.comparison import Comparison
 from cyclofeat.gap.measured import Condition
-from cyclofeat.gap.summaries.summarise import RESOLUTION_NM, SPEED_TOLERANCE, Conditions
+from cyclofeat.gap.summaries.summarise import RESOLUTION_NM, SPEED_TOLERANCE, Kinematics
 from cyclofeat.signal.orders import estimate_input_speed, order_lines
 
 Float = NDArray[np.float64]
@@ -60,7 +60,7 @@ class Overlay:
     condition: Condition
 
 
-def overlays(
+def summarise_overlays(
     comparison: Comparison, measured: ArrayLike, model: ArrayLike, corrected: ArrayLike | None = None
 ) -> tuple[Overlay, ...]:
     """Summarise recordings, model and corrected model at one condition for pictures.
@@ -87,12 +87,12 @@ def overlays(
     >>> from cyclofeat.gap import Comparison
     >>> comparison = Comparison(sampling_rate=6400.0, defect_counts=[0])
     >>> torque = comparison.bank(2).X
-    >>> spectrum, orders, distribution = overlays(comparison, torque, torque)
+    >>> spectrum, orders, distribution = summarise_overlays(comparison, torque, torque)
     >>> strongest = orders.x[orders.measured.mean.argmax()]  # of the mesh, at 16 times the speed
     >>> round(float(strongest), 2)
     16.0
     """
-    conditions = comparison.conditions
+    kinematics = comparison.kinematics
     sets = {"measured": measured, "model": model, "corrected": corrected}
     torque = {
         name: check_array(X, dtype=np.float64, input_name=name) for name, X in sets.items() if X is not None
@@ -101,21 +101,21 @@ def overlays(
     if len(set(lengths.values())) > 1:
         raise ValueError(f"measured, model and corrected must be of equal length in samples, got {lengths}")
     edges = np.linspace(*_common_range(torque), _BINS + 1)
-    bands, hz = _twelfths(conditions, lengths["measured"])
-    orders = np.arange(1, _n_lines(conditions) + 1) / conditions.n_lobes
+    bands, hz = _twelfth_octaves(kinematics, lengths["measured"])
+    orders = np.arange(1, _n_lines(kinematics) + 1) / kinematics.n_lobes
 
     def overlay(kind: str, x: Float, values: Callable[[Float], Float]) -> Overlay:
-        curves = dict.fromkeys(sets) | {name: _band(kind, values(X)) for name, X in torque.items()}
+        curves = dict.fromkeys(sets) | {name: _mean_and_range(kind, values(X)) for name, X in torque.items()}
         return Overlay(kind=kind, x=x, **curves, condition=Condition.of(comparison))  # type: ignore[arg-type]
 
     return (
         overlay("spectrum", hz, lambda X: _band_rms(X, bands)),
-        overlay("orders", orders, lambda X: _amplitudes(X, conditions, orders.size)),
-        overlay("distribution", (edges[1:] + edges[:-1]) / 2, lambda X: _densities(X, edges)),
+        overlay("orders", orders, lambda X: _line_amplitudes(X, kinematics, orders.size)),
+        overlay("distribution", (edges[1:] + edges[:-1]) / 2, lambda X: _torque_densities(X, edges)),
     )
 
 
-def _band(kind: str, values: Float) -> Band:
+def _mean_and_range(kind: str, values: Float) -> Band:
     # Amplitudes range over decades: their mean is that of the levels.
     mean = values.mean(axis=0) if kind == "distribution" else np.exp(np.log(values).mean(axis=0))
     low, high = np.percentile(values, _RANGE, axis=0)
@@ -129,9 +129,9 @@ def _common_range(torque: dict[str, Any]) -> tuple[float, float]:
     return low, max(high, low + RESOLUTION_NM)
 
 
-def _twelfths(conditions: Conditions, n_samples: int) -> tuple[NDArray[np.intp], Float]:
+def _twelfth_octaves(kinematics: Kinematics, n_samples: int) -> tuple[NDArray[np.intp], Float]:
     """Band of each bin of the spectrum (-1: none), and the centres in Hz of those that hold a bin."""
-    rate = conditions.sampling_rate
+    rate = kinematics.sampling_rate
     hz = rfftfreq(n_samples, 1 / rate)
     inside = (hz > 0) & (hz <= _HIGHEST_SHARE * rate)
     number = np.full(hz.size, -1, dtype=np.intp)
@@ -152,18 +152,18 @@ def _band_rms(X: Float, bands: NDArray[np.intp]) -> Float:
     return np.sqrt([np.bincount(bands[shown], row[shown]) for row in power])
 
 
-def _n_lines(conditions: Conditions) -> int:
+def _n_lines(kinematics: Kinematics) -> int:
     """Lines of the output turn that are shown: up to ``_LAST_ORDER``, below half of the sampling rate."""
-    fastest = conditions.input_speed_hz * (1 + SPEED_TOLERANCE) / conditions.n_lobes
-    return min(_LAST_ORDER * conditions.n_lobes, int(_HIGHEST_SHARE * conditions.sampling_rate / fastest))
+    fastest = kinematics.input_speed_hz * (1 + SPEED_TOLERANCE) / kinematics.n_lobes
+    return min(_LAST_ORDER * kinematics.n_lobes, int(_HIGHEST_SHARE * kinematics.sampling_rate / fastest))
 
 
-def _amplitudes(X: Float, conditions: Conditions, n_lines: int) -> Float:
-    rate, nominal, n_lobes = conditions.sampling_rate, conditions.input_speed_hz, conditions.n_lobes
+def _line_amplitudes(X: Float, kinematics: Kinematics, n_lines: int) -> Float:
+    rate, nominal, n_lobes = kinematics.sampling_rate, kinematics.input_speed_hz, kinematics.n_lobes
     speeds = estimate_input_speed(X, rate, nominal, SPEED_TOLERANCE, comb="mesh", n_lobes=n_lobes)
     lines = np.abs(order_lines(X, rate, speeds, n_lines, "output", n_lobes))
     return np.asarray(np.hypot(lines, 2 * RESOLUTION_NM / np.sqrt(X.shape[1])))
 
 
-def _densities(X: Float, edges: Float) -> Float:
+def _torque_densities(X: Float, edges: Float) -> Float:
     return np.array([np.histogram(x, edges)[0] / (x.size * (edges[1] - edges[0])) for x in X])

@@ -277,11 +277,13 @@ class GapResult(EffectRows[FoundEffect]):
                 | {"verdict": where.verdict, "p": where.p, "recordings": where.n_recordings}
                 for where in self.where
             ],
-            "proof": [_at(proof.condition) | {"closed": proof.to_dict()} for proof in self.proof],
+            "proof": [
+                _condition_columns(proof.condition) | {"closed": proof.to_dict()} for proof in self.proof
+            ],
             "warnings": list(self.warnings),
             "seconds": round(self.seconds, 1),
         }
-        return dict(finite(plain))
+        return dict(replace_nonfinite(plain))
 
     def to_frame(self, table: Table = "effects") -> pd.DataFrame:
         """One table of the result as a data frame.
@@ -304,9 +306,13 @@ class GapResult(EffectRows[FoundEffect]):
         """
         if table not in TABLES:
             raise ValueError(f"table must be one of {', '.join(TABLES)}, got {table!r}")
+<<<<<<< HEAD
         return data_frame(self._rows(table))
+=======
+        return frame(self._table_rows(table))
+>>>>>>> ea8fed3 (Gap: functions are named by what they do or return; kinematics are no conditions; confirmation in parts)
 
-    def _rows(self, table: Table) -> list[dict[str, Any]]:
+    def _table_rows(self, table: Table) -> list[dict[str, Any]]:
         if table == "effects":
             hidden = ("sizes", "visible_from")
             return [{k: v for k, v in asdict(found).items() if k not in hidden} for found in self.effects]
@@ -317,7 +323,7 @@ class GapResult(EffectRows[FoundEffect]):
         if table == "next_measurements":
             return [asdict(one) for one in self.next_measurements]
         of_conditions: Sequence[Where | Proof] = self.where if table == "where" else self.proof
-        rows = [_at(one.condition) | asdict(row) for one in of_conditions for row in one.rows]
+        rows = [_condition_columns(one.condition) | asdict(row) for one in of_conditions for row in one.rows]
         return [row.pop("cell", {}) | row for row in rows]
 
     def plot(
@@ -370,12 +376,12 @@ class GapResult(EffectRows[FoundEffect]):
             rows[f"gap closed{at}"] = f"{proof.result.grr:.0%}"
         return html_card(
             f"Gap: {number(len(self.named), 'effect')} named" if self.effects else f"Gap: {self.verdict}",
-            rows, pictures=[_curves(overlay) for overlay in self.overlays[:1]], notes=self.warnings,
+            rows, pictures=[_overlay_curves(overlay) for overlay in self.overlays[:1]], notes=self.warnings,
             code='result.to_frame("sizes")' if self.named else 'result.to_frame("where")',
         )  # fmt: skip
 
 
-def _curves(overlay: Overlay) -> str:
+def _overlay_curves(overlay: Overlay) -> str:
     """Return recordings (accent), model (dashed) and corrected model of an overlay, in logarithms."""
     looks = (
         (overlay.measured, displays.Curve(overlay.x, width=2.4)),
@@ -401,14 +407,14 @@ def _plain_effect(found: FoundEffect) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _at(condition: Condition | None) -> dict[str, Any]:
+def _condition_columns(condition: Condition | None) -> dict[str, Any]:
     return {} if condition is None else asdict(condition)
 
 
-def finite(value: Any) -> Any:
+def replace_nonfinite(value: Any) -> Any:
     """The value with None for NaN and infinity, which JSON does not know."""
     if isinstance(value, dict):
-        return {key: finite(inner) for key, inner in value.items()}
+        return {key: replace_nonfinite(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
-        return [finite(inner) for inner in value]
+        return [replace_nonfinite(inner) for inner in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,4 +1,4 @@
-"""Conditions of the gap workflow's tests: short to simulate, short to summarise."""
+"""Kinematics of the gap workflow's tests: short to simulate, short to summarise."""
 
 from __future__ import annotations
 

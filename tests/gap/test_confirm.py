@@ -10,10 +10,10 @@ import pytest
 from scipy import stats
 
 from cyclofeat.gap import EffectPosterior, GapSettings, World, find_gap, load_posterior, prepare_world
-from cyclofeat.gap.confirm.confirm import Confirmed, confirm, draw_effects, farther
+from cyclofeat.gap.confirm.confirm import Confirmed, confirm_effects, draw_effects, lies_farther
 from cyclofeat.gap.confirm.next_measurement import simulate_possible
 from cyclofeat.gap.confirm.sessions import simulate_sessions
-from cyclofeat.gap.confirm.sizes import Gaussian, size_posterior, unexplained
+from cyclofeat.gap.confirm.sizes import Gaussian, judge_remainder, size_posterior
 from cyclofeat.gap.measured import MeasuredRig
 from cyclofeat.gap.posterior.answers import named_effects
 from cyclofeat.gap.world.prior import FLOOR
@@ -63,10 +63,10 @@ def test_what_the_library_does_not_hold_remains_and_what_it_holds_does_not():
     p, p_of_strange = [], []
     for one in observed[:30]:
         found, fitted, _ = size_posterior(sizes, features, both, (one, one[:2]), PRIOR)
-        p.append(unexplained(features, sizes, fitted, one, found.mean).p)
+        p.append(judge_remainder(features, sizes, fitted, one, found.mean).p)
         strange = one + 2.0 * (np.arange(N_FEATURES) == 5)
         found, fitted, _ = size_posterior(sizes, features, both, (strange, strange[:2]), PRIOR)
-        left = unexplained(features, sizes, fitted, strange, found.mean)
+        left = judge_remainder(features, sizes, fitted, strange, found.mean)
         p_of_strange.append(left.p)
     assert np.mean(np.array(p) < 0.05) < 0.15
     assert np.mean(np.array(p_of_strange) < 0.05) > 0.9
@@ -85,7 +85,7 @@ def test_what_open_effects_would_leave_as_well_is_told_from_what_they_would_not(
         changed = one + 2.0 * (np.arange(N_FEATURES) == column)
         found, fitted, fit = size_posterior(sizes, features, features[:, :2], (changed, changed[:2]), PRIOR)
         others = possible, fit(possible, possible[:, :2])
-        return unexplained(features, sizes, fitted, changed, found.mean, others)
+        return judge_remainder(features, sizes, fitted, changed, found.mean, others)
 
     assert left(5).p < 0.001
     assert left(5).p_open > 0.05
@@ -94,9 +94,9 @@ def test_what_open_effects_would_leave_as_well_is_told_from_what_they_would_not(
 def test_sizes_are_compared_by_sessions_simulated_with_them():
     random = np.random.default_rng(0)
     observed, near = random.normal(size=30), random.normal(size=(24, 30))
-    assert farther(observed, near + 4.0, near)
-    assert not farther(observed, near, near + 4.0)
-    assert not farther(observed, near + 0.1, near)
+    assert lies_farther(observed, near + 4.0, near)
+    assert not lies_farther(observed, near, near + 4.0)
+    assert not lies_farther(observed, near + 0.1, near)
 
 
 class Stated:
@@ -296,7 +296,7 @@ def measured_session():
 @pytest.mark.slow
 def test_a_rig_without_effects_needs_nothing_more_than_what_stays_open(posterior):
     session = measured_session()
-    confirmed = confirm(posterior, session, [], n_sessions=24)
+    confirmed = confirm_effects(posterior, session, [], n_sessions=24)
     assert confirmed.effects == ()
     assert confirmed.middle.size == 0
     assert confirmed.remainder.p > 0.001

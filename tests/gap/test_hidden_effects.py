@@ -32,7 +32,7 @@ from benchmarks.hidden_effects import (
 from benchmarks.hidden_effects.__main__ import main
 from benchmarks.hidden_effects._machine import Machine, run
 from cyclofeat.gap import World, load_posterior
-from cyclofeat.gap.confirm.confirm import confirm
+from cyclofeat.gap.confirm.confirm import confirm_effects
 from cyclofeat.gap.posterior.answers import named_effects
 from cyclofeat.gap.world.prior import FLOOR
 from cyclofeat.gap.world.rigs import Session
@@ -600,7 +600,7 @@ def test_where_the_linear_fit_fails_the_sizes_of_the_posterior_stand(tmp_path: P
     name = "set_cf66100a"
     _folders.generate([name], tmp_path, 1)
     session, posterior = _ask.session_of(name, tmp_path), load_posterior()
-    confirmed = confirm(posterior, session, named_effects(posterior.presence(session)))
+    confirmed = confirm_effects(posterior, session, named_effects(posterior.presence(session)))
     stated = dict(zip(confirmed.names, confirmed.middle, strict=True))
     assert not confirmed.fitted
     assert stated["clipping.limit_nm"] == pytest.approx(18.07, rel=0.04)

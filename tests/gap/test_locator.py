@@ -14,7 +14,7 @@ from short_records import BASE, N_SAMPLES, RATE, short
 
 from cyclofeat.gap import Comparison
 from cyclofeat.gap.simulations import Bank
-from cyclofeat.gap.summaries.summarise import FAMILIES, Cell, Conditions, summarise
+from cyclofeat.gap.summaries.summarise import FAMILIES, Cell, Kinematics, summarise_windows
 from cyclofeat.gap.where.locate import LocatedGap, locate
 from cyclofeat.gap.where.permutation import (
     SPREADS,
@@ -190,37 +190,39 @@ def tone(hz: float, amplitude: float, n_windows: int = 2) -> np.ndarray:
     ],
 )
 def test_a_tone_shows_in_its_own_cell_most(hz: float, name: str) -> None:
-    (plain, cells), (with_tone, _) = (summarise(tone(hz, size), Conditions(FS, SPEED)) for size in (0.0, 0.3))
+    (plain, cells), (with_tone, _) = (
+        summarise_windows(tone(hz, size), Kinematics(FS, SPEED)) for size in (0.0, 0.3)
+    )
     levels = [k for k, cell in enumerate(cells) if cell.unit == "dB" and cell.family != "averages"]
     change = (with_tone - plain).mean(axis=0)
     assert cells[levels[int(np.argmax(change[levels]))]].name == name
 
 
 def test_levels_are_those_of_the_tone() -> None:
-    values, cells = summarise(tone(1000.0, 0.3), Conditions(FS, SPEED))
+    values, cells = summarise_windows(tone(1000.0, 0.3), Kinematics(FS, SPEED))
     band = next(k for k, cell in enumerate(cells) if cell.name == "third octave at 1e+03 Hz")
     assert values[:, band] == pytest.approx(10 * math.log10(0.3**2 / 2), abs=0.3)
 
 
 def test_cells_are_unique_and_complete() -> None:
-    values, cells = summarise(tone(100.0, 0.1, 3), Conditions(FS, SPEED))
+    values, cells = summarise_windows(tone(100.0, 0.1, 3), Kinematics(FS, SPEED))
     assert values.shape == (3, len(cells))
     assert np.all(np.isfinite(values))
     assert len({(cell.family, cell.name) for cell in cells}) == len(cells)
-    constant, _ = summarise(np.full((1, 46_080), 22.0), Conditions(FS, SPEED))
+    constant, _ = summarise_windows(np.full((1, 46_080), 22.0), Kinematics(FS, SPEED))
     assert np.all(np.isfinite(constant))
 
 
 def test_order_of_windows_changes_nothing() -> None:
     X = tone(60.0, 0.2, 4)
-    assert summarise(X[::-1], Conditions(FS, SPEED))[0] == pytest.approx(
-        summarise(X, Conditions(FS, SPEED))[0][::-1], rel=1e-9
+    assert summarise_windows(X[::-1], Kinematics(FS, SPEED))[0] == pytest.approx(
+        summarise_windows(X, Kinematics(FS, SPEED))[0][::-1], rel=1e-9
     )
 
 
 def test_too_short_windows_are_refused() -> None:
     with pytest.raises(ValueError, match=r"at least one output turn \(1.8 s\), got 0.6 s"):
-        summarise(tone(100.0, 0.1)[:, :15_360], Conditions(FS, SPEED))
+        summarise_windows(tone(100.0, 0.1)[:, :15_360], Kinematics(FS, SPEED))
 
 
 # Bank

@@ -33,7 +33,7 @@ def made(speed: float | None = 500, load: float | None = 22, i: int = 0, **more:
     )
 
 
-# Conditions
+# Kinematics
 
 
 def test_set_points_that_differ_little_are_one_condition_and_reverse_is_another() -> None:
@@ -292,7 +292,7 @@ def test_one_condition_that_disagrees_is_found_at_the_adjusted_p(simulations: Pa
     alone = simulated_at((1450,), simulations)[:1]
     found = locate_all(MeasuredRig.of([*usual, *with_hum, *alone], WORLD.rig), WORLD, settings)
     assert [one.verdict for one in found] == ["disagree", "unresolved"]
-    assert [round(one.comparison.conditions.input_speed_hz * 60) for one in found] == [1400, 1500]
+    assert [round(one.comparison.kinematics.input_speed_hz * 60) for one in found] == [1400, 1500]
     assert all(one.alpha == 0.025 and one.n_permutations == 998 for one in found)
     result = GapResult(where=found, rig=WORLD.rig)
     assert result.verdict == "disagree"
@@ -364,7 +364,7 @@ def test_verdicts_over_conditions() -> None:
 def test_sessions_hold_one_turn_of_each_recording() -> None:
     """What follows the first output turn and its 3 % is not looked at."""
     rig = MeasuredRig.of([made()], MODEL)
-    needed = turn_samples(rig.comparison(rig.conditions[0], World(), GapSettings()).conditions)
+    needed = turn_samples(rig.comparison(rig.conditions[0], World(), GapSettings()).kinematics)
     other = made().torque.copy()
     other[needed:] = 0.0
     changed = MeasuredRig.of([made().replace(torque=other)], MODEL)

@@ -15,7 +15,13 @@ import cyclofeat.gap
 from cyclofeat.gap import Comparison
 from cyclofeat.gap.comparison import SIMULATED_BY
 from cyclofeat.gap.summaries.summarise import Cell
-from cyclofeat.gap.where.locate import LocatedGap, SpeedAndLoad, intraclass_correlation, locate, widening
+from cyclofeat.gap.where.locate import (
+    LocatedGap,
+    SpeedAndLoad,
+    intraclass_correlation,
+    locate,
+    widening_factor,
+)
 from cyclofeat.simulators import Clearance, CycloidalGearbox, Offset, PinErrors, Rig
 
 CELLS = [
@@ -99,8 +105,8 @@ def test_widening_is_that_of_the_mean_of_correlated_recordings() -> None:
     rng, n, share = np.random.default_rng(3), 8, 0.4
     shared = np.sqrt(share) * rng.normal(size=(50_000, 1))
     means = (shared + np.sqrt(1 - share) * rng.normal(size=(50_000, n))).mean(axis=1)
-    assert widening(np.array([share]), n)[0] == pytest.approx(means.std() * np.sqrt(n), rel=0.02)
-    assert widening(np.array([0.0]), n)[0] == 1
+    assert widening_factor(np.array([share]), n)[0] == pytest.approx(means.std() * np.sqrt(n), rel=0.02)
+    assert widening_factor(np.array([0.0]), n)[0] == 1
 
 
 def _session(cache: Path, seed: int, **of_rig: object) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cyclofeat.gap import Comparison, Condition
-from cyclofeat.gap.overlays import Overlay, overlays
+from cyclofeat.gap.overlays import Overlay, summarise_overlays
 
 RATE, SPEED = 6400.0, 500 / 60
 TIME = np.arange(round(1.8 * RATE)) / RATE
@@ -22,7 +22,7 @@ def made(*parts: float, n: int = 6) -> np.ndarray:
 
 
 def by_kind(*sets: np.ndarray | None) -> dict[str, Overlay]:
-    return {overlay.kind: overlay for overlay in overlays(COMPARISON, *sets)}
+    return {overlay.kind: overlay for overlay in summarise_overlays(COMPARISON, *sets)}
 
 
 def test_spectrum_holds_the_rms_of_a_line_and_all_of_the_noise() -> None:
@@ -32,7 +32,7 @@ def test_spectrum_holds_the_rms_of_a_line_and_all_of_the_noise() -> None:
     assert spectrum.measured.mean[at] == pytest.approx(1.5 / np.sqrt(2), rel=0.01)
     assert spectrum.model.mean[at] < 0.02
     white = 22 + np.random.default_rng(2).normal(size=(20, TIME.size))
-    noise = overlays(COMPARISON, white, white)[0]
+    noise = summarise_overlays(COMPARISON, white, white)[0]
     # Up to 0.4 of the rate lie four fifths of its power.
     assert np.sum(noise.measured.mean**2) == pytest.approx(0.8, rel=0.03)
 
@@ -75,8 +75,8 @@ def test_condition_and_corrected_model() -> None:
 
 def test_refusals() -> None:
     with pytest.raises(ValueError, match=r"must be of equal length in samples, got .*'model': 11519"):
-        overlays(COMPARISON, made(), made()[:, 1:])
+        summarise_overlays(COMPARISON, made(), made()[:, 1:])
     broken = made()
     broken[0, 7] = np.nan
     with pytest.raises(ValueError, match="corrected contains NaN"):
-        overlays(COMPARISON, made(), made(), broken)
+        summarise_overlays(COMPARISON, made(), made(), broken)

@@ -8,14 +8,14 @@ import pytest
 from cyclofeat.gap import Comparison
 from cyclofeat.gap.summaries import phase as _phase
 from cyclofeat.gap.summaries.phase import phase_maps
-from cyclofeat.gap.summaries.summarise import Conditions
+from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.where import locate as _locate
 from cyclofeat.gap.where.locate import locate
 from cyclofeat.signal.orders import estimate_input_speed
 
 RATE, SPEED, N_LOBES = 6400.0, 500 / 60, 15
 N = 11_520
-CONDITIONS = Conditions(RATE, SPEED, N_LOBES)
+CONDITIONS = Kinematics(RATE, SPEED, N_LOBES)
 
 
 def torque(speeds: np.ndarray, order: float, rate: float = RATE, n: int = N) -> np.ndarray:
@@ -76,6 +76,6 @@ def test_few_samples_per_turn_leave_no_bin_empty() -> None:
     """96 samples per turn, each at the same phase every turn."""
     rate = 96 * SPEED
     X = torque(np.full(3, SPEED), 1, rate, 1440)
-    found = phase_maps(X, X, Conditions(rate, SPEED), 0.05, (np.full(3, SPEED),) * 2)
+    found = phase_maps(X, X, Kinematics(rate, SPEED), 0.05, (np.full(3, SPEED),) * 2)
     assert np.isfinite(found["input"].measured).all()
     assert amplitude(found["input"].measured) == pytest.approx(1.0, abs=0.1)

@@ -17,7 +17,7 @@ from cyclofeat.gap.posterior.calibration import (
     cause_logits,
     gain_and_offset,
     mean_coefficients,
-    of_mean,
+    mean_predictors,
     quantiles_of,
     spread_power,
 )
@@ -344,7 +344,7 @@ def test_what_moves_the_mean_alone_is_learned_where_nothing_else_does():
     causes[present[:, 1]] = random.normal(0, 3.0, (present[:, 1].sum(), 3))
     logits = random.normal(-1.0, 0.1, (n, 4))
     logits[:, 1] = np.where(present[:, 1], 4.0, -4.0)
-    told = of_mean(logits, causes, names)
+    told = mean_predictors(logits, causes, names)
     coefficients = mean_coefficients(told, present, names)
     assert np.isfinite(coefficients).all(axis=1).tolist() == [True, False, False, True]
     found = told @ coefficients[0, :-1] + coefficients[0, -1] > 0

@@ -11,7 +11,7 @@ from scipy import stats
 from cyclofeat.gap import Comparison
 from cyclofeat.gap.proof import distance
 from cyclofeat.gap.proof.distance import Part, Sample, Scale
-from cyclofeat.gap.proof.prove import Proof, prove, score_alternatives
+from cyclofeat.gap.proof.prove import Proof, prove_condition, score_alternatives
 from cyclofeat.gap.simulations import Bank
 from cyclofeat.simulators import BrakeRotor, CycloidalGearbox, Effect, Hum, Noise, Offset, Rig
 
@@ -37,7 +37,7 @@ def test_distance_by_hand() -> None:
     simulated = np.array([[-1.0, 1.0], [1.0, 1.0], [5.0, 4.0], [5.0, 6.0]])
     counts = np.array([0, 0, 2, 2])
     scale = Scale(np.array([1.0, 2.0]), distance.cell_weights(ONE))
-    found = distance.distances(Sample(measured, counts), Sample(simulated, counts), scale)
+    found = distance.family_distances(Sample(measured, counts), Sample(simulated, counts), scale)
     assert found == pytest.approx(np.sqrt((4 / 2 + 4 / 2) / 2))
 
 
@@ -47,7 +47,7 @@ def test_distance_over_many_counts_is_that_of_the_straight_line() -> None:
     counts = np.repeat([0, 1, 3, 7], [1, 2, 1, 3])
     measured = rng.normal(size=(7, 1)) + counts[:, None]
     simulated = Sample(np.zeros((4, 1)), np.array([0, 1, 3, 7]))
-    found = distance.distances(Sample(measured, counts), simulated, Scale(np.ones(1), np.ones((1, 1))))
+    found = distance.family_distances(Sample(measured, counts), simulated, Scale(np.ones(1), np.ones((1, 1))))
     line = np.polyval(np.polyfit(counts, measured[:, 0], 1), counts)
     assert found[0, 0] == pytest.approx(np.sqrt(np.mean(line**2)))
 
@@ -70,7 +70,7 @@ def test_deviations_of_replicates_and_of_lone_recordings() -> None:
     measured = np.array([[4.0], [6.0], [10.0], [13.0]])
     counts = np.array([0, 0, 1, 2])
     simulated, of = np.array([[9.0], [9.0], [10.0], [10.0]]), np.array([1, 1, 2, 2])
-    found = distance.deviations(Sample(measured, counts), Sample(simulated, of))
+    found = distance.replicate_deviations(Sample(measured, counts), Sample(simulated, of))
     assert found.n_free == 2
     lone = 1 / np.sqrt(1 + 1 / 2)  # less the error of a mean of two simulations
     assert found.values[:, 0] == pytest.approx([-1, 1, -lone, lone])
@@ -89,7 +89,7 @@ def test_cells_without_spread_play_no_part() -> None:
     same, other = (Sample(np.full((4, 2), value), np.zeros(4)) for value in (3.0, 4.0))
     spread = distance.replicate_spread(same, same, ONE)
     assert np.all(np.isinf(spread))
-    assert distance.distances(other, same, Scale(spread, np.ones((1, 2)))) == 0
+    assert distance.family_distances(other, same, Scale(spread, np.ones((1, 2)))) == 0
 
 
 @pytest.mark.parametrize("counts", [[0, 0, 0, 4, 4, 4], [0, 0, 2, 2, 5, 5, 7, 7], list(range(8)), [0] * 6])
@@ -106,10 +106,10 @@ def test_floor_is_the_distance_without_a_gap(counts: list[int]) -> None:
             for of in (of_measured, of_bank)
         )
         scale = Scale(distance.replicate_spread(measured, simulated, parts), weights)
-        replicates = distance.deviations(measured, simulated)
+        replicates = distance.replicate_deviations(measured, simulated)
         error = distance.bank_error(of_measured, simulated, scale)
-        floor = distance.floors(replicates, scale, of_measured, error, 10, rng)
-        reached = distance.distances(measured, simulated, scale)
+        floor = distance.family_floors(replicates, scale, of_measured, error, 10, rng)
+        reached = distance.family_distances(measured, simulated, scale)
         found.append((floor[0], reached[0, 0]))
     floors, reached = np.mean(found, axis=0)
     assert floors == pytest.approx(reached, rel=0.12)
@@ -131,7 +131,7 @@ def test_bootstrap_varies_means_as_samples_do() -> None:
 
 def test_strata_pool_lone_recordings_apart_by_condition() -> None:
     counts = np.array([0, 0, 0, 1, 2, 3, 4])
-    found = distance.strata(counts, apart=np.array([1, 1, 1, 1, 1, 0, 0]))
+    found = distance.number_strata(counts, apart=np.array([1, 1, 1, 1, 1, 0, 0]))
     assert [len(set(found[part])) for part in (slice(0, 3), slice(3, 5), slice(5, 7))] == [1, 1, 1]
     assert len(set(found)) == 3
 
@@ -247,7 +247,7 @@ def prove_rig(
 ) -> Proof:
     comparison = comparison_at(cache)
     turns = comparison.measured(hold.X, hold.counts)
-    return prove(comparison, corrected, turns, fitted_counts=seen, n_simulated=10, others=others)
+    return prove_condition(comparison, corrected, turns, fitted_counts=seen, n_simulated=10, others=others)
 
 
 @pytest.fixture(scope="module")
@@ -302,7 +302,9 @@ def test_same_simulator_wrong_simulator_and_order(hold: Bank, cache: Path) -> No
     names = np.array([f"record {9 - k}" for k in order])
     comparison = comparison_at(cache)
     turns = comparison.measured(hold.X[order], hold.counts[order], names)
-    assert prove(comparison, wrong, turns, n_simulated=10).result.grr == pytest.approx(expected, abs=0.05)
+    assert prove_condition(comparison, wrong, turns, n_simulated=10).result.grr == pytest.approx(
+        expected, abs=0.05
+    )
 
 
 def test_no_gap_is_said(cache: Path) -> None:
@@ -315,6 +317,8 @@ def test_no_gap_is_said(cache: Path) -> None:
 @pytest.mark.bench
 def test_counts_may_be_unknown(hold: Bank, cache: Path) -> None:
     comparison = comparison_at(cache).replace(defect_counts=(0, 4, 7))
-    proof = prove(comparison, BASE.with_added(Noise(0.3)), comparison.measured(hold.X), n_simulated=10)
+    proof = prove_condition(
+        comparison, BASE.with_added(Noise(0.3)), comparison.measured(hold.X), n_simulated=10
+    )
     assert proof.result.grr == pytest.approx(1.0, abs=0.15)
     assert {row.condition for row in proof.rows} == {"all"}

@@ -11,7 +11,7 @@ from scipy import stats
 
 from cyclofeat.datasets import load_published_tables
 from cyclofeat.gap import Comparison, find_published_gap
-from cyclofeat.gap.published.published_gap import predicted
+from cyclofeat.gap.published.published_gap import predict_statistics
 from cyclofeat.gap.published.rigs import SimulatedRigs
 from cyclofeat.gap.published.scores import crps, sign_flip_p, to_statistics
 from cyclofeat.gap.published.search import Search
@@ -146,7 +146,8 @@ def test_a_disc_left_out_has_no_part_in_its_prediction(drift, simulated):
     measured = to_statistics(values, rigs.set_point)
     other = Search(rigs, measured, first.library, settings, scales=first.scales)
     one, two = (
-        next(row for row in predicted(search, 3) if row.statistic == "std") for search in (first, other)
+        next(row for row in predict_statistics(search, 3) if row.statistic == "std")
+        for search in (first, other)
     )
     assert two.measured != one.measured
     assert dataclasses.replace(two, measured=one.measured) == one

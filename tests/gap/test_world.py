@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from cyclofeat.gap import World, prepare_world
-from cyclofeat.gap.summaries.summarise import Conditions
+from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.world.cells import recording_cells, turn_samples
 from cyclofeat.gap.world.machine import DrawnMachine, simulate_drawn
 from cyclofeat.gap.world.prior import DrawnSession, EffectPrior
@@ -178,7 +178,7 @@ def test_a_recording_that_cannot_be_made_is_left_out(tmp_path):
 
 @pytest.mark.slow
 def test_of_a_load_drift_the_mesh_lines_tell_and_of_a_sensor_drift_not():
-    conditions = Conditions(25_600.0, 10.0)
+    conditions = Kinematics(25_600.0, 10.0)
     n = turn_samples(conditions)
     at = Rig().gearbox.replace(input_speed=20 * np.pi)
     correlations = []
@@ -194,7 +194,7 @@ def test_of_a_load_drift_the_mesh_lines_tell_and_of_a_sensor_drift_not():
 
 
 def test_codes_and_course_by_construction():
-    conditions = Conditions(RATE, 10.0)
+    conditions = Kinematics(RATE, 10.0)
     n = turn_samples(conditions)
     x = 22 + np.random.default_rng(0).normal(0, 0.3, n) + np.linspace(-0.5, 0.5, n)
     x = np.minimum(np.round(x * 8) / 8, 22.75)
@@ -210,7 +210,7 @@ def test_codes_and_course_by_construction():
 
 
 def test_decays_say_what_the_torque_settles_to():
-    conditions = Conditions(RATE, 10.0)
+    conditions = Kinematics(RATE, 10.0)
     time = np.arange(turn_samples(conditions)) / RATE
     ripple = 0.3 * np.sin(2 * np.pi * 160 * time)
     x = np.array([22 + size * np.exp(-time / 0.6) + ripple for size in (1.5, -0.8)])
@@ -223,7 +223,7 @@ def test_decays_say_what_the_torque_settles_to():
 
 
 def test_slips_tell_a_sawtooth_from_its_mirror_image_and_from_a_drift():
-    conditions = Conditions(RATE, 10.0)
+    conditions = Kinematics(RATE, 10.0)
     n = turn_samples(conditions)
     climb = (np.arange(n) / RATE * 4) % 1
     drift = np.cumsum(np.random.default_rng(0).normal(0, 0.01, n))

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from cyclofeat.gap.confirm.sessions import MOST_RECORDINGS, at_most, simulate_sessions, sized
-from cyclofeat.gap.confirm.sizes import SMALLEST, Gaussian, Unexplained, size_posterior, unexplained
+from cyclofeat.gap.confirm.sessions import MOST_RECORDINGS, at_most, simulate_sessions, with_sizes
+from cyclofeat.gap.confirm.sizes import SMALLEST, Gaussian, Unexplained, judge_remainder, size_posterior
 from cyclofeat.gap.posterior.answers import ABSENT, PRESENT
 from cyclofeat.gap.posterior.effect_posterior import EffectPosterior
 from cyclofeat.gap.world.prior import TOLERANCES
@@ -73,7 +73,7 @@ class Confirmed:
     fitted: bool = True
 
 
-def confirm(
+def confirm_effects(
     posterior: EffectPosterior,
     session: Session,
     named: Sequence[str],
@@ -114,66 +114,75 @@ def confirm(
     effects = tuple(effect for effect in world.effects or () if effect.effect_id in named)
     names = tuple(f"{effect.effect_id}.{name}" for effect in effects for name in effect.vector_names())
     columns = [world.size_names.index(name) for name in names]
-    observed = posterior.deviations(shown), posterior.standardised_sizes([shown])[0, columns]
-    prior = _prior(effects)
-    middle, spread = posterior.size_distribution(shown, names)
-    # The last of the sizes is the tolerances' factor.
-    believed = Gaussian(np.r_[middle, prior.mean[-1]], np.diag(np.r_[spread**2, prior.covariance[-1, -1]]))
+    observed = _mean_and_spread(posterior.deviations(shown))
+    estimates = posterior.standardised_sizes([shown])[0, columns]
+    prior = _size_prior(effects)
+    believed = _first_belief(posterior, shown, names, prior)
     before = believed.without_last()
+    simulate = functools.partial(simulate_sessions, world, shown, n_jobs=n_jobs)
     n_rounds, wider = (_ROUNDS, _WIDER) if names else (1, 1.0)
     for round_ in range(n_rounds):
         if progress is not None:
             progress(f"simulating the named effects, {round_ + 1} of {n_rounds}")
         drawn = Gaussian(believed.mean, believed.covariance * wider**2)
-        simulated = simulate_sessions(
-            world, shown, functools.partial(_drawn, effects, drawn.without_last()), n_sessions,
-            tolerance=functools.partial(_drawn_tolerance, drawn),
-            random_state=random_state + round_, n_jobs=n_jobs,
+        simulated = simulate(
+            functools.partial(_draw_sized, effects, drawn.without_last()), n_sessions,
+            tolerance=functools.partial(_draw_tolerance, drawn), random_state=random_state + round_,
         )  # fmt: skip
         sizes = np.column_stack([simulated.sizes[:, columns], simulated.tolerances])
-        features = _features(posterior, simulated.sessions)
-        estimates = posterior.standardised_sizes(simulated.sessions)[:, columns]
+        features = _session_features(posterior, simulated.sessions)
         believed, fitted, fit = size_posterior(
-            sizes, features, estimates, (_feature(observed[0]), observed[1]), prior
-        )
+            sizes, features, posterior.standardised_sizes(simulated.sessions)[:, columns],
+            (observed, estimates), prior,
+        )  # fmt: skip
     others = None
     if possible:
-        summaries = _features(posterior, possible)
+        summaries = _session_features(posterior, possible)
         others = summaries, fit(summaries, posterior.standardised_sizes(possible)[:, columns])
-    remainder = unexplained(features, sizes, fitted, _feature(observed[0]), believed.mean, others)
+    remainder = judge_remainder(features, sizes, fitted, observed, believed.mean, others)
     accepted = remainder.p >= _REJECTED
+    tolerance = float(np.clip(believed.mean[-1], *TOLERANCES))
 
-    def tried(sizes: Gaussian) -> Float:
-        made = simulate_sessions(
-            world, shown, lambda _: sized(effects, sizes.mean), _TRIED, tolerance=lambda _: tolerance,
-            random_state=random_state + n_rounds, n_jobs=n_jobs,
+    def features_at(sizes: Gaussian) -> Float:
+        """Return the features of sessions with the very sizes and the fitted tolerance."""
+        made = simulate(
+            lambda _: with_sizes(effects, sizes.mean), _TRIED, tolerance=lambda _: tolerance,
+            random_state=random_state + n_rounds,
         )  # fmt: skip
-        return _features(posterior, made.sessions)
+        return _session_features(posterior, made.sessions)
 
-    after, tolerance = believed.without_last(), float(np.clip(believed.mean[-1], *TOLERANCES))
-    kept = accepted and not (names and farther(_feature(observed[0]), tried(after), tried(before)))
+    after = believed.without_last()
+    kept = accepted and not (names and lies_farther(observed, features_at(after), features_at(before)))
     final = after if kept else before
-    reach = stats.norm.ppf(0.95) * final.spread
-    ends = (final.mean - reach, final.mean, final.mean + reach)
-    low, middle, high = (_in_units(effects, end) for end in ends)
+    low, middle, high = _quantiles_in_units(effects, final)
     simulated_mean = np.mean([one.values.mean(axis=0) for one in simulated.sessions], axis=0)
-    difference = shown.values.mean(axis=0) - simulated_mean
     return Confirmed(
-        sized(effects, final.mean), names, final, low, middle, high, remainder, accepted, difference,
-        not accepted and remainder.p_open >= _NOT_OPEN, kept,
+        with_sizes(effects, final.mean), names, final, low, middle, high, remainder, accepted,
+        shown.values.mean(axis=0) - simulated_mean, not accepted and remainder.p_open >= _NOT_OPEN, kept,
     )  # fmt: skip
 
 
-def _drawn(effects: Sequence[Effect], sizes: Gaussian, random: np.random.Generator) -> tuple[Effect, ...]:
+def _first_belief(
+    posterior: EffectPosterior, session: Session, names: Sequence[str], prior: Gaussian
+) -> Gaussian:
+    """Return the sizes by the posterior and, last, the tolerances' factor by the prior."""
+    middle, spread = posterior.size_distribution(session, names)
+    variances = np.r_[spread**2, prior.covariance[-1, -1]]
+    return Gaussian(np.r_[middle, prior.mean[-1]], np.diag(variances))
+
+
+def _draw_sized(
+    effects: Sequence[Effect], sizes: Gaussian, random: np.random.Generator
+) -> tuple[Effect, ...]:
     """Return effects with drawn sizes."""
-    return sized(effects, sizes.draw(random))
+    return with_sizes(effects, sizes.draw(random))
 
 
-def _drawn_tolerance(sizes: Gaussian, random: np.random.Generator) -> float:
+def _draw_tolerance(sizes: Gaussian, random: np.random.Generator) -> float:
     return float(np.clip(random.normal(sizes.mean[-1], sizes.spread[-1]), *TOLERANCES))
 
 
-def farther(observed: Float, simulated: Float, other: Float) -> bool:
+def lies_farther(observed: Float, simulated: Float, other: Float) -> bool:
     """Whether simulated summaries lie clearly farther from observed ones than others do.
 
     By the mean square of the distances from their means, in spreads of one session about them.
@@ -190,7 +199,7 @@ def farther(observed: Float, simulated: Float, other: Float) -> bool:
     return far > _CLEARLY * near
 
 
-def _prior(effects: Sequence[Effect]) -> Gaussian:
+def _size_prior(effects: Sequence[Effect]) -> Gaussian:
     """Mean and covariance of the sizes, and of the tolerances' factor, before any recording."""
     random = np.random.default_rng(0)
     table = np.array(
@@ -205,16 +214,21 @@ def _prior(effects: Sequence[Effect]) -> Gaussian:
     return Gaussian(table.mean(axis=0), np.diag(table.var(axis=0) + 1e-12))
 
 
-def _in_units(effects: Sequence[Effect], sizes: Float) -> Float:
-    values = [getattr(effect, name) for effect in sized(effects, sizes) for name in effect.vector_names()]
-    return np.array(values, dtype=float)
+def _quantiles_in_units(effects: Sequence[Effect], sizes: Gaussian) -> list[Float]:
+    """Return the 0.05, 0.5 and 0.95 quantiles of sizes in the parameters' units."""
+    reach = stats.norm.ppf(0.95) * sizes.spread
+    return [
+        np.array([getattr(effect, name) for effect in with_sizes(effects, end)
+                  for name in effect.vector_names()], dtype=float)
+        for end in (sizes.mean - reach, sizes.mean, sizes.mean + reach)
+    ]  # fmt: skip
 
 
-def _features(posterior: EffectPosterior, sessions: Sequence[Session]) -> Float:
-    return np.array([_feature(posterior.deviations(session)) for session in sessions])
+def _session_features(posterior: EffectPosterior, sessions: Sequence[Session]) -> Float:
+    return np.array([_mean_and_spread(posterior.deviations(session)) for session in sessions])
 
 
-def _feature(deviations: Float) -> Float:
+def _mean_and_spread(deviations: Float) -> Float:
     """Mean of the deviations over recordings, and the logarithm of the spread of the first half of them."""
     spread = deviations[:, : deviations.shape[1] // 2].std(axis=0)
     return np.concatenate([deviations.mean(axis=0), np.log(spread + 0.1)])
@@ -255,13 +269,16 @@ def draw_effects(
     of_others = Gaussian(middle, np.diag(spread**2))
     drawn = []
     for _ in range(n_draws):
-        every = sized(confirmed.effects, confirmed.sizes.draw(random)), sized(others, of_others.draw(random))
-        present = _present(possible, random)
+        every = (
+            with_sizes(confirmed.effects, confirmed.sizes.draw(random)),
+            with_sizes(others, of_others.draw(random)),
+        )
+        present = _draw_present(possible, random)
         drawn.append(tuple(effect for part in every for effect in part if effect.effect_id in present))
     return tuple(drawn)
 
 
-def _present(probabilities: Mapping[str, float], random: np.random.Generator) -> set[str]:
+def _draw_present(probabilities: Mapping[str, float], random: np.random.Generator) -> set[str]:
     """Draw the effects that are present."""
     groups = look_alikes()
     tied = {name for group in groups for name in group}

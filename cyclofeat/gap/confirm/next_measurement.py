@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.gap.confirm.sessions import MOST_RECORDINGS, at_most, part_of, simulate_sessions, sized
+from cyclofeat.gap.confirm.sessions import MOST_RECORDINGS, at_most, part_of, simulate_sessions, with_sizes
 from cyclofeat.gap.posterior.effect_posterior import EffectPosterior
 from cyclofeat.gap.result import NextMeasurement
 from cyclofeat.gap.world.rigs import Session, present_effects
@@ -87,7 +87,7 @@ def simulate_possible(
         return Possible(further, [], np.empty((0, presence.size), dtype=bool))
     sizes = posterior.size_distribution(session, world.size_names)
     simulated = simulate_sessions(
-        world, further.session, lambda random: _drawn(world, presence, sizes, random), _DRAWS,
+        world, further.session, lambda random: _draw_possible(world, presence, sizes, random), _DRAWS,
         n_rigs_per_machine=_RIGS_PER_MACHINE, random_state=random_state, n_jobs=n_jobs,
     )  # fmt: skip
     present = present_effects(simulated.sizes, world.size_names, world.names)
@@ -109,7 +109,7 @@ class FurtherRecordings:
 
     def __init__(self, session: Session, world: World) -> None:
         self._names, self.n_before = world.names, len(session.values)
-        candidates = _candidates(session, world)
+        candidates = _candidate_conditions(session, world)
         self._what = [what for what, _ in candidates]
         rows = np.r_[np.arange(self.n_before), np.arange(len(candidates) * _PER_CANDIDATE) % self.n_before]
         self.session = part_of(session, rows)
@@ -139,18 +139,18 @@ class FurtherRecordings:
         if not simulated:
             return ()
 
-        def information(rows: NDArray[np.intp]) -> Float:
+        def information_bits(rows: NDArray[np.intp]) -> Float:
             """Return the logarithm of the probability of what is true, (n_sessions, n_effects), in bits."""
             p = posterior.predict_proba([part_of(one, rows) for one in simulated])
             bits = np.log2(np.clip(np.where(present, p, 1 - p), _LEAST, None))
             return np.asarray(np.nan_to_num(bits))  # of effects that were not learned
 
         as_before = np.arange(self.n_before)
-        before = information(as_before)
+        before = information_bits(as_before)
         found: list[tuple[float, NextMeasurement]] = []
         for k, what in enumerate(self._what):
             added = self.n_before + k * _PER_CANDIDATE + np.arange(_PER_CANDIDATE)
-            rises = information(np.r_[as_before, added]) - before
+            rises = information_bits(np.r_[as_before, added]) - before
             gains, error = rises.mean(axis=0), rises.sum(axis=1).std() / np.sqrt(len(simulated))
             settles = tuple(name for name, gain in zip(self._names, gains, strict=True) if gain > _SEPARATED)
             gain = float(gains.sum())
@@ -159,7 +159,7 @@ class FurtherRecordings:
         return tuple(one for _, one in sorted(found, key=lambda one: -one[0]))
 
 
-def _candidates(session: Session, world: World) -> list[tuple[str, tuple[float, float, float]]]:
+def _candidate_conditions(session: Session, world: World) -> list[tuple[str, tuple[float, float, float]]]:
     """Further conditions inside the world."""
     speed, load, direction = session.conditions[0].tolist()
     loads = [load * ratio for ratio in (_LOAD_RATIO, 1 / _LOAD_RATIO)]
@@ -177,7 +177,7 @@ def _candidates(session: Session, world: World) -> list[tuple[str, tuple[float, 
     return found
 
 
-def _drawn(
+def _draw_possible(
     world: World, presence: Float, sizes: tuple[Float, Float], random: np.random.Generator
 ) -> tuple[Effect, ...]:
     """Draw effects by their probabilities, with sizes of these medians and standard deviations."""
@@ -185,4 +185,4 @@ def _drawn(
     drawn = [there[name.partition(".")[0]] for name in world.size_names]
     effects = [effect for effect in world.effects or () if there[effect.effect_id]]
     middle, spread = (values[drawn] for values in sizes)
-    return sized(effects, random.normal(middle, spread))
+    return with_sizes(effects, random.normal(middle, spread))

@@ -59,14 +59,18 @@ def simulate_sessions(
     are drawn.
     """
 
-    def rigs(random: np.random.Generator) -> DrawnRigs:
+    def draw_rigs(random: np.random.Generator) -> DrawnRigs:
         drawn = [draw(random) for _ in range(n_rigs_per_machine)]
         in_machine = tuple(effect for effect in drawn[0] if effect.needs_simulation())
         on_torque = [tuple(one for one in rig if not one.needs_simulation()) for rig in drawn]
         return in_machine, on_torque, 1.0 if tolerance is None else tolerance(random)
 
     n_machines = -(-n_sessions // n_rigs_per_machine)
+<<<<<<< HEAD
     machines = _draw_machines(world, template, rigs, n_machines, random_state)
+=======
+    machines = _draw_machines(world, template, draw_rigs, n_machines, random_state)
+>>>>>>> ea8fed3 (Gap: functions are named by what they do or return; kinematics are no conditions; confirmation in parts)
     sessions, sizes, tolerances = [], [], []
     for columns, machine in zip(_simulate_machines(world, machines, n_jobs), machines, strict=True):
         for values, counts, speeds, drawn in zip(
@@ -105,7 +109,7 @@ def simulate_prior(
     SimulationFailed if all failed.
     """
 
-    def rigs(random: np.random.Generator) -> DrawnRigs:
+    def draw_rigs(random: np.random.Generator) -> DrawnRigs:
         in_machine = world.prior.in_machine(random)
         n = len(in_machine)
         return in_machine, [world.prior.on_torque(n, random) for _ in range(_RIGS_PER_MACHINE)], 1.0
@@ -113,7 +117,11 @@ def simulate_prior(
     parts: list[dict[str, NDArray[Any]]] = []
     n_machines = -(-n_rigs // _RIGS_PER_MACHINE)
     for part in _simulate_machines(
+<<<<<<< HEAD
         world, _draw_machines(world, template, rigs, n_machines, random_state), n_jobs
+=======
+        world, _draw_machines(world, template, draw_rigs, n_machines, random_state), n_jobs
+>>>>>>> ea8fed3 (Gap: functions are named by what they do or return; kinematics are no conditions; confirmation in parts)
     ):
         parts.append(part)
         if progress is not None:
@@ -136,11 +144,11 @@ def simulate_prior(
 def _draw_machines(
     world: World,
     template: Session,
-    rigs: Callable[[np.random.Generator], DrawnRigs],
+    draw_rigs: Callable[[np.random.Generator], DrawnRigs],
     n_machines: int,
     random_state: int,
 ) -> list[DrawnMachine]:
-    """Draw machines with the conditions of a session, and what ``rigs`` draws."""
+    """Draw machines with the conditions of a session, and what ``draw_rigs`` draws."""
     n = len(template.values)
     speeds, loads, directions = template.conditions.T
     assemblies = np.arange(n) if template.assemblies is None else template.assemblies
@@ -151,7 +159,7 @@ def _draw_machines(
         counts = template.counts
         if counts is None:
             counts = random.choice(np.array(world.defect_counts), n)
-        in_machine, on_torque, tolerance = rigs(random)
+        in_machine, on_torque, tolerance = draw_rigs(random)
         session = DrawnSession(speeds, loads, directions.astype(np.int64), counts, assemblies, tolerance)
         machines.append(DrawnMachine(in_machine, on_torque, session, for_runs))
     return machines
@@ -182,7 +190,7 @@ def part_of(session: Session, rows: NDArray[np.intp]) -> Session:
     )
 
 
-def sized(effects: Sequence[Effect], sizes: Float) -> tuple[Effect, ...]:
+def with_sizes(effects: Sequence[Effect], sizes: Float) -> tuple[Effect, ...]:
     """Return effects with sizes on the scale of their fit, held within their bounds."""
     made, first = [], 0
     for effect in effects:

@@ -124,7 +124,7 @@ class Unexplained:
     z: Float
 
 
-def unexplained(
+def judge_remainder(
     simulated: Float,
     sizes: Float,
     fitted: Float,
@@ -155,11 +155,11 @@ def unexplained(
     inputs = np.column_stack([np.ones(len(sizes)), sizes])
     coefficients, *_ = np.linalg.lstsq(inputs, simulated, rcond=None)
 
-    def residuals(some: Float, at: Float) -> Float:
+    def fit_residuals(some: Float, at: Float) -> Float:
         return np.asarray(some - np.column_stack([np.ones(len(at)), at]) @ coefficients)
 
-    left, of_observed = residuals(simulated, fitted), residuals(observed[None], size[None])
-    of_others = np.empty((0, left.shape[1])) if others is None else residuals(*others)
+    left, of_observed = fit_residuals(simulated, fitted), fit_residuals(observed[None], size[None])
+    of_others = np.empty((0, left.shape[1])) if others is None else fit_residuals(*others)
     centre, spread = left.mean(axis=0), np.hypot(left.std(axis=0, ddof=1), SMALLEST)
     z, far = (of_observed - centre) / spread, np.vstack([of_observed, of_others])
     left, far = left / spread, (far - centre) / spread
@@ -169,10 +169,10 @@ def unexplained(
         distances[held] = model.mahalanobis(left[held])
         of_folds.append(model.mahalanobis(far))
     logs = np.log(np.mean(of_folds, axis=0))
-    return Unexplained(_tail(logs[0], np.log(distances)), _tail(logs[0], logs[1:]), z[0])
+    return Unexplained(_tail_chance(logs[0], np.log(distances)), _tail_chance(logs[0], logs[1:]), z[0])
 
 
-def _tail(value: float, sample: Float) -> float:
+def _tail_chance(value: float, sample: Float) -> float:
     """Return the chance of a value as large, by Student's t; NaN for a sample of fewer than two."""
     if sample.size < 2:
         return float("nan")

@@ -24,12 +24,12 @@ from cyclofeat._base.displays import data_frame
 from cyclofeat._base.sklearn_private import Interval, fit_context
 from cyclofeat.gap.loops.parts import (
     LARGEST_TORQUE,
-    branches,
-    centred,
+    centre_loop,
     checked_loop,
     contact_deflection,
     elastic_torque,
     evenly_spaced,
+    loop_branches,
     relative_error,
     without_effects,
 )
@@ -80,9 +80,9 @@ class _LoopEstimator(RegressorMixin, BaseEstimator):
     def score(self, loops: Sequence[Any], y: Any = None, sample_weight: Any = None) -> float:
         """Minus the mean relative error of loops (:func:`relative_error`): higher is better."""
         check_is_fitted(self)
-        return -float(np.mean([relative_error(x, self.predict(t)) for t, x in self._pairs(loops)]))
+        return -float(np.mean([relative_error(x, self.predict(t)) for t, x in self._loop_pairs(loops)]))
 
-    def _pairs(self, loops: Sequence[Any]) -> list[tuple[Float, Float]]:
+    def _loop_pairs(self, loops: Sequence[Any]) -> list[tuple[Float, Float]]:
         """Check loops; return the torque and deflection of each at evenly spaced points."""
         pairs = [evenly_spaced(*checked_loop(loop.torque, loop.deflection), self.n_points) for loop in loops]
         if not pairs:
@@ -92,9 +92,9 @@ class _LoopEstimator(RegressorMixin, BaseEstimator):
     def predict(self, torque: ArrayLike) -> Float:
         """Deflection in rad over a cycle of torque in Nm, shape (n,), zero between its extremes."""
         check_is_fitted(self)
-        return centred(self._predicted(np.asarray(torque, dtype=np.float64)))
+        return centre_loop(self._predict_loop(np.asarray(torque, dtype=np.float64)))
 
-    def _predicted(self, torque: Float) -> Float:
+    def _predict_loop(self, torque: Float) -> Float:
         raise NotImplementedError
 
 
@@ -181,7 +181,7 @@ class LoopModel(_LoopEstimator):
             If an effect is unknown, there is no loop, a loop is no cycle, or its torque is too large.
         """
         names = _in_order(self.effects, "effects") if self.effects else ()
-        pairs = self._pairs(loops)
+        pairs = self._loop_pairs(loops)
         self.plain_ = CycloidalGearbox.printed_14_pin() if self.gearbox is None else self.gearbox
         bounds = {f"{name}.{p}": b for name in names for p, b in LOOP_EFFECTS[name].items()}
         peak, factor = max(float(np.abs(t).max()) for t, _ in pairs), "contact_stiffness_scale.factor"
@@ -197,7 +197,7 @@ class LoopModel(_LoopEstimator):
 
         def error(logs: Float) -> Float:
             theta = {name: np.exp(v) for (name, _), v in zip(parameters, logs, strict=True)}
-            errors = [relative_error(x, self._deflection(t, theta)) for t, x in pairs]
+            errors = [relative_error(x, self._centred_deflection(t, theta)) for t, x in pairs]
             return np.asarray(np.mean(errors, axis=0))
 
         if parameters:
@@ -217,10 +217,10 @@ class LoopModel(_LoopEstimator):
         self.gearbox_ = _with_effects(self.plain_, self.theta_)
         return self
 
-    def _predicted(self, torque: Float) -> Float:
-        return self._deflection(torque, self.theta_)
+    def _predict_loop(self, torque: Float) -> Float:
+        return self._centred_deflection(torque, self.theta_)
 
-    def _deflection(self, torque: Float, theta: Mapping[str, Any]) -> Float:
+    def _centred_deflection(self, torque: Float, theta: Mapping[str, Any]) -> Float:
         """Deflections (..., n) with parameters of shape (...)."""
         coulomb, spread, share, clearance, factor, stiffness = (
             np.asarray(theta.get(name, neutral), dtype=np.float64)[..., np.newaxis]
@@ -339,12 +339,13 @@ def find_loop_gap(
         (Subset(k, float(v.mean()), tuple(v.tolist())) for k, v in errors.items()),
         key=lambda subset: subset.error,
     )
-    named = _smallest(errors, alpha)
+    named = _smallest_subset(errors, alpha)
     return LoopGap(
         subsets=tuple(subsets),
         effects=named,
         p_without={
-            name: sign_flip_p(errors[_less(named, name)] - errors[named], "greater") for name in named
+            name: sign_flip_p(errors[_subset_without(named, name)] - errors[named], "greater")
+            for name in named
         },
         look_alikes=tuple(
             subset.effects
@@ -358,21 +359,23 @@ def find_loop_gap(
     )
 
 
-def _smallest(errors: Mapping[tuple[str, ...], Float], alpha: float) -> tuple[str, ...]:
+def _smallest_subset(errors: Mapping[tuple[str, ...], Float], alpha: float) -> tuple[str, ...]:
     """Return the smallest subset that predicts no worse than the best one."""
     # Backward: play has an influence only behind friction, and friction only before a compliance.
     named = min(errors, key=lambda key: float(errors[key].mean()))
     if named and sign_flip_p(errors[()] - errors[named], "greater") > alpha:
         return ()
     while named:
-        best = min((_less(named, name) for name in named), key=lambda key: float(errors[key].mean()))
+        best = min(
+            (_subset_without(named, name) for name in named), key=lambda key: float(errors[key].mean())
+        )
         if sign_flip_p(errors[best] - errors[named], "greater") <= alpha:
             break
         named = best
     return named
 
 
-def _less(named: tuple[str, ...], name: str) -> tuple[str, ...]:
+def _subset_without(named: tuple[str, ...], name: str) -> tuple[str, ...]:
     return tuple(other for other in named if other != name)
 
 
@@ -398,10 +401,10 @@ class LoopSmoother(_LoopEstimator):
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, loops: Sequence[Any], y: Any = None) -> Self:
         """Fit to loops, as :meth:`LoopModel.fit`."""
-        pairs = self._pairs(loops)
+        pairs = self._loop_pairs(loops)
         self.scale_ = float(max(np.abs(t).max() for t, _ in pairs))
-        X = np.vstack([self._features(t) for t, _ in pairs])
-        x = np.concatenate([centred(x) for _, x in pairs])
+        X = np.vstack([self._loop_features(t) for t, _ in pairs])
+        x = np.concatenate([centre_loop(x) for _, x in pairs])
         self.unit_ = float(np.sqrt(np.mean(x**2)))
         kernel = (
             ConstantKernel(1.0) * DotProduct(1.0)
@@ -415,11 +418,11 @@ class LoopSmoother(_LoopEstimator):
             self.process_.fit(X, x / self.unit_)
         return self
 
-    def _predicted(self, torque: Float) -> Float:
-        return np.asarray(self.unit_ * self.process_.predict(self._features(torque)))
+    def _predict_loop(self, torque: Float) -> Float:
+        return np.asarray(self.unit_ * self.process_.predict(self._loop_features(torque)))
 
-    def _features(self, torque: Float) -> Float:
-        rising, _ = branches(torque)
+    def _loop_features(self, torque: Float) -> Float:
+        rising, _ = loop_branches(torque)
         direction = np.full(torque.size, -1.0)
         direction[rising] = 1.0
         peak = np.full(torque.size, np.abs(torque).max())

@@ -65,7 +65,7 @@ def loop_shape(torque: ArrayLike, deflection: ArrayLike) -> LoopShape:
     t, x = checked_loop(torque, deflection)
     closed_t, closed_x = np.append(t, t[0]), np.append(x, x[0])
     area = abs(float(trapezoid(closed_t, closed_x)))
-    rising, falling = branches(t)
+    rising, falling = loop_branches(t)
     crossings, slopes = [], []
     for branch, side in ((rising, 1.0), (falling, -1.0)):
         order = np.argsort(t[branch], kind="stable")
@@ -83,7 +83,7 @@ def relative_error(measured: ArrayLike, predicted: ArrayLike) -> Float:
     They are centred because the zero of a deflection is arbitrary. The error of a prediction of 0 is 1.
     ``measured`` has the shape (n,), ``predicted`` (..., n).
     """
-    first, second = centred(np.asarray(measured)), centred(np.asarray(predicted))
+    first, second = centre_loop(np.asarray(measured)), centre_loop(np.asarray(predicted))
     return np.asarray(np.sqrt(np.mean((first - second) ** 2, axis=-1) / np.mean(first**2)))
 
 
@@ -113,7 +113,7 @@ def elastic_torque(torque: ArrayLike, coulomb: ArrayLike, load_share: ArrayLike)
     top = int(np.argmax(t))
     rolled = np.roll(t, -top)
     friction, share = (np.asarray(x, dtype=np.float64)[..., np.newaxis] for x in (coulomb, load_share))
-    low, high = _slipping(rolled, friction, share), -_slipping(-rolled, friction, share)
+    low, high = _slipping_torque(rolled, friction, share), -_slipping_torque(-rolled, friction, share)
     found = np.empty_like(low)
     state = low[..., 0]
     for k in range(t.size):
@@ -122,7 +122,7 @@ def elastic_torque(torque: ArrayLike, coulomb: ArrayLike, load_share: ArrayLike)
     return np.roll(found, top, axis=-1)
 
 
-def _slipping(torque: Float, coulomb: Float, load_share: Float) -> Float:
+def _slipping_torque(torque: Float, coulomb: Float, load_share: Float) -> Float:
     """Solve E + T_c + mu |E| = T for E, the elastic torque of a drive that slips while the torque rises."""
     left = torque - coulomb
     return left / np.where(left > 0, 1 + load_share, 1 - load_share)
@@ -161,7 +161,7 @@ def contact_deflection(
         )
     if not ((gap >= 0) & (gap <= _CLEARANCES[-1])).all():
         raise ValueError(f"clearance must lie between 0 and {_CLEARANCES[-1]:g} m, got {clearance!r}")
-    curves = _curves(gearbox)
+    curves = _contact_curves(gearbox)
     steps = np.diff(_CLEARANCES)
     row = np.clip(np.searchsorted(_CLEARANCES, gap, side="right") - 1, 0, steps.size - 1)
     share = (gap - np.asarray(_CLEARANCES)[row]) / steps[row]
@@ -174,7 +174,7 @@ def contact_deflection(
 
 
 @lru_cache(maxsize=8)
-def _curves(gearbox: CycloidalGearbox) -> Float:
+def _contact_curves(gearbox: CycloidalGearbox) -> Float:
     """Deflections in rad, (n_clearances, n), at torques evenly spaced in their square root."""
     # Finer near zero, where the curve is steep.
     grid = LARGEST_TORQUE * np.linspace(0, 1, _GRID) ** 2
@@ -219,7 +219,7 @@ def checked_loop(torque: ArrayLike, deflection: ArrayLike) -> tuple[Float, Float
     return t, x
 
 
-def branches(torque: Float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def loop_branches(torque: Float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the samples of rising and of falling torque, from extreme to extreme, in order of time."""
     top, bottom = int(np.argmax(torque)), int(np.argmin(torque))
     index = np.arange(torque.size)
@@ -238,6 +238,6 @@ def evenly_spaced(torque: Float, deflection: Float, n: int) -> tuple[Float, Floa
     return np.interp(at, path[keep], torque[keep]), np.interp(at, path[keep], deflection[keep])
 
 
-def centred(deflection: Float) -> Float:
+def centre_loop(deflection: Float) -> Float:
     extremes = deflection.max(axis=-1, keepdims=True) + deflection.min(axis=-1, keepdims=True)
     return np.asarray(deflection - 0.5 * extremes)

@@ -27,7 +27,7 @@ _FREEDOM = 6.0
 _SUREST = 8.0  # logit
 
 
-def _causes(mean_torque: Float, conditions: Float, shown: Flags) -> tuple[Float, Float]:
+def _mean_causes(mean_torque: Float, conditions: Float, shown: Flags) -> tuple[Float, Float]:
     """Return causes and deviation of the mean torque over its error; 0 for recordings that are not shown."""
     load, direction = conditions[:, :, 1], conditions[:, :, 2]
     error = np.hypot(_LOAD_SHARE * load, _MEAN_NM)
@@ -57,7 +57,7 @@ def gain_and_offset(mean_torque: Float, conditions: Float, shown: Flags) -> Floa
         are on a scale that is linear for small values and logarithmic for large ones.
     """
     n = shown.sum(axis=1, keepdims=True)
-    causes, deviation = _causes(mean_torque, conditions, shown)
+    causes, deviation = _mean_causes(mean_torque, conditions, shown)
     total = np.sum(deviation**2, axis=1, keepdims=True)
     alone = np.sum(causes * deviation[:, :, None], axis=1) / np.sqrt(np.sum(causes**2, axis=1))
     both = causes[:, :, :2]
@@ -94,7 +94,7 @@ def cause_logits(mean_torque: Float, conditions: Float, shown: Flags) -> Float:
     ndarray, shape (n_sessions, 3)
         From -8 to 8.
     """
-    causes, deviation = _causes(mean_torque, conditions, shown)
+    causes, deviation = _mean_causes(mean_torque, conditions, shown)
     products = np.swapaxes(causes, 1, 2) @ causes
     moments = (np.swapaxes(causes, 1, 2) @ deviation[:, :, None])[:, :, 0]
     total, freedom = np.sum(deviation**2, axis=1), shown.sum(axis=1) + _FREEDOM
@@ -129,7 +129,7 @@ def slopes_of(logits: Float, present: NDArray[np.bool_]) -> Float:
     return slopes
 
 
-def of_mean(logits: Float, causes: Float, names: Sequence[str]) -> Float:
+def mean_predictors(logits: Float, causes: Float, names: Sequence[str]) -> Float:
     """Return what tells of effects that change the mean torque alone.
 
     Noise on its inputs keeps the network from being sure of them even where loads and directions separate
@@ -160,7 +160,7 @@ def of_mean(logits: Float, causes: Float, names: Sequence[str]) -> Float:
 
 
 def mean_coefficients(told: Float, present: NDArray[np.bool_], names: Sequence[str]) -> Float:
-    """Return coefficients of a logistic regression on :func:`of_mean`, and its constant, for each effect.
+    """Return coefficients and constant of a logistic regression on :func:`mean_predictors`, for each effect.
 
     NaN for effects that do not change the mean alone, and for those that fewer than 100 rigs have or lack.
     """
@@ -193,11 +193,11 @@ def spread_power(errors: Float, spreads: Float) -> float:
     logarithms = np.where(np.isfinite(errors), logarithms, np.nan)
     n = np.isfinite(errors).sum(axis=0)
 
-    def surprise(power: float) -> float:
+    def negative_likelihood(power: float) -> float:
         squares = np.nanmean((errors * np.exp(-power * logarithms)) ** 2, axis=0)
         return float(n @ np.log(squares) / 2 + power * np.nansum(logarithms))
 
-    return float(minimize_scalar(surprise, bounds=_POWERS, method="bounded").x)
+    return float(minimize_scalar(negative_likelihood, bounds=_POWERS, method="bounded").x)
 
 
 def quantiles_of(residuals: Float) -> Float:
@@ -205,13 +205,13 @@ def quantiles_of(residuals: Float) -> Float:
 
     Their expected coverage is nominal also for few residuals; NaN are left out.
     """
-    found = np.tile(_quantiles(residuals), (residuals.shape[1], 1))
+    found = np.tile(_error_quantiles(residuals), (residuals.shape[1], 1))
     for size, z in enumerate(residuals.T):
         if np.isfinite(z).sum() >= FEWEST_LEARNED:
-            found[size] = _quantiles(z)
+            found[size] = _error_quantiles(z)
     return found
 
 
-def _quantiles(residuals: Float) -> Float:
+def _error_quantiles(residuals: Float) -> Float:
     found: Float = np.quantile(residuals[np.isfinite(residuals)], np.array(QUANTILES), method="weibull")
     return found

@@ -25,7 +25,7 @@ from cyclofeat.gap.posterior.calibration import (
     FEWEST_LEARNED,
     QUANTILES,
     mean_coefficients,
-    of_mean,
+    mean_predictors,
     quantiles_of,
     slopes_of,
     spread_power,
@@ -42,9 +42,9 @@ from cyclofeat.gap.posterior.network import (
 )
 from cyclofeat.gap.posterior.strengths import (
     detection_limit,
-    ends,
     reach_beyond,
     strengths_of,
+    visible_ends,
 )
 from cyclofeat.gap.world.rigs import Rigs, Session
 from cyclofeat.gap.world.world import World
@@ -167,16 +167,16 @@ class EffectPosterior(BaseEstimator):
         calibrating = random.permutation(machines)[:n_calibrating]
         held = np.isin(rigs.machines, calibrating)
         self.reference_ = Reference().fit(rigs)
-        self._standardise(rigs)
+        self._fit_scales(rigs)
         begun: list[Trained | None] = [None] * n_networks
         if start is not None:
-            begun[:] = self._begun(start, random)
+            begun[:] = self._started_networks(start, random)
             self.n_rigs_ += start.n_rigs_
         made = recordings_of_rigs(rigs, self.reference_)
         sizes = (rigs.sizes - self.size_mean_) / self.size_spread_
         rows = np.flatnonzero(~held)
 
-        def done(network: int) -> Callable[[int, int], object] | None:
+        def epoch_progress(network: int) -> Callable[[int, int], object] | None:
             if progress is None:
                 return None
             return lambda epoch, _: progress(network * epochs + epoch, n_networks * epochs)
@@ -184,24 +184,27 @@ class EffectPosterior(BaseEstimator):
         self.networks_ = [
             train_network(
                 made.of(rows), Targets(rigs.present[rows], sizes[rows]), self.reference_, epochs=epochs,
-                learning_rate=rate, random_state=self.random_state + k, start=begun[k], progress=done(k),
+                learning_rate=rate, random_state=self.random_state + k, start=begun[k],
+                progress=epoch_progress(k),
             )
             for k in range(n_networks)
         ]  # fmt: skip
         rows = np.flatnonzero(held)
         self.spread_power_ = 1.0
         inputs = random_inputs(made.of(rows), self.reference_, random)
-        logits, mean, spread = self._outputs(inputs)
+        logits, mean, spread = self._network_outputs(inputs)
         self.slopes_ = slopes_of(logits, rigs.present[rows])
-        told = of_mean(logits, inputs.causes, self.names_)
+        told = mean_predictors(logits, inputs.causes, self.names_)
         self.mean_coefficients_ = mean_coefficients(told, rigs.present[rows], self.names_)
         errors = sizes[rows] - mean
         self.spread_power_ = spread_power(errors, spread)
         self.size_quantiles_ = quantiles_of(errors / spread**self.spread_power_)
-        self.limits_ = self._limits(self._probabilities(logits, inputs.causes), rigs.sizes[rows])
+        self.limits_ = self._visible_limits(
+            self._calibrated_probabilities(logits, inputs.causes), rigs.sizes[rows]
+        )
         return self
 
-    def _limits(self, probabilities: Float, sizes: Float) -> Float:
+    def _visible_limits(self, probabilities: Float, sizes: Float) -> Float:
         """Return the strengths from which effects are named, by rigs with these sizes."""
         limits = np.full(len(self.names_), np.nan)
         named = with_look_alikes(np.nan_to_num(probabilities), self.names_) > NAMED
@@ -222,7 +225,7 @@ class EffectPosterior(BaseEstimator):
             found.append((self.names_.index(effect.effect_id), column, effect.parameters[name]))
         return found
 
-    def _begun(self, start: EffectPosterior, random: np.random.Generator) -> list[Trained]:
+    def _started_networks(self, start: EffectPosterior, random: np.random.Generator) -> list[Trained]:
         """Return the networks of another posterior, with the outputs of this one; take over its scales."""
         start.check_goes_on(self.cells_, self.reference_.counts_.tolist(), self.world_["quantity"])
         if len(start.networks_) < self.n_networks:
@@ -243,7 +246,7 @@ class EffectPosterior(BaseEstimator):
         )
         return [with_outputs(weights, columns, random) for weights in start.networks_[: self.n_networks]]
 
-    def _standardise(self, rigs: Rigs) -> None:
+    def _fit_scales(self, rigs: Rigs) -> None:
         present = rigs.present
         n_with, n_without = (
             np.array([np.unique(rigs.machines[having]).size for having in flags.T])
@@ -281,14 +284,14 @@ class EffectPosterior(BaseEstimator):
 
     def predict_proba(self, sessions: Sequence[Session]) -> Float:
         """Return the probability of each effect, shape (n_sessions, n_effects); NaN for one not learned."""
-        inputs = self._inputs(sessions)
-        return self._probabilities(self._outputs(inputs)[0], inputs.causes)
+        inputs = self._network_inputs(sessions)
+        return self._calibrated_probabilities(self._network_outputs(inputs)[0], inputs.causes)
 
-    def _probabilities(self, logits: Float, causes: Float) -> Float:
+    def _calibrated_probabilities(self, logits: Float, causes: Float) -> Float:
         calibrated = self.slopes_ * logits
         known = np.isfinite(self.mean_coefficients_).all(axis=1)
         weights, constants = self.mean_coefficients_[known, :-1], self.mean_coefficients_[known, -1]
-        calibrated[:, known] = of_mean(logits, causes, self.names_) @ weights.T + constants
+        calibrated[:, known] = mean_predictors(logits, causes, self.names_) @ weights.T + constants
         return np.where(self.learned_, expit(calibrated), np.nan)
 
     def predict_visible(self, sessions: Sequence[Session]) -> Float:
@@ -302,13 +305,13 @@ class EffectPosterior(BaseEstimator):
         ndarray, shape (n_sessions, n_effects)
             NaN for an effect that no size shows, or that was not learned.
         """
-        inputs = self._inputs(sessions)
-        logits, mean, spread = self._outputs(inputs)
+        inputs = self._network_inputs(sessions)
+        logits, mean, spread = self._network_outputs(inputs)
         middle, width = self._on_scale_of_fit(mean, spread)
         beyond = np.full(logits.shape, np.nan)
         for k, column, parameter in self._main_parameters():
             beyond[:, k] = reach_beyond(parameter, self.limits_[k], middle[:, column], width[:, column])
-        return np.asarray(self._probabilities(logits, inputs.causes) * beyond)
+        return np.asarray(self._calibrated_probabilities(logits, inputs.causes) * beyond)
 
     def visible_from(self) -> dict[str, tuple[str, float, float]]:
         """Return the main parameter of each effect that is seen, and the values beyond which it is.
@@ -321,7 +324,10 @@ class EffectPosterior(BaseEstimator):
         """
         check_is_fitted(self, "networks_")
         return {
-            self.names_[k]: (self.size_names_[column].partition(".")[2], *ends(parameter, self.limits_[k]))
+            self.names_[k]: (
+                self.size_names_[column].partition(".")[2],
+                *visible_ends(parameter, self.limits_[k]),
+            )
             for k, column, parameter in self._main_parameters()
             if np.isfinite(self.limits_[k])
         }
@@ -334,7 +340,7 @@ class EffectPosterior(BaseEstimator):
         ndarray, shape (n_sessions, n_sizes, 5)
             0.05, 0.25, 0.5, 0.75 and 0.95 quantile; NaN for a parameter not learned.
         """
-        _, mean, spread = self._outputs(self._inputs(sessions))
+        _, mean, spread = self._network_outputs(self._network_inputs(sessions))
         standardised = mean[:, :, None] + spread[:, :, None] * self.size_quantiles_
         found = standardised * self.size_spread_[:, None] + self.size_mean_[:, None]
         logarithmic = np.array(self.logarithmic_)[:, None]
@@ -343,12 +349,12 @@ class EffectPosterior(BaseEstimator):
 
     def standardised_sizes(self, sessions: Sequence[Session]) -> Float:
         """Return the mean of each size if its effect is present, on a common scale, (n_sessions, n_sizes)."""
-        return self._outputs(self._inputs(sessions))[1]
+        return self._network_outputs(self._network_inputs(sessions))[1]
 
     def size_distribution(self, session: Session, names: Sequence[str]) -> tuple[Float, Float]:
         """Return median and standard deviation of some sizes on the scale of their fit, each (n_names,)."""
         columns = [self.size_names_.index(name) for name in names]
-        _, mean, spread = self._outputs(self._inputs([session]))
+        _, mean, spread = self._network_outputs(self._network_inputs([session]))
         middle, width = self._on_scale_of_fit(mean, spread)
         return middle[0, columns], width[0, columns]
 
@@ -365,7 +371,7 @@ class EffectPosterior(BaseEstimator):
         First in units of their spread without effects, on a scale that is linear for small deviations and
         logarithmic for large ones; then in units of the spread over all rigs.
         """
-        self._check([session])
+        self._check_sessions([session])
         return self.reference_.deviations(session.values, session.conditions, session.counts)
 
     def presence(self, session: Session) -> dict[str, float]:
@@ -378,11 +384,11 @@ class EffectPosterior(BaseEstimator):
         quantiles = self.predict_quantiles([session])[0]
         return dict(zip(self.size_names_, quantiles, strict=True))
 
-    def _inputs(self, sessions: Sequence[Session]) -> Inputs:
-        self._check(sessions)
+    def _network_inputs(self, sessions: Sequence[Session]) -> Inputs:
+        self._check_sessions(sessions)
         return inputs_of_sessions(sessions, self.reference_, self.cells_)
 
-    def _check(self, sessions: Sequence[Session]) -> None:
+    def _check_sessions(self, sessions: Sequence[Session]) -> None:
         """Raise ValueError unless sessions are like those of the world."""
         check_is_fitted(self, "networks_")
         for session in sessions:
@@ -393,9 +399,9 @@ class EffectPosterior(BaseEstimator):
                 )
             self.reference_.check(session)
 
-    def _outputs(self, inputs: Inputs) -> tuple[Float, Float, Float]:
+    def _network_outputs(self, inputs: Inputs) -> tuple[Float, Float, Float]:
         """Return logits, and mean and standard deviation of standardised sizes, of all networks together."""
-        parts = [_part(inputs, first) for first in range(0, len(inputs.shown), _AT_A_TIME)]
+        parts = [_input_part(inputs, first) for first in range(0, len(inputs.shown), _AT_A_TIME)]
         outputs = np.mean(
             [
                 np.concatenate([network_outputs(np, weights, **part) for part in parts])
@@ -472,5 +478,5 @@ def load_posterior(path: str | os.PathLike[str] = DEFAULT) -> EffectPosterior:
     return posterior
 
 
-def _part(inputs: Inputs, first: int) -> dict[str, Any]:
+def _input_part(inputs: Inputs, first: int) -> dict[str, Any]:
     return {name: values[first : first + _AT_A_TIME] for name, values in inputs.of_network.items()}

@@ -13,7 +13,7 @@ from sklearn.base import BaseEstimator
 from sklearn.linear_model import Ridge
 
 from cyclofeat.gap.posterior.calibration import cause_logits, gain_and_offset
-from cyclofeat.gap.summaries.turns import uncorrelating
+from cyclofeat.gap.summaries.turns import uncorrelating_matrix
 from cyclofeat.gap.world.rigs import Rigs, Session
 
 Float = NDArray[np.float64]
@@ -24,7 +24,7 @@ _FARTHEST = 8.0
 _SMALLEST_SHARE = 0.02  # least spread of a cell, as a share of its spread over all rigs
 
 
-def _ridge(inputs: Float, values: Float) -> Float:
+def _ridge_coefficients(inputs: Float, values: Float) -> Float:
     """Coefficients of a ridge regression; the first column of the inputs, a constant, is not shrunk."""
     model = Ridge(1.0).fit(inputs[:, 1:], values)
     return np.vstack([model.intercept_, model.coef_.T])
@@ -60,12 +60,13 @@ class Reference(BaseEstimator):
         values = healthy.values[made].astype(np.float64)
         conditions, counts = healthy.conditions[made], healthy.counts[made]
         self.known_, self.unknown_ = (
-            _ridge(self._inputs(conditions, given), values) for given in (counts, None)
+            _ridge_coefficients(self._regression_inputs(conditions, given), values)
+            for given in (counts, None)
         )
-        residuals = values - self._inputs(conditions, counts) @ self.known_
+        residuals = values - self._regression_inputs(conditions, counts) @ self.known_
         self.overall_ = np.nanstd(rigs.values, axis=(0, 1), dtype=np.float64) + 1e-6
         self.spread_ = np.maximum(residuals.std(axis=0), _SMALLEST_SHARE * self.overall_) + 1e-6
-        self.uncorrelating_ = uncorrelating(np.arcsinh(residuals / self.spread_))
+        self.uncorrelating_ = uncorrelating_matrix(np.arcsinh(residuals / self.spread_))
         return self
 
     def check(self, session: Session) -> None:
@@ -91,7 +92,7 @@ class Reference(BaseEstimator):
         logarithmic for large ones; then in units of the spread over all rigs, up to 8.
         """
         weights = self.unknown_ if counts is None else self.known_
-        deviations = values - self._inputs(conditions, counts) @ weights
+        deviations = values - self._regression_inputs(conditions, counts) @ weights
         return np.hstack(
             [
                 np.arcsinh(deviations / self.spread_),
@@ -108,7 +109,7 @@ class Reference(BaseEstimator):
              (2 * load - light - heavy) / max(heavy - light, 1e-9), direction], axis=-1,
         )  # fmt: skip
 
-    def _inputs(self, conditions: Float, counts: NDArray[np.int64] | None) -> Float:
+    def _regression_inputs(self, conditions: Float, counts: NDArray[np.int64] | None) -> Float:
         speed, load, _ = self.scaled(conditions).T
         waves = np.arange(1, _WAVES + 1) * np.pi / 2 * speed[:, None]
         of_speed = np.column_stack([speed, speed**2, np.sin(waves), np.cos(waves)])
@@ -210,7 +211,7 @@ class _Padded(NamedTuple):
 def recordings_of_rigs(rigs: Rigs, reference: Reference) -> Recordings:
     """Return all recordings of simulated rigs."""
     padded = _Padded(rigs.values, rigs.conditions, rigs.counts, rigs.speeds)
-    return _recordings(padded, reference, rigs.cells, (True, True))
+    return _recording_arrays(padded, reference, rigs.cells, (True, True))
 
 
 def inputs_of_sessions(sessions: Sequence[Session], reference: Reference, cells: tuple[str, ...]) -> Inputs:
@@ -230,11 +231,11 @@ def inputs_of_sessions(sessions: Sequence[Session], reference: Reference, cells:
     with_counts = np.array([session.counts is not None for session in sessions])
     tachometer = np.array([session.speeds_rpm is not None for session in sessions])
     needed = bool(with_counts.any()), not with_counts.all()
-    made = _recordings(_Padded(values, conditions, counts, speeds), reference, cells, needed)
-    return assembled(made, made.made, with_counts, tachometer, reference)
+    made = _recording_arrays(_Padded(values, conditions, counts, speeds), reference, cells, needed)
+    return assemble_inputs(made, made.made, with_counts, tachometer, reference)
 
 
-def _recordings(
+def _recording_arrays(
     padded: _Padded, reference: Reference, cells: tuple[str, ...], needed: tuple[bool, bool]
 ) -> Recordings:
     values, conditions, counts, speeds = padded
@@ -258,7 +259,7 @@ def _recordings(
     )
 
 
-def assembled(
+def assemble_inputs(
     made: Recordings, shown: Flags, with_counts: Flags, tachometer: Flags, reference: Reference
 ) -> Inputs:
     """Return the inputs of sessions of which some recordings are shown, with counts and tachometer or not."""

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base.training import descent, dropout, first_weights, libraries
-from cyclofeat.gap.posterior.inputs import Inputs, Recordings, Reference, assembled
+from cyclofeat.gap.posterior.inputs import Inputs, Recordings, Reference, assemble_inputs
 from cyclofeat.gap.world.machine import FEWEST_RECORDINGS
 
 Array = Any  # of numpy or JAX
@@ -58,7 +58,9 @@ def with_outputs(weights: Weights, columns: NDArray[np.intp], random: np.random.
     }
 
 
-def pools(xp: Any, weights: Weights, recordings: Array, shown: Array, many: Array, whole: Array) -> Array:
+def pool_recordings(
+    xp: Any, weights: Weights, recordings: Array, shown: Array, many: Array, whole: Array
+) -> Array:
     """Mean (on both scales, and uncorrelated), spread and extremes of deviations, and difference by count."""
     n_cells = weights["uncorrelating"].shape[0]
     deviations, inside = recordings[..., :n_cells], shown[..., None]
@@ -110,7 +112,7 @@ def network_outputs(
     inside = shown[..., None]
     coded = layer("recording_2", layer("recording_1", recordings)) * inside
     mean = coded.sum(1) / shown.sum(1)[:, None]
-    of_session = [pools(xp, weights, recordings, shown, many, whole), mean, coded.max(1)]
+    of_session = [pool_recordings(xp, weights, recordings, shown, many, whole), mean, coded.max(1)]
     x = thinned(layer("session_1", blurred(xp.concatenate(of_session, 1))))
     x = thinned(layer("session_2", x) + x)
     x = layer("session_3", x) + x
@@ -173,7 +175,7 @@ def train_network(
     sizes, there = np.nan_to_num(targets.sizes).astype(np.float32), np.isfinite(targets.sizes)
     per_epoch = max(n // _BATCH, 1)
     rate = learning_rate or (_RATE if start is None else _RATE_ON)
-    first_state, step = _steps(n_effects, epochs * per_epoch, rate)
+    first_state, step = _compiled_steps(n_effects, epochs * per_epoch, rate)
     state, key = first_state(weights), jax.random.PRNGKey(random_state)
     for epoch in range(epochs):
         for rows in np.array_split(random.permutation(n), per_epoch):
@@ -189,7 +191,9 @@ def train_network(
 
 # Compiled once for all networks of a posterior.
 @lru_cache(maxsize=1)
-def _steps(n_effects: int, n_steps: int, rate: float) -> tuple[Callable[..., Any], Callable[..., Any]]:
+def _compiled_steps(
+    n_effects: int, n_steps: int, rate: float
+) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Return the optimiser's first state and one step of training, as functions."""
     jax, jnp, optax = libraries()
 
@@ -217,7 +221,7 @@ def random_inputs(made: Recordings, reference: Reference, random: np.random.Gene
     order = np.argsort(random.random(made.made.shape) + ~made.made, axis=1)
     shown = (np.argsort(order, axis=1) < wanted[:, None]) & made.made
     with_counts, tachometer = random.random((2, n)) < 0.5
-    return assembled(made, shown, with_counts, tachometer, reference)
+    return assemble_inputs(made, shown, with_counts, tachometer, reference)
 
 
 def _first_weights(
@@ -231,7 +235,7 @@ def _first_weights(
         inputs.recordings.shape[2], reference.uncorrelating_, inputs.whole.shape[1],
         n_effects + 2 * n_sizes, random,
     )  # fmt: skip
-    found = np.asarray(pools(np, weights, **inputs.of_network))
+    found = np.asarray(pool_recordings(np, weights, **inputs.of_network))
     weights["pool_centre"] = np.median(found, axis=0).astype(np.float32)
     weights["pool_spread"] = (found.std(axis=0) + 0.05).astype(np.float32)
     share = np.clip(targets.present.mean(axis=0), 1e-3, 1 - 1e-3)

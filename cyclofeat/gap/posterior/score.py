@@ -61,7 +61,7 @@ class PosteriorScore:
         """Return the share of sets right among rigs with ``least`` to ``most`` effects, NaN without any."""
         shares = self.with_ties if ties else self.whole_set
         n = {k: self.n_of_number[k] for k in shares if least <= k <= most}
-        return _share(sum(shares[k] * n[k] for k in n), sum(n.values()))
+        return _ratio_or_nan(sum(shares[k] * n[k] for k in n), sum(n.values()))
 
 
 def score_posterior(
@@ -91,19 +91,19 @@ def score_posterior(
     present, named = rigs.present, learned & (probabilities > NAMED)
     number = present.sum(axis=1)
     exact = np.all(named == present, axis=1)
-    tied = np.all(_joined(named, rigs.names) == _joined(present, rigs.names), axis=1)
+    tied = np.all(_join_groups(named, rigs.names) == _join_groups(present, rigs.names), axis=1)
     right = named & present
     numbers = np.unique(number).tolist()
     return PosteriorScore(
         n_rigs=len(rigs),
-        precision=_share(right.sum(), named.sum()),
-        recall=_share(right.sum(), present.sum()),
+        precision=_ratio_or_nan(right.sum(), named.sum()),
+        recall=_ratio_or_nan(right.sum(), present.sum()),
         whole_set={k: float(exact[number == k].mean()) for k in numbers},
         with_ties={k: float(tied[number == k].mean()) for k in numbers},
         calibration_error=calibration_error(probabilities[learned], present[learned]),
-        coverage=_coverage(rigs, posterior.predict_quantiles(sessions)),
-        effect_recall=_shares(rigs.names, right, present),
-        effect_precision=_shares(rigs.names, right, named),
+        coverage=_interval_coverage(rigs, posterior.predict_quantiles(sessions)),
+        effect_recall=_effect_shares(rigs.names, right, present),
+        effect_precision=_effect_shares(rigs.names, right, named),
         n_of_number={k: int(np.sum(number == k)) for k in numbers},
         probabilities=probabilities,
     )
@@ -116,14 +116,14 @@ def calibration_error(probabilities: Float, present: Flags) -> float:
     return float(np.abs(excess).sum() / probabilities.size)
 
 
-def _joined(flags: Flags, names: Sequence[str]) -> Flags:
+def _join_groups(flags: Flags, names: Sequence[str]) -> Flags:
     """Return one column for each group of ties, and one for each effect without a group."""
     of_group = {name: f"group {k}" for k, group in enumerate(look_alikes()) for name in group}
     labels = np.array([of_group.get(name, name) for name in names])
     return np.column_stack([flags[:, labels == label].any(axis=1) for label in np.unique(labels)])
 
 
-def _coverage(rigs: Rigs, quantiles: Float) -> dict[str, float]:
+def _interval_coverage(rigs: Rigs, quantiles: Float) -> dict[str, float]:
     logarithmic = np.array(rigs.logarithmic)
     true = np.where(logarithmic, np.exp(np.where(logarithmic, rigs.sizes, 0.0)), rigs.sizes)
     inside = (quantiles[:, :, 0] <= true) & (true <= quantiles[:, :, -1])
@@ -135,10 +135,10 @@ def _coverage(rigs: Rigs, quantiles: Float) -> dict[str, float]:
     }
 
 
-def _shares(names: Sequence[str], part: Flags, whole_of_it: Flags) -> dict[str, float]:
+def _effect_shares(names: Sequence[str], part: Flags, whole_of_it: Flags) -> dict[str, float]:
     counted = zip(names, part.sum(axis=0), whole_of_it.sum(axis=0), strict=True)
-    return {name: _share(few, many) for name, few, many in counted}
+    return {name: _ratio_or_nan(few, many) for name, few, many in counted}
 
 
-def _share(part: float, whole_of_it: float) -> float:
+def _ratio_or_nan(part: float, whole_of_it: float) -> float:
     return float(part / whole_of_it) if whole_of_it else float("nan")

@@ -58,15 +58,15 @@ def strengths_of(parameter: EffectParameter, sizes: Float) -> Float:
 
     Where the neutral value is infinitely far, the strength rises towards the other side.
     """
-    neutral = _neutral(parameter)
+    neutral = _neutral_value(parameter)
     if math.isinf(neutral):
         return sizes if neutral < 0 else -sizes
     return np.asarray(np.abs(sizes - neutral))
 
 
-def ends(parameter: EffectParameter, strength: float) -> tuple[float, float]:
+def visible_ends(parameter: EffectParameter, strength: float) -> tuple[float, float]:
     """Return the values below and above which an effect is stronger; NaN where there are none."""
-    neutral = _neutral(parameter)
+    neutral = _neutral_value(parameter)
     if math.isinf(neutral):
         scaled = (math.nan, strength) if neutral < 0 else (-strength, math.nan)
     else:
@@ -85,7 +85,7 @@ def reach_beyond(parameter: EffectParameter, strength: float, middle: Float, spr
     middle, spread : ndarray
         Mean and standard deviation of the sizes on the scale of the fit.
     """
-    neutral = _neutral(parameter)
+    neutral = _neutral_value(parameter)
     if math.isinf(neutral):
         away = middle if neutral < 0 else -middle
         return np.asarray(norm.sf(strength, away, spread))
@@ -93,7 +93,7 @@ def reach_beyond(parameter: EffectParameter, strength: float, middle: Float, spr
     return np.asarray(above + below)
 
 
-def _neutral(parameter: EffectParameter) -> float:
+def _neutral_value(parameter: EffectParameter) -> float:
     value = parameter.neutral or 0.0  # None: another parameter switches the effect off
     if not parameter.log:
         return value

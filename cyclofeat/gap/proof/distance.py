@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from cyclofeat.gap.summaries.summarise import RESOLUTION_NM, Conditions, level, summarise
+from cyclofeat.gap.summaries.summarise import RESOLUTION_NM, Kinematics, level_db, summarise_windows
 from cyclofeat.gap.summaries.turns import class_means, less_class_means
 
 Float = NDArray[np.float64]
@@ -67,7 +67,7 @@ class Deviations:
 
 
 def proof_cells(
-    X: NDArray[Any], conditions: Conditions, speeds: Float | None = None
+    X: NDArray[Any], kinematics: Kinematics, speeds: Float | None = None
 ) -> tuple[Float, list[Part]]:
     """Return the numbers of each window for the distances, (n_windows, n_cells), and the part of each cell.
 
@@ -76,19 +76,19 @@ def proof_cells(
     quantile functions, averaged over the shares, is the squared Wasserstein distance of second order between
     the distributions' barycentres.
     """
-    summaries, cells = summarise(X, conditions, speeds)
+    summaries, cells = summarise_windows(X, kinematics, speeds)
     kept = [k for k, cell in enumerate(cells) if cell.family != "amplitudes"]
     parts = [Part(_FAMILY_OF.get(cells[k].family, "features"), cells[k].family, cells[k].unit) for k in kept]
     parts += [Part("amplitudes", "mean", "Nm"), Part("amplitudes", "level", "dB")]
     parts += [Part("amplitudes", _SHAPE, "1")] * len(_SHARES)
-    return np.hstack([summaries[:, kept], np.vstack([_amplitudes(x) for x in X])]), parts
+    return np.hstack([summaries[:, kept], np.vstack([_amplitude_cells(x) for x in X])]), parts
 
 
-def _amplitudes(x: NDArray[Any]) -> Float:
+def _amplitude_cells(x: NDArray[Any]) -> Float:
     torque: Float = np.asarray(x, dtype=np.float64)
     mean, variance = torque.mean(), torque.var() + RESOLUTION_NM**2
     shape = np.quantile((torque - mean) / np.sqrt(variance), _SHARES)
-    return np.asarray(np.r_[mean, level(variance), shape])
+    return np.asarray(np.r_[mean, level_db(variance), shape])
 
 
 def cell_weights(parts: list[Part]) -> Float:
@@ -109,13 +109,13 @@ def families_of(parts: list[Part]) -> list[str]:
     return [family for family in FAMILIES if any(part.family == family for part in parts)]
 
 
-def strata(counts: NDArray[Any], apart: NDArray[Any] | None = None, least: int = 2) -> Int:
+def number_strata(counts: NDArray[Any], apart: NDArray[Any] | None = None, least: int = 2) -> Int:
     """Number the strata of recordings that can replace each other: of one count, or pooled from rare counts.
 
     Counts with fewer than ``least`` recordings are pooled; if ``apart`` is given, only within equal values of
     it.
     """
-    alone = lone(counts, least)
+    alone = lone_recordings(counts, least)
     pools = np.zeros(len(counts)) if apart is None else np.asarray(apart)
     keys = [(int(a), float(p) if a else 0.0, 0 if a else int(c))
             for a, p, c in zip(alone, pools, counts, strict=True)]  # fmt: skip
@@ -123,12 +123,12 @@ def strata(counts: NDArray[Any], apart: NDArray[Any] | None = None, least: int =
     return np.array([order[key] for key in keys], dtype=np.intp)
 
 
-def lone(counts: NDArray[Any], least: int = 2) -> NDArray[np.bool_]:
+def lone_recordings(counts: NDArray[Any], least: int = 2) -> NDArray[np.bool_]:
     """Mask of recordings whose count has fewer than ``least`` recordings, by default one."""
     return np.array([np.sum(counts == count) < least for count in counts], dtype=bool)
 
 
-def deviations(measured: Sample, simulated: Sample) -> Deviations:
+def replicate_deviations(measured: Sample, simulated: Sample) -> Deviations:
     """Return the deviations between replicates.
 
     The deviation of a recording is taken from the mean of its count. For the only recording of a count it is
@@ -136,14 +136,14 @@ def deviations(measured: Sample, simulated: Sample) -> Deviations:
     the simulator that is equal in all counts drops out, but one in single counts counts as replication.
     """
     values, counts = measured.values.copy(), measured.counts
-    alone = lone(counts)
+    alone = lone_recordings(counts)
     if alone.any():
         means = class_means(simulated.values, simulated.counts)
         values[alone] = less_class_means(values[alone], counts[alone], means)
         # Correct for the error of the simulated mean of M recordings.
         sizes = np.array([np.sum(simulated.counts == count) for count in counts[alone]])
         values[alone] /= np.sqrt(1 + 1 / sizes)[:, None]
-    groups = strata(counts)
+    groups = number_strata(counts)
     values = less_class_means(values, groups, class_means(values, groups))
     return Deviations(values, counts, len(groups) - len(np.unique(groups)))
 
@@ -151,13 +151,14 @@ def deviations(measured: Sample, simulated: Sample) -> Deviations:
 def replicate_spread(measured: Sample, simulated: Sample, parts: list[Part]) -> Float:
     """Standard deviation of one measured recording around its count, shape (n_cells,).
 
-    s^2 = (n_free v + 4 v_bank) / (n_free + 4), where v is the variance of :func:`deviations` and v_bank that
+    s^2 = (n_free v + 4 v_bank) / (n_free + 4), where v is the variance of
+    :func:`replicate_deviations` and v_bank that
     of the simulated recordings around their counts. All cells of the shape of the amplitudes get their root
     mean square, so that their distance is a Wasserstein distance. No spread is smaller than 1/20 of the
     median of its part and unit. If a part and unit has no spread at all, its cells get infinity and are
     ignored.
     """
-    of_measured = deviations(measured, simulated)
+    of_measured = replicate_deviations(measured, simulated)
     squares, of_bank = np.sum(of_measured.values**2, axis=0), _variance_around(simulated)
     variance = (squares + _STEADIED_BY * of_bank) / (of_measured.n_free + _STEADIED_BY)
     spread: Float = np.sqrt(variance)
@@ -177,7 +178,7 @@ def _variance_around(sample: Sample) -> Float:
     return np.asarray(np.sum(around**2, axis=0) / max(len(around) - len(means), 1))
 
 
-def trends(counts: NDArray[Any]) -> Float:
+def count_trends(counts: NDArray[Any]) -> Float:
     """Constant and, with two counts, linear function of the count, orthonormal: (n_trends, n)."""
     rows = [np.ones(len(counts))]
     slope = counts - np.mean(counts)
@@ -186,7 +187,9 @@ def trends(counts: NDArray[Any]) -> Float:
     return np.array(rows)
 
 
-def distances(measured: Sample, simulated: Sample, scale: Scale, chances: Float | None = None) -> Float:
+def family_distances(
+    measured: Sample, simulated: Sample, scale: Scale, chances: Float | None = None
+) -> Float:
     """Distance between measured and simulated recordings in each family, (n_draws, n_families).
 
     Each recording is compared with the simulated mean of its count. Only the constant and the linear part of
@@ -203,7 +206,7 @@ def distances(measured: Sample, simulated: Sample, scale: Scale, chances: Float 
     means = class_means(simulated.values, simulated.counts)
     difference = less_class_means(measured.values, measured.counts, means) / scale.spread
     total = np.zeros((len(chances), len(scale.weights)))
-    for trend in trends(measured.counts):
+    for trend in count_trends(measured.counts):
         total += ((chances * trend) @ difference) ** 2 @ scale.weights.T
     return np.sqrt(total)
 
@@ -215,7 +218,7 @@ def bank_error(counts: NDArray[Any], simulated: Sample, scale: Scale) -> Float:
     their counts.
     """
     share = 0.0
-    rows = trends(counts)
+    rows = count_trends(counts)
     for count in np.unique(counts):
         inside = counts == count
         size = np.sum(simulated.counts == count)
@@ -223,7 +226,7 @@ def bank_error(counts: NDArray[Any], simulated: Sample, scale: Scale) -> Float:
     return np.asarray(share * (scale.weights @ (_variance_around(simulated) / scale.spread**2)))
 
 
-def floors(
+def family_floors(
     replicates: Deviations,
     scale: Scale,
     counts: NDArray[Any],
@@ -241,14 +244,15 @@ def floors(
     D_f^2 = (J/n) mean_p [ c_p sum_k w_fk d_pk^2 / s_k^2 / v_p ] + bank_f,
 
     where p runs over pieces (halved counts and pairs, drawn at random), as many as the distance has
-    coefficients J (:func:`trends` of ``counts``); v_p is the factor of s^2 above and bank_f is from
+    coefficients J (:func:`count_trends` of ``counts``); v_p is the factor of s^2 above and bank_f is from
     :func:`bank_error`. The root is taken for each split, as in the distance, and the floor is the mean over
-    splits. c_p (:func:`_studentised`) corrects for s being estimated from the same halves; it is 1 for pairs.
+    splits. c_p (:func:`_studentising_factor`) corrects for s being estimated from the same halves; it is 1
+    for pairs.
     """
-    groups, alone = strata(replicates.counts), lone(replicates.counts)
+    groups, alone = number_strata(replicates.counts), lone_recordings(replicates.counts)
     scaled = replicates.values / scale.spread
-    independent = _studentised(replicates.n_free)
-    n_inside, n_trends = len(counts), len(trends(counts))
+    independent = _studentising_factor(replicates.n_free)
+    n_inside, n_trends = len(counts), len(count_trends(counts))
     total = np.zeros(len(scale.weights))
     for _ in range(n_splits):
         pieces = []
@@ -268,7 +272,7 @@ def floors(
 
 
 @functools.cache
-def _studentised(n_free: int) -> float:
+def _studentising_factor(n_free: int) -> float:
     """Return the ratio of the expected (d/s)^2 for d independent of s to that for d used in s.
 
     With s^2 = (q + 4) / (n_free + 4) and q chi-squared with n_free degrees of freedom:
@@ -305,7 +309,7 @@ def bootstrap_chances(groups: Int, n_draws: int, random: np.random.Generator) ->
 
 def floor_draws(replicates: Deviations, scale: Scale, floor: Float, chances: Float) -> Float:
     """Return the floor in bootstrap draws, (n_draws, n_families): it scales with the rms deviation."""
-    groups = strata(replicates.counts)
+    groups = number_strata(replicates.counts)
     sizes = np.bincount(groups)[groups]
     squares = ((replicates.values / scale.spread) ** 2 @ scale.weights.T) * (
         sizes / np.maximum(sizes - 1, 1)
@@ -316,7 +320,7 @@ def floor_draws(replicates: Deviations, scale: Scale, floor: Float, chances: Flo
     return np.asarray(floor * np.sqrt(drawn / np.where(mean > 0, mean, 1.0)))
 
 
-def centred(draws: Float, estimate: Float | float) -> Float:
+def centre_draws(draws: Float, estimate: Float | float) -> Float:
     """Shift draws to the estimate: the noise of resampling makes every distance larger."""
     return np.asarray(draws - draws.mean(axis=0) + estimate)
 

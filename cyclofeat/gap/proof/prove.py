@@ -149,7 +149,7 @@ def prove_all(
         if condition in fitted.conditions:
             of_fit = fitted.turns(comparison)
         proofs.append(
-            prove(
+            prove_condition(
                 comparison, condition.set_on(corrected), turns,
                 fitted_counts=(of_fit or turns).counts, n_simulated=settings.n_report,
                 others=None if others is None else others(comparison, of_fit),
@@ -158,7 +158,7 @@ def prove_all(
     return tuple(proofs)
 
 
-def prove(
+def prove_condition(
     comparison: Comparison,
     corrected: Rig,
     held_out: MeasuredTurns,
@@ -204,7 +204,7 @@ def prove(
     GRR = 1 - (D_after - D_floor) / (D_before - D_floor),
 
     where D_floor is the distance between two halves of the measured recordings, scaled to the numbers of
-    recordings compared (``distance.floors`` has the formula, also for counts with one
+    recordings compared (``distance.family_floors`` has the formula, also for counts with one
     recording each). The ratio is undefined if D_before - D_floor is less than two standard errors, or with
     fewer than 4 recordings. Errors and intervals come from random half-samples of the recordings of each
     count (of each condition, for counts with fewer than 3 recordings), the same for all alternatives.
@@ -221,13 +221,13 @@ def prove(
     >>> comparison = Comparison(sampling_rate=6400.0, rig=rig)
     >>> bank = comparison.replace(rig=truth).bank(6, [0, 3], random_state=8)
     >>> held_out = comparison.measured(bank.X, bank.counts)
-    >>> prove(comparison, truth, held_out, n_simulated=12).result.grr > 0.7
+    >>> prove_condition(comparison, truth, held_out, n_simulated=12).result.grr > 0.7
     True
     """
     state = comparison.random_state
     # Other random numbers than in the fit: an alternative must not profit from single simulations.
     comparison = comparison.replace(random_state=state + 1)
-    values, parts = distance.proof_cells(held_out.windows, held_out.conditions, held_out.speeds)
+    values, parts = distance.proof_cells(held_out.windows, held_out.kinematics, held_out.speeds)
     wanted = None if held_out.counts is None else np.unique(held_out.counts).tolist()
     alternatives: dict[str, Alternative] = {AFTER: corrected, BEFORE: comparison.rig, **(others or {})}
     simulated: dict[str, Sample] = {}
@@ -243,7 +243,7 @@ def prove(
             )
         speeds = None if held_out.speeds is None else bank.speeds
         counts = 0 * bank.counts if held_out.counts is None else bank.counts
-        simulated[name] = Sample(distance.proof_cells(bank.X, held_out.conditions, speeds)[0], counts)
+        simulated[name] = Sample(distance.proof_cells(bank.X, held_out.kinematics, speeds)[0], counts)
     rows = Sample(per_recording(values, held_out.of_window), held_out.counts_or_zeros)
     seen = None if fitted_counts is None else np.isin(rows.counts, fitted_counts)
     proof = score_alternatives(rows, simulated, parts, seen, random_state=state)
@@ -290,10 +290,10 @@ def score_alternatives(
     # the floor is that of the simulator with the smaller one; a lower floor lowers the ratio of every
     # alternative.
     replicates = min(
-        (distance.deviations(measured, simulated) for simulated in (before, after)),
+        (distance.replicate_deviations(measured, simulated) for simulated in (before, after)),
         key=lambda found: float(np.sum((found.values / scale.spread) ** 2 @ scale.weights.T)),
     )
-    groups = distance.strata(counts, apart=seen, least=distance.POOLED_BELOW)
+    groups = distance.number_strata(counts, apart=seen, least=distance.POOLED_BELOW)
     chances = distance.bootstrap_chances(groups, n_draws, random)
     families = distance.families_of(parts)
     rows: list[ProofRow] = []
@@ -305,26 +305,26 @@ def score_alternatives(
         drawn = chances[:, inside] / chances[:, inside].sum(axis=1, keepdims=True)
         estimates, draws = {}, {}
         for name, simulated in alternatives.items():
-            single = distance.distances(some, simulated, scale)[0]
-            many = distance.distances(some, simulated, scale, drawn)
+            single = distance.family_distances(some, simulated, scale)[0]
+            many = distance.family_distances(some, simulated, scale, drawn)
             estimates[name] = float(single.mean())
-            draws[name] = distance.centred(many.mean(axis=1), estimates[name])
-            of_families += _rows(name, condition, families, single)
+            draws[name] = distance.centre_draws(many.mean(axis=1), estimates[name])
+            of_families += _distance_rows(name, condition, families, single)
         reason = _too_few(int(inside.sum()), len(counts), replicates.n_free)
         floor, floor_draws = np.nan, np.full(n_draws, np.nan)
         if not reason:
             of_bank = distance.bank_error(some.counts, before, scale)
-            by_family = distance.floors(replicates, scale, some.counts, of_bank, _SPLITS, random)
-            of_families += _rows(FLOOR, condition, families, by_family)
+            by_family = distance.family_floors(replicates, scale, some.counts, of_bank, _SPLITS, random)
+            of_families += _distance_rows(FLOOR, condition, families, by_family)
             floor = float(by_family.mean())
             moved = distance.floor_draws(replicates, scale, by_family, chances).mean(axis=1)
-            floor_draws = distance.centred(moved, floor)
+            floor_draws = distance.centre_draws(moved, floor)
             reason = _no_gap(estimates[BEFORE], floor, float(np.std(draws[BEFORE] - floor_draws)))
         for name in alternatives:
             ratio, low, high = (math.nan,) * 3
             if not reason:
                 ratio = float(distance.gap_reduction(estimates[BEFORE], estimates[name], floor))
-                low, high = _interval(draws[BEFORE], draws[name], floor_draws)
+                low, high = _ratio_interval(draws[BEFORE], draws[name], floor_draws)
             rows.append(ProofRow(name, condition, ratio, low, high, reason))
     return Proof(tuple(rows), tuple(of_families), len(counts))
 
@@ -339,7 +339,7 @@ def _no_gap(before: float, floor: float, error: float) -> str:
     )
 
 
-def _interval(before: Float, after: Float, floor: Float) -> tuple[float, float]:
+def _ratio_interval(before: Float, after: Float, floor: Float) -> tuple[float, float]:
     """Return the interval of the gap reduction ratio from draws; draws without a gap have no ratio."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = distance.gap_reduction(before, after, floor)
@@ -347,7 +347,7 @@ def _interval(before: Float, after: Float, floor: Float) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _rows(name: str, condition: str, families: list[str], values: Float) -> list[DistanceRow]:
+def _distance_rows(name: str, condition: str, families: list[str], values: Float) -> list[DistanceRow]:
     named = [*zip(families, values, strict=True), (OVERALL, values.mean())]
     return [DistanceRow(name, condition, family, float(value)) for family, value in named]
 

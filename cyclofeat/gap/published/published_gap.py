@@ -232,12 +232,12 @@ def find_published_gap(
     ['mean', 'std', 'up', 'down', 'range']
     """
     settings = PublishedSettings() if settings is None else settings
-    counts, minimum, maximum, mean, std = _columns(statistics)
+    counts, minimum, maximum, mean, std = _table_columns(statistics)
     n = len(counts)
     entropies = None if entropy is None else np.asarray(entropy, dtype=np.float64)
     if entropies is not None and (entropies.shape != (n,) or not np.isfinite(entropies).all()):
         raise ValueError(f"entropy must hold {n} finite numbers, one per disc, got {entropy!r}")
-    library = _names(settings.library)
+    library = _effect_names(settings.library)
     rigs = SimulatedRigs(comparison, counts, settings)
     measured = to_statistics(np.stack([minimum, maximum, mean, std], axis=-1), rigs.set_point)
     search = Search(rigs, measured, library, settings)
@@ -247,15 +247,15 @@ def find_published_gap(
     best = dense.theta[int(np.argmax(weights))]
     effects = rigs.effects(named, best)
     return PublishedGap(
-        discrepancies=_located(measured, rigs.table(()).values.mean(axis=(0, 1))),
+        discrepancies=_locate_statistics(measured, rigs.table(()).values.mean(axis=(0, 1))),
         ranking=search.ranking(discs),
         steps=steps,
         rejected=search.rejected(named, discs),
         dropped=dropped,
         effects=effects,
-        parameters=_parameters(rigs.parameter_names(named), best, dense.theta, weights),
+        parameters=_fitted_parameters(rigs.parameter_names(named), best, dense.theta, weights),
         rig=rigs.rig(effects),
-        held_out=tuple(row for disc in discs for row in predicted(search, disc, entropies)),
+        held_out=tuple(row for disc in discs for row in predict_statistics(search, disc, entropies)),
         measured=measured,
         fitted=np.array([np.median(search.sample(named, discs, disc)[0], axis=0) for disc in discs]),
         warnings=tuple(_too_few(n, settings.alpha)),
@@ -265,7 +265,7 @@ def find_published_gap(
     )
 
 
-def predicted(search: Search, disc: int, entropies: Float | None = None) -> list[HeldOut]:
+def predict_statistics(search: Search, disc: int, entropies: Float | None = None) -> list[HeldOut]:
     """Predict a disc from the others, with effects named without it."""
     measured, rigs = search.measured, search.rigs
     others = tuple(other for other in range(len(measured)) if other != disc)
@@ -275,7 +275,7 @@ def predicted(search: Search, disc: int, entropies: Float | None = None) -> list
     # Measured value, prediction, prediction by the simulator alone, and values of the other discs.
     columns = {
         name: tuple(
-            _natural(v, name, rigs.set_point)
+            _in_natural_units(v, name, rigs.set_point)
             for v in (measured[[disc]], sample, nothing, measured[list(others)])
         )
         for name in (*STATISTICS, "range")
@@ -297,7 +297,7 @@ def predicted(search: Search, disc: int, entropies: Float | None = None) -> list
     return rows
 
 
-def _located(measured: Float, expected: Float) -> tuple[Discrepancy, ...]:
+def _locate_statistics(measured: Float, expected: Float) -> tuple[Discrepancy, ...]:
     """Return the differences of the statistics from those expected for the count of each disc."""
     differences = {name: measured[:, k] - expected[:, k] for k, name in enumerate(STATISTICS)}
     ranges = (np.log(np.exp(values[:, 2:]).sum(axis=1)) for values in (measured, expected))
@@ -323,7 +323,7 @@ def _located(measured: Float, expected: Float) -> tuple[Discrepancy, ...]:
     return tuple(rows)
 
 
-def _parameters(
+def _fitted_parameters(
     names: Sequence[tuple[str, str]], best: Float, theta: Float, weights: Float
 ) -> tuple[Size, ...]:
     """Parameters of the best rig, with weighted quantiles over all rigs."""
@@ -337,7 +337,7 @@ def _parameters(
     return tuple(rows)
 
 
-def _natural(values: Float, name: str, set_point: float) -> Float:
+def _in_natural_units(values: Float, name: str, set_point: float) -> Float:
     """A statistic in Nm."""
     if name == "mean":
         return np.asarray(values[:, 0] + set_point)
@@ -362,7 +362,7 @@ def _too_few(n: int, alpha: float) -> list[str]:
     return []
 
 
-def _names(library: Sequence[str] | None) -> Set:
+def _effect_names(library: Sequence[str] | None) -> Set:
     known = (*known_effects(proposed=True), SET_POINT)
     if library is None:
         return tuple(name for name in known if kind_of(name).shows_as != _UNSEEN)
@@ -370,7 +370,7 @@ def _names(library: Sequence[str] | None) -> Set:
     return tuple(name for name in known if name in chosen)
 
 
-def _columns(table: Any) -> tuple[NDArray[np.int64], Float, Float, Float, Float]:
+def _table_columns(table: Any) -> tuple[NDArray[np.int64], Float, Float, Float, Float]:
     """Counts, minimum, maximum, mean and standard deviation of a table, checked."""
     wanted = ("defect_count", "min_nm", "max_nm", "mean_nm", "std_nm")
     try:

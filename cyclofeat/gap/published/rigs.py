@@ -63,7 +63,7 @@ class SimulatedRigs:
             (counts.tolist(), n_samples, comparison.sampling_rate, self.n_draws, self.random_state)
         )
         if settings.table is not None:
-            self._load(Path(settings.table))
+            self._read_rigs(Path(settings.table))
 
     def table(self, key: Set) -> RigTable:
         if key not in self.tables:
@@ -79,12 +79,12 @@ class SimulatedRigs:
 
     def parameter_names(self, key: Set) -> list[tuple[str, str]]:
         """Effect and name of each parameter of a set."""
-        return [(name, parameter) for name in key for parameter in _parameters(name)]
+        return [(name, parameter) for name in key for parameter in _parameter_names(name)]
 
     def bounds(self, key: Set) -> list[tuple[float, float, bool]]:
         """Return the smallest and largest value of each parameter in the table, and True for a log scale."""
         theta = self.table(key).theta
-        kinds = [kind_of(name).parameters[p] for name in key for p in _parameters(name)]
+        kinds = [kind_of(name).parameters[p] for name in key for p in _parameter_names(name)]
         return [
             (float(column.min()), float(column.max()), kind.log)
             for column, kind in zip(theta.T, kinds, strict=True)
@@ -94,7 +94,7 @@ class SimulatedRigs:
         """Effects of a set with one row of parameters."""
         effects, at = [], 0
         for name in key:
-            names = _parameters(name)
+            names = _parameter_names(name)
             values = dict(zip(names, theta[at : at + len(names)].tolist(), strict=True))
             effects.append(kind_of(name).with_parameters(**values))
             at += len(names)
@@ -108,7 +108,7 @@ class SimulatedRigs:
         """Number of rigs of a set; larger for effects on the torque, which need no simulation."""
         if simulated_ones(key) == key:
             return self._n_gear(key)
-        n_parameters = sum(len(_parameters(name)) for name in key)
+        n_parameters = sum(len(_parameter_names(name)) for name in key)
         return max(
             self._n_gear(simulated_ones(key)),
             min(16 * self.n_draws, 5 * self.n_draws * n_parameters),
@@ -120,15 +120,17 @@ class SimulatedRigs:
         columns: list[Float] = []
         for name in key:
             if not kind_of(name).needs_simulation():
-                columns += self._hypercube(name, n)
+                columns += self._latin_hypercube(name, n)
                 continue
             gear = simulated_ones(key)
-            _, rows = self._records(gear)
-            columns += [np.resize(column[rows], n) for column in self._hypercube(name, self._n_gear(gear))]
+            _, rows = self._gear_records(gear)
+            columns += [
+                np.resize(column[rows], n) for column in self._latin_hypercube(name, self._n_gear(gear))
+            ]
         return np.column_stack(columns) if columns else np.zeros((n, 0))
 
-    def _hypercube(self, name: str, n: int) -> list[Float]:
-        kind, names = kind_of(name), _parameters(name)
+    def _latin_hypercube(self, name: str, n: int) -> list[Float]:
+        kind, names = kind_of(name), _parameter_names(name)
         if not names:
             return []
         seed = np.random.default_rng([self.random_state, *name.encode(), n])
@@ -142,14 +144,14 @@ class SimulatedRigs:
 
     def _n_gear(self, gear: Set) -> int:
         """Return the number of rigs whose gearbox is simulated."""
-        n_parameters = sum(len(_parameters(name)) for name in gear)
+        n_parameters = sum(len(_parameter_names(name)) for name in gear)
         if len(gear) > 1:
             return 3 * self.n_draws
         return self.n_draws * (max(n_parameters, 1) ** 2 if gear else 3)
 
     def _each_torque(self, key: Set, work: Callable[[Float], Float]) -> Float:
         """Result of ``work`` on each record, shape (n_rigs, replicates, n_counts, ...)."""
-        records, _ = self._records(simulated_ones(key))
+        records, _ = self._gear_records(simulated_ones(key))
         theta = self.thetas(key)
         chain = [name for name in key if not kind_of(name).needs_simulation()]
         results = []
@@ -171,25 +173,25 @@ class SimulatedRigs:
         frequencies, psd = welch_psd(torque[np.newaxis], self.comparison.sampling_rate, "matlab_pwelch")
         return np.asarray(shannon_entropy(psd, frequencies))
 
-    def _records(self, gear: Set) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
+    def _gear_records(self, gear: Set) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
         """Return the torque of rigs, (n_gear, replicates, n_counts, n_samples), and their indices.
 
         A rig with a record that cannot be simulated is replaced; such records are counted.
         """
         return self.comparison.remember(
-            lambda: self._simulated(gear), "published records", self.population.text, self.stated, gear
+            lambda: self._simulate_gear(gear), "published records", self.population.text, self.stated, gear
         )
 
-    def _simulated(self, gear: Set) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
+    def _simulate_gear(self, gear: Set) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
         n = self._n_gear(gear)
-        columns = [column for name in gear for column in self._hypercube(name, n)]
+        columns = [column for name in gear for column in self._latin_hypercube(name, n)]
         theta = np.column_stack(columns) if columns else np.zeros((n, 0))
         jobs = list(itertools.product(range(n), range(_REPLICATES), range(len(self.counts))))
         populations = [
             dataclasses.replace(self.population, rig=self.rig(self.effects(gear, row))) for row in theta
         ]
         made = joblib.Parallel(n_jobs=self.comparison.n_jobs)(
-            joblib.delayed(_torque)(
+            joblib.delayed(_simulate_torque)(
                 populations[job[0]],
                 int(self.counts[job[2]]),
                 np.random.SeedSequence(self.random_state, spawn_key=job),
@@ -218,7 +220,7 @@ class SimulatedRigs:
             arrays["entropy:" + "+".join(key)] = entropy.astype(np.float16)
         write_whole(path, lambda stream: np.savez_compressed(stream, **arrays))
 
-    def _load(self, path: Path) -> None:
+    def _read_rigs(self, path: Path) -> None:
         with np.load(path) as stored:
             if str(stored["stated"]) != self.stated or not self._first_is(stored["values:"][0, 0, 0]):
                 raise ValueError(
@@ -238,7 +240,7 @@ class SimulatedRigs:
     def _first_is(self, statistics: Float) -> bool:
         """Simulate the first record of the model alone, and compare its statistics with stored ones."""
         seed = np.random.SeedSequence(self.random_state, spawn_key=(0, 0, 0))
-        torque = _torque(self.population, int(self.counts[0]), seed)
+        torque = _simulate_torque(self.population, int(self.counts[0]), seed)
         if torque is None:
             return False
         simulated = to_statistics(_statistics_of(torque.astype(np.float64)), self.set_point)
@@ -249,7 +251,7 @@ def kind_of(name: str) -> Effect:
     return known_effects()[name]
 
 
-def _parameters(name: str) -> list[str]:
+def _parameter_names(name: str) -> list[str]:
     return kind_of(name).vector_names()
 
 
@@ -258,7 +260,9 @@ def simulated_ones(key: Iterable[str]) -> Set:
     return tuple(name for name in key if kind_of(name).needs_simulation())
 
 
-def _torque(population: Population, count: int, seed: np.random.SeedSequence) -> NDArray[np.float32] | None:
+def _simulate_torque(
+    population: Population, count: int, seed: np.random.SeedSequence
+) -> NDArray[np.float32] | None:
     """Torque of one record, or None if it cannot be simulated."""
     try:
         return population.record(count, seed).torque
@@ -291,7 +295,7 @@ class DenseRigs:
     log_weight: Float
 
 
-def interpolated(table: RigTable, bounds: Sequence[tuple[float, float, bool]], seed: int) -> DenseRigs:
+def interpolate_rigs(table: RigTable, bounds: Sequence[tuple[float, float, bool]], seed: int) -> DenseRigs:
     """Statistics between the simulated rigs, by a Gaussian process over their parameters.
 
     The process is fitted to means over the replicates; all statistics and counts share its length scales.

@@ -13,7 +13,7 @@ from cyclofeat.gap.published.rigs import (
     DenseRigs,
     Set,
     SimulatedRigs,
-    interpolated,
+    interpolate_rigs,
     kind_of,
     simulated_ones,
 )
@@ -106,14 +106,14 @@ class Search:
         steps: list[Step] = []
         dropped: list[str] = []
         while len(named) < self.settings.max_effects:
-            step = self._next(named, tuple(dropped), discs)
+            step = self._best_step(named, tuple(dropped), discs)
             if step is None:
                 break
             steps.append(step)
-            named = self._ordered((*named, step.effect))
+            named = self._order_effects((*named, step.effect))
             for name in [other for other in named if other != step.effect]:
                 less = tuple(other for other in named if other != name)
-                if self._p(less, named, discs) > self.settings.alpha:
+                if self._step_p(less, named, discs) > self.settings.alpha:
                     named = less
                     dropped.append(name)
         return named, tuple(step for step in steps if step.effect in named), tuple(dropped)
@@ -131,9 +131,9 @@ class Search:
         if len(named) >= self.settings.max_effects:
             return ()
         rows = []
-        for name in self._candidates(named):
-            more = self._ordered((*named, name))
-            rows.append(Tried(name, float(self.score(more, discs).mean()), self._p(named, more, discs)))
+        for name in self._candidate_effects(named):
+            more = self._order_effects((*named, name))
+            rows.append(Tried(name, float(self.score(more, discs).mean()), self._step_p(named, more, discs)))
         return tuple(sorted(rows, key=lambda row: row.score))
 
     def score(self, key: Set, discs: tuple[int, ...]) -> Float:
@@ -142,14 +142,14 @@ class Search:
             scores = []
             for disc in discs:
                 others = tuple(other for other in discs if other != disc)
-                scores.append(self._scored(self.sample(key, others, disc)[0], disc))
+                scores.append(self._score_disc(self.sample(key, others, disc)[0], disc))
             self._scores[key, discs] = np.array(scores)
         return self._scores[key, discs]
 
     def fitted(self, key: Set) -> DenseRigs:
         """Return the interpolated rigs, with their weights by each disc."""
         if key not in self._fits:
-            dense = interpolated(self.rigs.table(key), self.rigs.bounds(key), self.random_state)
+            dense = interpolate_rigs(self.rigs.table(key), self.rigs.bounds(key), self.random_state)
             samples = dense.middle[:, :, np.newaxis] + dense.noise[:, np.newaxis]
             loss = crps(np.moveaxis(samples, 2, -1), self.measured) / self.scales
             self._fits[key] = dataclasses.replace(dense, log_weight=-loss.mean(axis=-1) / _TOLERANCE)
@@ -171,12 +171,12 @@ class Search:
         error = dense.noise[rigs, random.integers(dense.noise.shape[1], size=_SAMPLES)]
         return dense.middle[rigs, disc] + error, rigs
 
-    def _next(self, named: Set, dropped: Set, discs: tuple[int, ...]) -> Step | None:
+    def _best_step(self, named: Set, dropped: Set, discs: tuple[int, ...]) -> Step | None:
         """Return the effect that improves the scores most, or None if none does significantly."""
         alpha, before = self.settings.alpha, self.score(named, discs)
         scores = {
-            name: self.score(self._ordered((*named, name)), discs)
-            for name in self._candidates(named)
+            name: self.score(self._order_effects((*named, name)), discs)
+            for name in self._candidate_effects(named)
             if name not in dropped
         }
         if not scores:
@@ -205,11 +205,11 @@ class Search:
             next_measurement=kind_of(chosen).separated_by,
         )
 
-    def _p(self, less: Set, more: Set, discs: tuple[int, ...]) -> float:
+    def _step_p(self, less: Set, more: Set, discs: tuple[int, ...]) -> float:
         """Return the one-sided p of the hypothesis that the larger set does not predict better."""
         return sign_flip_p(self.score(less, discs) - self.score(more, discs), "greater")
 
-    def _candidates(self, named: Set) -> list[str]:
+    def _candidate_effects(self, named: Set) -> list[str]:
         """Return the effects that may be added: one of each group, within the limit of ``max_simulated``."""
         return [
             name
@@ -221,14 +221,14 @@ class Search:
             and not any(name in group and set(group) & set(named) for group in self._same_torque)
         ]
 
-    def _ordered(self, names: Iterable[str]) -> Set:
+    def _order_effects(self, names: Iterable[str]) -> Set:
         chosen = set(names)
         return tuple(name for name in self.library if name in chosen)
 
     def _constant_score(self, discs: tuple[int, ...]) -> Float:
         others = [self.measured[[other for other in discs if other != disc]] for disc in discs]
         samples = (student_samples(rows, _SAMPLES) for rows in others)
-        return np.array([self._scored(sample, disc) for sample, disc in zip(samples, discs, strict=True)])
+        return np.array([self._score_disc(sample, disc) for sample, disc in zip(samples, discs, strict=True)])
 
-    def _scored(self, sample: Float, disc: int) -> float:
+    def _score_disc(self, sample: Float, disc: int) -> float:
         return float(np.mean(crps(sample.T, self.measured[disc]) / self.scales))

@@ -11,7 +11,7 @@ from scipy import stats
 
 from cyclofeat.gap.summaries.summarise import (
     SPEED_TOLERANCE,
-    Conditions,
+    Kinematics,
     speeds_by_mesh,
     synchronous_average,
 )
@@ -57,7 +57,7 @@ class PhaseMap:
 def phase_maps(
     measured: NDArray[Any],
     simulated: NDArray[Any],
-    conditions: Conditions,
+    kinematics: Kinematics,
     alpha: float,
     speeds: tuple[Float, Float] | None = None,
 ) -> dict[str, PhaseMap]:
@@ -67,14 +67,15 @@ def phase_maps(
     simulated windows, by default from their mesh lines. Returns the maps ``"input"`` and ``"lobe"``.
     """
     maps = {}
-    rate, n_lobes = conditions.sampling_rate, conditions.n_lobes
-    known = speeds or [_fine_speeds(X, conditions) for X in (measured, simulated)]
+    rate, n_lobes = kinematics.sampling_rate, kinematics.n_lobes
+    known = speeds or [_fine_speeds(X, kinematics) for X in (measured, simulated)]
     for name, per_turn in (("input", 1.0), ("lobe", (n_lobes + 1) / n_lobes)):
         folded = [
-            _folded(X, speed * per_turn / rate) for X, speed in zip((measured, simulated), known, strict=True)
+            _fold_windows(X, speed * per_turn / rate)
+            for X, speed in zip((measured, simulated), known, strict=True)
         ]
         reference = _mean_wave(folded[1])
-        aligned = [np.array([_turned(wave, reference) for wave in waves]) for waves in folded]
+        aligned = [np.array([_align_wave(wave, reference) for wave in waves]) for waves in folded]
         p = stats.ttest_ind(*aligned, equal_var=False, axis=0).pvalue
         of_measured, of_simulated = aligned
         maps[name] = PhaseMap(
@@ -89,15 +90,15 @@ def phase_maps(
     return maps
 
 
-def _fine_speeds(X: NDArray[Any], conditions: Conditions) -> Float:
+def _fine_speeds(X: NDArray[Any], kinematics: Kinematics) -> Float:
     """Return the mean input speed of each window in Hz, with finer steps near the nominal speed."""
-    rate, nominal_hz, n_lobes = conditions.sampling_rate, conditions.input_speed_hz, conditions.n_lobes
+    rate, nominal_hz, n_lobes = kinematics.sampling_rate, kinematics.input_speed_hz, kinematics.n_lobes
     near = estimate_input_speed(X, rate, nominal_hz, _FINE_TOLERANCE, comb="mesh", n_lobes=n_lobes)
     far = speeds_by_mesh(np.asarray(X, dtype=np.float64), rate, nominal_hz, n_lobes)
     return np.where(np.abs(far / nominal_hz - 1) > _FINE_TOLERANCE, far, near)
 
 
-def _folded(X: NDArray[Any], turns_per_sample: Float) -> Float:
+def _fold_windows(X: NDArray[Any], turns_per_sample: Float) -> Float:
     """Mean of each bin of the turn, less the window's mean: (n_windows, _BINS)."""
     waves = []
     for x, step in zip(X, turns_per_sample, strict=True):
@@ -112,11 +113,11 @@ def _mean_wave(waves: Float) -> Float:
     """Return the mean of waves shifted to fit it, by iteration from the largest of them."""
     mean = np.asarray(waves[int(np.argmax(waves.var(axis=1)))])
     for _ in range(_ROUNDS):
-        mean = np.mean([_turned(wave, mean) for wave in waves], axis=0)
+        mean = np.mean([_align_wave(wave, mean) for wave in waves], axis=0)
     return mean
 
 
-def _turned(wave: Float, reference: Float) -> Float:
+def _align_wave(wave: Float, reference: Float) -> Float:
     """Return the wave shifted to its largest circular correlation with the reference."""
     correlation = np.fft.irfft(np.fft.rfft(reference) * np.conj(np.fft.rfft(wave)), wave.size)
     return np.roll(wave, int(np.argmax(correlation)))

@@ -69,7 +69,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Conditions:
+class Kinematics:
     """Sampling rate in Hz, nominal input speed in Hz and lobes of a wheel, which is also the reduction."""
 
     sampling_rate: float
@@ -90,8 +90,8 @@ class Conditions:
         return min(round(whole * turn * self.sampling_rate), n_samples)
 
 
-def summarise(
-    X: NDArray[Any], conditions: Conditions, speeds: NDArray[Any] | None = None
+def summarise_windows(
+    X: NDArray[Any], kinematics: Kinematics, speeds: NDArray[Any] | None = None
 ) -> tuple[Float, list[Cell]]:
     """Summarise windows of torque.
 
@@ -99,7 +99,7 @@ def summarise(
     ----------
     X : ndarray, shape (n_windows, n_samples)
         Torque in Nm, at least one output turn each.
-    conditions : Conditions
+    kinematics : Kinematics
     speeds : ndarray, shape (n_windows,), optional
         Mean input speed of each window by a tachometer, in Hz. Default: from its mesh lines. Orders are
         multiples of it.
@@ -129,7 +129,7 @@ def summarise(
     Levels are in dB of Nm^2. The expected value of white noise of 1 mNm rms is added to every level and
     moment: a smaller difference is no difference on any torque meter (an assumption).
     """
-    conditions.whole_turns(np.shape(X)[1])
+    kinematics.whole_turns(np.shape(X)[1])
     given = None if speeds is None else np.asarray(speeds, dtype=float)
     values: list[Float] = []
     cells: list[Cell] = []
@@ -137,27 +137,27 @@ def summarise(
     for start in range(0, len(X), _AT_A_TIME):
         part = slice(start, start + _AT_A_TIME)
         some, cells = _summaries_of(
-            np.asarray(X[part], dtype=np.float64), conditions, None if given is None else given[part]
+            np.asarray(X[part], dtype=np.float64), kinematics, None if given is None else given[part]
         )
         values.append(some)
     return np.vstack(values), cells
 
 
-def _summaries_of(torque: Float, conditions: Conditions, speeds: Float | None) -> tuple[Float, list[Cell]]:
-    rate, nominal_hz, n_lobes = conditions.sampling_rate, conditions.input_speed_hz, conditions.n_lobes
+def _summaries_of(torque: Float, kinematics: Kinematics, speeds: Float | None) -> tuple[Float, list[Cell]]:
+    rate, nominal_hz, n_lobes = kinematics.sampling_rate, kinematics.input_speed_hz, kinematics.n_lobes
     by_mesh = speeds_by_mesh(torque, rate, nominal_hz, n_lobes)
     of_window = by_mesh if speeds is None else speeds
     mean = torque.mean(axis=1, keepdims=True)
     ripple = torque - mean
     lines = rfft(ripple, axis=1)
     parts = [
-        _speed(by_mesh, nominal_hz, speeds),
-        _slow(ripple, lines, rate),
-        _amplitudes(torque, ripple, mean[:, 0]),
-        _bands(hann_lines(lines), ripple.shape[1], rate),
-        _orders(ripple, rate, of_window, nominal_hz, n_lobes),
-        _averages(ripple, rate, of_window, n_lobes),
-        _features(torque, rate),
+        _speed_cells(by_mesh, nominal_hz, speeds),
+        _slow_cells(ripple, lines, rate),
+        _amplitude_cells(torque, ripple, mean[:, 0]),
+        _band_cells(hann_lines(lines), ripple.shape[1], rate),
+        _order_cells(ripple, rate, of_window, nominal_hz, n_lobes),
+        _average_cells(ripple, rate, of_window, n_lobes),
+        _feature_cells(torque, rate),
     ]
     return np.hstack([values for values, _ in parts]), [cell for _, cells in parts for cell in cells]
 
@@ -167,7 +167,7 @@ def smallest_spreads(cells: list[Cell]) -> Float:
     return np.array([_SMALLEST_SPREAD[cell.unit] for cell in cells])
 
 
-def level(power: Float) -> Float:
+def level_db(power: Float) -> Float:
     """Power in Nm^2 as a level in dB."""
     return np.asarray(10 * np.log10(power))
 
@@ -193,7 +193,7 @@ def speeds_by_mesh(torque: Float, sampling_rate: float, nominal_hz: float, n_lob
     return speeds
 
 
-def _speed(by_mesh: Float, nominal_hz: float, speeds: NDArray[Any] | None) -> tuple[Float, list[Cell]]:
+def _speed_cells(by_mesh: Float, nominal_hz: float, speeds: NDArray[Any] | None) -> tuple[Float, list[Cell]]:
     columns, cells = [100 * (by_mesh / nominal_hz - 1)], [Cell("speed", "input speed by the mesh lines", "%")]
     if speeds is not None:
         columns.append(100 * (np.asarray(speeds) / nominal_hz - 1))
@@ -227,7 +227,9 @@ def hann_lines(lines: NDArray[np.complex128]) -> NDArray[np.complex128]:
     return under
 
 
-def _slow(ripple: Float, lines: NDArray[np.complex128], sampling_rate: float) -> tuple[Float, list[Cell]]:
+def _slow_cells(
+    ripple: Float, lines: NDArray[np.complex128], sampling_rate: float
+) -> tuple[Float, list[Cell]]:
     n = ripple.shape[1]
     time = (np.arange(n) - (n - 1) / 2) / n
     trend = ripple @ time / (time @ time)
@@ -238,10 +240,12 @@ def _slow(ripple: Float, lines: NDArray[np.complex128], sampling_rate: float) ->
         Cell("slow part", "size of the trend over the window", "dB", 0.0, _SLOW_HZ),
     ]
     below = 2 * (kept - 1) * RESOLUTION_NM**2 / n
-    return np.column_stack([level(power + below), level(trend**2 + RESOLUTION_NM**2 / (time @ time))]), cells
+    return np.column_stack(
+        [level_db(power + below), level_db(trend**2 + RESOLUTION_NM**2 / (time @ time))]
+    ), cells
 
 
-def _amplitudes(X: Float, ripple: Float, mean: Float) -> tuple[Float, list[Cell]]:
+def _amplitude_cells(X: Float, ripple: Float, mean: Float) -> tuple[Float, list[Cell]]:
     # Single precision, as torque is recorded: it is sorted in half the time.
     ordered = np.sort(X.astype(np.float32), axis=1)
     variance = ripple.var(axis=1) + RESOLUTION_NM**2
@@ -252,7 +256,7 @@ def _amplitudes(X: Float, ripple: Float, mean: Float) -> tuple[Float, list[Cell]
     distinct = 1 - np.mean(np.diff(ordered, axis=1) == 0, axis=1)
     # Cumulants: independent Gaussian noise does not change those above the second.
     excess = (fourths - 3 * ripple.var(axis=1) ** 2) / variance**2
-    columns = [mean, level(variance), cubes / variance**1.5, signed_log(excess)]
+    columns = [mean, level_db(variance), cubes / variance**1.5, signed_log(excess)]
     names = [("mean", "Nm"), ("level of the ripple", "dB"), ("skewness", "1"), ("excess kurtosis", "1")]
     names += [(f"quantile {q:g} over std", "1") for q in _QUANTILES]
     names += [("share of distinct values", "1")]
@@ -265,9 +269,11 @@ def signed_log(values: Float) -> Float:
     return np.asarray(np.sign(values) * np.log1p(np.abs(values)))
 
 
-def _bands(lines: NDArray[np.complex128], n_samples: int, sampling_rate: float) -> tuple[Float, list[Cell]]:
+def _band_cells(
+    lines: NDArray[np.complex128], n_samples: int, sampling_rate: float
+) -> tuple[Float, list[Cell]]:
     frequencies = np.fft.rfftfreq(n_samples, 1 / sampling_rate)
-    psd = 2 * np.abs(lines) ** 2 / (sampling_rate * n_samples * HANN_POWER) + _white(sampling_rate)
+    psd = 2 * np.abs(lines) ** 2 / (sampling_rate * n_samples * HANN_POWER) + _white_density(sampling_rate)
     last = int(np.floor(10 * np.log10(_HIGHEST_BAND_SHARE * sampling_rate) - 0.5))
     columns, cells = [], []
     for band in range(_LOWEST_BAND, last + 1):
@@ -275,17 +281,17 @@ def _bands(lines: NDArray[np.complex128], n_samples: int, sampling_rate: float) 
         inside = (frequencies >= low) & (frequencies < high)
         if not inside.any():  # the windows are too short for the band
             continue
-        columns.append(level(psd[:, inside].sum(axis=1) * (frequencies[1] - frequencies[0])))
+        columns.append(level_db(psd[:, inside].sum(axis=1) * (frequencies[1] - frequencies[0])))
         cells.append(Cell("spectrum", f"third octave at {10 ** (band / 10):.3g} Hz", "dB", low, high))
     return np.column_stack(columns), cells
 
 
-def _white(sampling_rate: float) -> float:
+def _white_density(sampling_rate: float) -> float:
     """One-sided power spectral density of white noise of the resolution, in Nm^2/Hz."""
     return 2 * RESOLUTION_NM**2 / sampling_rate
 
 
-def _orders(
+def _order_cells(
     ripple: Float, sampling_rate: float, speeds: Float, nominal_hz: float, n_lobes: int
 ) -> tuple[Float, list[Cell]]:
     """Lines of lobes and shaft over their floor, and that floor.
@@ -311,10 +317,10 @@ def _orders(
             continue
         floor = np.median(power[:, near], axis=1)
         hz, half = at / n_lobes * nominal_hz, per_line / 2 / n_lobes * nominal_hz
-        columns.append(level(power[:, at]) - level(floor))
+        columns.append(level_db(power[:, at]) - level_db(floor))
         name = f"lobe line {line} (order {at / n_lobes:.3g})"
         cells.append(Cell("lobe lines", name, "dB", hz - half, hz + half))
-        floors.append(level(floor))
+        floors.append(level_db(floor))
         floor_cells.append(Cell("floor", f"around order {at / n_lobes:.3g}", "dB", hz - half, hz + half))
     for turn in range(1, _SHAFT_LINES + 1):
         at = turn * n_lobes
@@ -325,7 +331,7 @@ def _orders(
         if at + 6 >= n_bins or not near.size:
             continue
         hz, half = turn * nominal_hz, nominal_hz / 2
-        columns.append(level(power[:, at]) - level(np.median(power[:, near], axis=1)))
+        columns.append(level_db(power[:, at]) - level_db(np.median(power[:, near], axis=1)))
         cells.append(Cell("shaft lines", f"input order {turn}", "dB", hz - half, hz + half))
     return np.array([*columns, *floors]).T.reshape(len(ripple), -1), cells + floor_cells
 
@@ -347,7 +353,9 @@ def _lines_of_a_turn(x: Float, sampling_rate: float, speed: float, n_lobes: int,
     return np.asarray(power + 2 * RESOLUTION_NM**2 / n_cut)
 
 
-def _averages(ripple: Float, sampling_rate: float, speeds: Float, n_lobes: int) -> tuple[Float, list[Cell]]:
+def _average_cells(
+    ripple: Float, sampling_rate: float, speeds: Float, n_lobes: int
+) -> tuple[Float, list[Cell]]:
     """Level and crest of the averages over input turns and over lobes, and level of the residual."""
     columns = []
     for per_turn in (1.0, (n_lobes + 1) / n_lobes):
@@ -367,8 +375,12 @@ def _averages(ripple: Float, sampling_rate: float, speeds: Float, n_lobes: int) 
             ]
             found.append(powers)
         power = np.array(found)
-        columns += [level(power[:, 0]), level(power[:, 1]) - level(power[:, 0]), level(power[:, 2])]
-        columns += [level(power[:, 3]) - level(power[:, 4])]
+        columns += [
+            level_db(power[:, 0]),
+            level_db(power[:, 1]) - level_db(power[:, 0]),
+            level_db(power[:, 2]),
+        ]
+        columns += [level_db(power[:, 3]) - level_db(power[:, 4])]
     names = ("level of the average over", "crest of the average over", "level left by the average over",
              "unevenness left over")  # fmt: skip
     cells = [Cell("averages", f"{name} {by}", "dB") for by in ("input turns", "lobes") for name in names]
@@ -384,15 +396,15 @@ def synchronous_average(
     return np.bincount(slots, x, minlength=n_bins) / np.maximum(n, 1), slots, n
 
 
-def _features(X: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
+def _feature_cells(X: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
     columns, cells = [], []
     for preset in ("matlab_pwelch", "ripple"):
         frequencies, psd = welch_psd(X, sampling_rate, preset)
-        psd = psd + _white(sampling_rate)
+        psd = psd + _white_density(sampling_rate)
         columns.append(shannon_entropy(psd, frequencies))
         cells.append(Cell("features", f"Shannon entropy ({preset})", "bit"))
     shapes = (spectral_flatness, spectral_centroid, spectral_rolloff)
-    columns += [level(shape(psd, frequencies)) for shape in shapes]
+    columns += [level_db(shape(psd, frequencies)) for shape in shapes]
     cells += [Cell("features", name, "dB") for name in ("spectral flatness", "spectral centroid", "roll-off")]
     details = dwt(X - X.mean(axis=1, keepdims=True), _WAVELET, _LEVELS)
     for number, coefficients in enumerate(details[:-1], start=1):

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.covariance import LedoitWolf
 from sklearn.utils.validation import check_array
 
-from cyclofeat.gap.summaries.summarise import Cell, Conditions, summarise
+from cyclofeat.gap.summaries.summarise import Cell, Kinematics, summarise_windows
 from cyclofeat.signal.orders import mean_speed
 
 Float = NDArray[np.float64]
@@ -34,14 +34,14 @@ class MeasuredTurns:
         Worn lobes of each recording; None where they are not known.
     speeds : ndarray, shape (n_windows,), or None
         Mean input speed of each window in Hz, by a tachometer.
-    conditions : Conditions
+    kinematics : Kinematics
     """
 
     windows: NDArray[np.float32] = field(repr=False)
     of_window: NDArray[np.intp] = field(repr=False)
     counts: NDArray[np.int64] | None
     speeds: Float | None = field(repr=False)
-    conditions: Conditions
+    kinematics: Kinematics
 
     @property
     def n_recordings(self) -> int:
@@ -51,12 +51,12 @@ class MeasuredTurns:
     @property
     def values(self) -> Float:
         """Summaries of each recording, the mean over its windows: shape (n_recordings, n_cells)."""
-        return per_recording(self._summarised[0], self.of_window)
+        return per_recording(self._window_summaries[0], self.of_window)
 
     @property
     def cells(self) -> list[Cell]:
         """Columns of ``values``."""
-        return self._summarised[1]
+        return self._window_summaries[1]
 
     @property
     def counts_or_zeros(self) -> NDArray[np.int64]:
@@ -64,12 +64,12 @@ class MeasuredTurns:
         return np.zeros(self.n_recordings, dtype=np.int64) if self.counts is None else self.counts
 
     @functools.cached_property
-    def _summarised(self) -> tuple[Float, list[Cell]]:
-        return summarise(self.windows, self.conditions, self.speeds)
+    def _window_summaries(self) -> tuple[Float, list[Cell]]:
+        return summarise_windows(self.windows, self.kinematics, self.speeds)
 
 
 def read_measured(
-    conditions: Conditions,
+    kinematics: Kinematics,
     X: ArrayLike,
     y: ArrayLike | None,
     groups: ArrayLike | None,
@@ -83,14 +83,14 @@ def read_measured(
     """
     windows = check_array(X, dtype=[np.float64, np.float32], input_name="X")
     of_window, counts = recordings_of(len(windows), y, groups)
-    if counts is not None and counts.max() > conditions.n_lobes:
-        raise ValueError(f"y must hold counts from 0 to the {conditions.n_lobes} lobes, got {counts.max()}")
-    n_samples = conditions.whole_turns(windows.shape[1])
+    if counts is not None and counts.max() > kinematics.n_lobes:
+        raise ValueError(f"y must hold counts from 0 to the {kinematics.n_lobes} lobes, got {counts.max()}")
+    n_samples = kinematics.whole_turns(windows.shape[1])
     speeds = None
     if angle is not None:
-        speeds = checked_speeds(angle, windows.shape, n_samples, conditions.sampling_rate)
+        speeds = checked_speeds(angle, windows.shape, n_samples, kinematics.sampling_rate)
     # Same precision as simulated recordings: otherwise the share of distinct values would differ.
-    return MeasuredTurns(windows[:, :n_samples].astype(np.float32), of_window, counts, speeds, conditions)
+    return MeasuredTurns(windows[:, :n_samples].astype(np.float32), of_window, counts, speeds, kinematics)
 
 
 def recordings_of(
@@ -125,7 +125,7 @@ def recordings_of(
     return of_window, first
 
 
-def mixed(counts: NDArray[np.int64], n: int) -> list[int]:
+def mix_counts(counts: NDArray[np.int64], n: int) -> list[int]:
     """Order counts so that the first k have about the shares of all, for every k.
 
     If there are more counts than the n recordings to simulate, each occurs once.
@@ -168,7 +168,7 @@ def less_class_means(values: Float, counts: NDArray[Any], means: dict[int, Float
     return np.asarray(values - np.array([means[int(count)] for count in counts]))
 
 
-def uncorrelating(deviations: Float) -> Float:
+def uncorrelating_matrix(deviations: Float) -> Float:
     """Matrix W (n_cells, n_cells) for which ``deviations @ W`` has about the identity as covariance.
 
     The covariance is shrunk (Ledoit and Wolf 2004); deviations have about unit variance and zero mean.

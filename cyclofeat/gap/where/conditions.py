@@ -24,7 +24,7 @@ def locate_all(
     Parameters
     ----------
     measured : MeasuredRig
-        Conditions with one recording are left out.
+        Kinematics with one recording are left out.
     world : World
         The model and what may differ anyway.
     settings : GapSettings
@@ -60,10 +60,10 @@ def locate_all(
         alpha=settings.alpha / len(compared),
         n_permutations=settings.n_permutations * len(compared),
     )
-    return tuple(_located(measured, condition, world, shared, simulated) for condition in compared)
+    return tuple(_locate_condition(measured, condition, world, shared, simulated) for condition in compared)
 
 
-def _located(
+def _locate_condition(
     measured: MeasuredRig,
     condition: Condition,
     world: World,

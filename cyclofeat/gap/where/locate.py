@@ -150,8 +150,8 @@ class LocatedGap:
     def phase(self) -> dict[str, PhaseMap]:
         """Torque folded over the input's turn and over the passage of the lobes, for a picture."""
         speeds = None if self.measured.speeds is None else (self.measured.speeds, self.bank.speeds)
-        conditions = self.comparison.conditions
-        return phase_maps(self.measured.windows, self.bank.X, conditions, self.alpha, speeds)
+        kinematics = self.comparison.kinematics
+        return phase_maps(self.measured.windows, self.bank.X, kinematics, self.alpha, speeds)
 
     def centred(self, values: Float, counts: NDArray[Any] | None) -> Float:
         """Summaries less the simulated mean of their count; unchanged where counts are not known."""
@@ -249,7 +249,7 @@ def locate(
     trend = SpeedAndLoad(of_simulated, measured.cells, smallest_spreads(measured.cells))
     shared = _shared_variance(blank, trend)
     compared = trend.without(of_measured), trend.without(of_simulated)
-    table, family_p = _tested(dataclasses.replace(blank, shared_variance=shared), compared)
+    table, family_p = _test_cells(dataclasses.replace(blank, shared_variance=shared), compared)
     return dataclasses.replace(
         blank, shared_variance=shared, table=table, family_p=family_p, _compared=compared
     )
@@ -266,11 +266,13 @@ def _shared_variance(located: LocatedGap, trend: SpeedAndLoad) -> Float:
     return intraclass_correlation(trend.without(values), bank.assemblies)
 
 
-def _tested(located: LocatedGap, compared: tuple[Float, Float]) -> tuple[tuple[Row, ...], dict[str, float]]:
+def _test_cells(
+    located: LocatedGap, compared: tuple[Float, Float]
+) -> tuple[tuple[Row, ...], dict[str, float]]:
     """Test all cells: return their rows, and the adjusted p of each family."""
     cells, n = located.cells, len(located.cells)
     random = np.random.default_rng([located.comparison.random_state, 0])
-    wider = widening(located.shared_variance, len(compared[0]))
+    wider = widening_factor(located.shared_variance, len(compared[0]))
     statistics = Permuted(*compared, located.n_permutations, random, smallest_spreads(cells), wider)
     rows: list[tuple[str, Row]] = []
     raw: dict[str, float] = {}
@@ -349,7 +351,7 @@ def intraclass_correlation(values: Float, assemblies: NDArray[Any]) -> Float:
     return np.asarray(np.clip((among - within) / np.where(total > 0, total, 1.0), 0.0, 1.0))
 
 
-def widening(shared: Float, n: int) -> Float:
+def widening_factor(shared: Float, n: int) -> Float:
     """Factor on the standard error of the mean of n recordings of one assembly, shape (n_cells,).
 
     The recordings count as n / (1 + (n - 1) r), where r is the ``shared`` part of the variance (Kish 1965).

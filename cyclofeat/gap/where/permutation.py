@@ -8,7 +8,7 @@ from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.model_selection import StratifiedKFold
 
 from cyclofeat.gap.summaries.summarise import FAMILIES, Cell, smallest_spreads
-from cyclofeat.gap.summaries.turns import uncorrelating
+from cyclofeat.gap.summaries.turns import uncorrelating_matrix
 
 Float = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ class Permuted:
         deviation = np.maximum(ratios.std(axis=0), 1e-9)
         # All means together: Hotelling's statistic with a shrunk covariance that ignores the labels.
         scale = np.sqrt(squares / (total - 2) + floor)
-        turn = uncorrelating(deviations / np.where(scale > 0, scale, 1.0))
+        turn = uncorrelating_matrix(deviations / np.where(scale > 0, scale, 1.0))
         # Only the measured set may come from one assembly; permuted sets mix many.
         t[0] /= wider
         in_scales = differences / np.where(scale > 0, scale, 1.0)
@@ -128,7 +128,7 @@ def holm(p: dict[str, float]) -> dict[str, float]:
     return adjusted
 
 
-def _whitened(measured: Float, simulated: Float, n_components: int = 12) -> Float:
+def _principal_components(measured: Float, simulated: Float, n_components: int = 12) -> Float:
     """Leading principal components of all recordings, each of unit variance: (n, n_components)."""
     pooled = np.vstack([measured, simulated])
     scaled = pooled - pooled.mean(axis=0)
@@ -140,28 +140,28 @@ def _whitened(measured: Float, simulated: Float, n_components: int = 12) -> Floa
 
 def energy_p(measured: Float, simulated: Float, n: int, random: np.random.Generator) -> float:
     """p of the energy distance (Szekely and Rizzo 2004) under permuted labels."""
-    points = _whitened(measured, simulated)
+    points = _principal_components(measured, simulated)
     distances = np.linalg.norm(points[:, None] - points[None], axis=2)
     first, total = len(measured), len(points)
 
-    def statistic(chosen: NDArray[np.intp]) -> float:
+    def energy_statistic(chosen: NDArray[np.intp]) -> float:
         # Weights of the difference of the two means: the energy distance is minus their quadratic form.
         weights = np.full(total, -1 / (total - first))
         weights[chosen] = 1 / first
         return -float(weights @ distances @ weights)
 
-    observed = statistic(np.arange(first))
-    reached = sum(statistic(random.choice(total, first, replace=False)) >= observed for _ in range(n))
+    observed = energy_statistic(np.arange(first))
+    reached = sum(energy_statistic(random.choice(total, first, replace=False)) >= observed for _ in range(n))
     return (reached + 1) / (n + 1)
 
 
 def classifier_p(measured: Float, simulated: Float, n: int, random: np.random.Generator) -> float:
     """p of the separation by a cross-validated linear classifier, refitted under each permutation."""
-    points = _whitened(measured, simulated)
+    points = _principal_components(measured, simulated)
     labels: Float = np.concatenate([np.ones(len(measured)), np.zeros(len(simulated))])
     folds = StratifiedKFold(min(5, len(measured)), shuffle=True, random_state=0)
 
-    def separation(y: Float) -> float:
+    def classifier_separation(y: Float) -> float:
         # Not cross_val_predict, whose checks take longer than these small fits.
         scores = np.empty(y.size)
         for train, test in folds.split(points, y):
@@ -170,6 +170,6 @@ def classifier_p(measured: Float, simulated: Float, n: int, random: np.random.Ge
         inside = scores[y == 1]
         return float(np.mean(inside[:, None] > scores[y == 0][None]))
 
-    observed = separation(labels)
-    reached = sum(separation(random.permutation(labels)) >= observed for _ in range(n))
+    observed = classifier_separation(labels)
+    reached = sum(classifier_separation(random.permutation(labels)) >= observed for _ in range(n))
     return (reached + 1) / (n + 1)

@@ -14,13 +14,13 @@ from cyclofeat.gap.summaries.summarise import (
     RESOLUTION_NM,
     SPEED_TOLERANCE,
     Cell,
-    Conditions,
+    Kinematics,
     block_means,
     box_means,
     hann_lines,
-    level,
+    level_db,
     signed_log,
-    summarise,
+    summarise_windows,
 )
 from cyclofeat.signal.faults import find_runs
 
@@ -37,20 +37,20 @@ _DECAY_HZ = 12.0
 _SLIP_BOXES_S = (0.028, 0.014, 0.007)
 
 
-def turn_samples(conditions: Conditions) -> int:
+def turn_samples(kinematics: Kinematics) -> int:
     """Return the number of samples of one output turn, also where the speed is low by the tolerance."""
-    turn = conditions.n_lobes / conditions.input_speed_hz * conditions.sampling_rate
+    turn = kinematics.n_lobes / kinematics.input_speed_hz * kinematics.sampling_rate
     return int(next_fast_len(math.ceil(turn * (1 + SPEED_TOLERANCE)), real=True))
 
 
-def recording_cells(X: NDArray[np.float32], conditions: Conditions) -> tuple[Float, list[Cell]]:
+def recording_cells(X: NDArray[np.float32], kinematics: Kinematics) -> tuple[Float, list[Cell]]:
     """Summarise recordings of one output turn.
 
     Parameters
     ----------
     X : ndarray, shape (n_recordings, n_samples)
         Torque in Nm, positive for a load that brakes.
-    conditions : Conditions
+    kinematics : Kinematics
 
     Returns
     -------
@@ -61,17 +61,17 @@ def recording_cells(X: NDArray[np.float32], conditions: Conditions) -> tuple[Flo
         they settle to; repeated, equal and extreme values.
     cells : list of Cell
     """
-    values, cells = summarise(X, conditions)
+    values, cells = summarise_windows(X, kinematics)
     mean = X.mean(axis=1, dtype=np.float64)
     ripple = X.astype(np.float64) - mean[:, None]
-    speeds = conditions.input_speed_hz * (1 + values[:, 0] / 100)
+    speeds = kinematics.input_speed_hz * (1 + values[:, 0] / 100)
     parts = [
-        _modulation(ripple, conditions, speeds),
-        _fixed_in_hz(ripple, conditions.sampling_rate),
-        _course(ripple),
-        _decays(ripple, mean, conditions.sampling_rate),
-        _slips(ripple, conditions.sampling_rate),
-        _codes(X),
+        _modulation_cells(ripple, kinematics, speeds),
+        _fixed_in_hz(ripple, kinematics.sampling_rate),
+        _course_cells(ripple),
+        _decay_cells(ripple, mean, kinematics.sampling_rate),
+        _slip_cells(ripple, kinematics.sampling_rate),
+        _code_cells(X),
     ]
     return (
         np.hstack([values, *(part for part, _ in parts)]),
@@ -79,40 +79,40 @@ def recording_cells(X: NDArray[np.float32], conditions: Conditions) -> tuple[Flo
     )
 
 
-def _modulation(ripple: Float, conditions: Conditions, speeds: Float) -> tuple[Float, list[Cell]]:
+def _modulation_cells(ripple: Float, kinematics: Kinematics, speeds: Float) -> tuple[Float, list[Cell]]:
     """Modulation of the mesh lines, and its regression on the slow torque."""
-    highest = _MESH_LINES * (conditions.n_lobes + 1) * conditions.input_speed_hz * (1 + SPEED_TOLERANCE)
-    ripple, sampling_rate = block_means(ripple, conditions.sampling_rate, highest)
+    highest = _MESH_LINES * (kinematics.n_lobes + 1) * kinematics.input_speed_hz * (1 + SPEED_TOLERANCE)
+    ripple, sampling_rate = block_means(ripple, kinematics.sampling_rate, highest)
     n_samples = ripple.shape[1]
     box = max(round(_BOX_S * sampling_rate), 1)
     weights = np.hanning(_BOXES + 2)[1:-1]
     weights /= weights.sum()
 
-    def smooth(means: NDArray[Any]) -> NDArray[Any]:
+    def smooth_boxes(means: NDArray[Any]) -> NDArray[Any]:
         return np.asarray(
             np.lib.stride_tricks.sliding_window_view(means, _BOXES, axis=1)[:, ::_HOP] @ weights
         )
 
     means = box_means(ripple, box)
-    slow = smooth(means)
+    slow = smooth_boxes(means)
     slow = slow - slow.mean(axis=1, keepdims=True)
     slow_power = np.mean(slow**2, axis=1)
-    columns, cells = [level(slow_power + RESOLUTION_NM**2)], [Cell("modulation", "slow torque", "dB")]
+    columns, cells = [level_db(slow_power + RESOLUTION_NM**2)], [Cell("modulation", "slow torque", "dB")]
     # Without the slow torque, which is up to a thousand times a mesh line and would leak into it.
-    light = (ripple - _between(means, box, n_samples)).astype(np.float32)
-    turns = (conditions.n_lobes + 1) * speeds[:, None] * np.arange(n_samples) / sampling_rate
+    light = (ripple - _interpolate_boxes(means, box, n_samples)).astype(np.float32)
+    turns = (kinematics.n_lobes + 1) * speeds[:, None] * np.arange(n_samples) / sampling_rate
     first = np.exp(-2j * np.pi * turns).astype(np.complex64)
     carrier = np.ones_like(first)
     for line in range(1, _MESH_LINES + 1):
         carrier = carrier * first
-        phasor = smooth(box_means(light * carrier, box))
+        phasor = smooth_boxes(box_means(light * carrier, box))
         phasor = phasor / (phasor.mean(axis=1, keepdims=True) + 1e-9)
         for what, part in (("amplitude", phasor.real - 1), ("phase", np.angle(phasor))):
             part = _without_line(np.clip(part, -10, 10))
             power = np.mean(part**2, axis=1)
             together = np.mean(part * slow, axis=1)
             columns += [
-                level(power + 1e-8),
+                level_db(power + 1e-8),
                 together / np.sqrt(power * slow_power + 1e-12),
                 signed_log(10 * together / (slow_power + _LEAST_SLOW_NM**2)),
             ]
@@ -124,7 +124,7 @@ def _modulation(ripple: Float, conditions: Conditions, speeds: Float) -> tuple[F
     return np.column_stack(columns), cells
 
 
-def _between(means: Float, box: int, n_samples: int) -> Float:
+def _interpolate_boxes(means: Float, box: int, n_samples: int) -> Float:
     """Interpolate the means of boxes linearly between their centres, shape (n_windows, n_samples)."""
     place = np.clip((np.arange(n_samples) + 0.5) / box - 0.5, 0, means.shape[1] - 1)
     before = np.minimum(place.astype(int), means.shape[1] - 2)
@@ -153,7 +153,7 @@ def _fixed_in_hz(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]
         distance = np.abs(hz - mains)
         line = power[:, distance <= _MAINS_REACH_HZ].max(axis=1)
         around = power[:, (distance > 2 * _MAINS_REACH_HZ) & (distance < 5 * _MAINS_REACH_HZ)]
-        columns += [level(line), level(line) - level(np.median(around, axis=1))]
+        columns += [level_db(line), level_db(line) - level_db(np.median(around, axis=1))]
         cells += [
             Cell("mains", f"line at {mains:g} Hz", "dB", mains, mains),
             Cell("mains", f"line at {mains:g} Hz over its surroundings", "dB", mains, mains),
@@ -163,12 +163,12 @@ def _fixed_in_hz(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]
     ends = hz[: total.shape[1]] + hz[1] / 2
     at = np.array([np.interp(_SLOW_EDGES_HZ, ends, row) for row in total])
     for low, high, power_between in zip(_SLOW_EDGES_HZ, _SLOW_EDGES_HZ[1:], np.diff(at).T, strict=False):
-        columns.append(level(power_between + RESOLUTION_NM**2 / n))
+        columns.append(level_db(power_between + RESOLUTION_NM**2 / n))
         cells.append(Cell("slow bands", f"{low:g} to {high:g} Hz", "dB", low, high))
     return np.column_stack(columns), cells
 
 
-def _course(ripple: Float) -> tuple[Float, list[Cell]]:
+def _course_cells(ripple: Float) -> tuple[Float, list[Cell]]:
     """Straight line and parabola through the record, with their signs."""
     time = np.linspace(-1, 1, ripple.shape[1])
     shapes = np.column_stack([time, 1.5 * time**2 - 0.5])
@@ -177,7 +177,7 @@ def _course(ripple: Float) -> tuple[Float, list[Cell]]:
     return signed_log(10 * values), [Cell("course", name, "1") for name in names]
 
 
-def _decays(ripple: Float, mean: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
+def _decay_cells(ripple: Float, mean: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
     """Exponential decays through the record: their size, what each leaves, and what the torque settles to."""
     slow, rate = block_means(ripple, sampling_rate, _DECAY_HZ)
     slow = slow - slow.mean(axis=1, keepdims=True)
@@ -188,13 +188,13 @@ def _decays(ripple: Float, mean: Float, sampling_rate: float) -> tuple[Float, li
         shape = decay - decay.mean()
         size = slow @ shape / (shape @ shape)
         left = np.mean((slow - size[:, None] * shape) ** 2, axis=1)
-        columns += [size, level(left + RESOLUTION_NM**2), mean - size * decay.mean()]
+        columns += [size, level_db(left + RESOLUTION_NM**2), mean - size * decay.mean()]
         names = (("size of", "Nm"), ("level left by", "dB"), ("torque settled after", "Nm"))
         cells += [Cell("decays", f"{name} a decay in {time_constant:g} s", unit) for name, unit in names]
     return np.column_stack(columns), cells
 
 
-def _slips(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
+def _slip_cells(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
     """Skewness of the changes of the slow torque: stick-slip climbs slowly and falls fast."""
     columns, cells = [], []
     for box_s in _SLIP_BOXES_S:
@@ -207,7 +207,7 @@ def _slips(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
     return np.column_stack(columns), cells
 
 
-def _codes(X: NDArray[np.float32]) -> tuple[Float, list[Cell]]:
+def _code_cells(X: NDArray[np.float32]) -> tuple[Float, list[Cell]]:
     """Values that repeat, runs of equal values, and values at the ends of the range."""
     ordered = np.sort(X, axis=1)
     steps = np.diff(ordered, axis=1)

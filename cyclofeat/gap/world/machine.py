@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat.gap.simulations import KERNEL, NO_SUCH_RIG, SOLVER, SPARE, Population, record
-from cyclofeat.gap.summaries.summarise import Conditions
+from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.world.cells import recording_cells, turn_samples
 from cyclofeat.gap.world.prior import DrawnSession, draw_session, with_floor
 from cyclofeat.simulators import Effect, SimulationFailed
@@ -59,7 +59,7 @@ def simulate_machines(world: World, numbers: Sequence[int]) -> list[dict[str, ND
 
 def simulate_drawn(world: World, machines: Sequence[DrawnMachine]) -> list[dict[str, NDArray[Any]]]:
     """Simulate drawn machines, and return the columns of the rigs of each, without their numbers."""
-    samples = [sample for machine in machines for sample in _samples(world, machine)]
+    samples = [sample for machine in machines for sample in _recording_samples(world, machine)]
     runs = iter(sample_runs(samples, kernel=KERNEL))
     return [_rig_columns(world, machine, [next(runs) for _ in machine.seeds]) for machine in machines]
 
@@ -92,7 +92,7 @@ def _draw_machine(world: World, number: int) -> DrawnMachine:
     )
 
 
-def _samples(world: World, machine: DrawnMachine) -> list[Sample]:
+def _recording_samples(world: World, machine: DrawnMachine) -> list[Sample]:
     """Return the recordings of a machine to simulate."""
     session = machine.session
     rig = with_floor(world.rig, world.may_differ, session.tolerance).with_added(*machine.effects)
@@ -100,7 +100,7 @@ def _samples(world: World, machine: DrawnMachine) -> list[Sample]:
     samples = []
     for i, seed in enumerate(machine.seeds):
         speed, assembly = float(session.speeds_rpm[i]), first_of[int(session.assemblies[i])]
-        n_samples = turn_samples(Conditions(world.sampling_rate, speed / 60, world.n_lobes))
+        n_samples = turn_samples(Kinematics(world.sampling_rate, speed / 60, world.n_lobes))
         population = Population(
             rig.at(speed, float(session.loads_nm[i])), n_samples, world.sampling_rate, world.wheels,
             quantity=world.quantity,
@@ -118,7 +118,7 @@ def _rig_columns(
     values = np.full((*shape, len(world.cells)), np.nan, dtype=np.float32)
     speeds = np.full(shape, np.nan)
     for speed in np.unique(session.speeds_rpm):
-        conditions = Conditions(world.sampling_rate, float(speed) / 60, world.n_lobes)
+        conditions = Kinematics(world.sampling_rate, float(speed) / 60, world.n_lobes)
         places, torques = [], []
         for i in np.flatnonzero(session.speeds_rpm == speed):
             for j, chain in enumerate(chains):

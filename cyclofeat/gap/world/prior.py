@@ -61,7 +61,7 @@ class EffectPrior:
     most: int
 
     @functools.cached_property
-    def _shares(self) -> Float:
+    def _effect_shares(self) -> Float:
         """Probability of a number of effects in the machine (rows) and in all (columns)."""
         n_in_machine, total = np.ogrid[: self.most + 1, : self.most + 1]
         n_answered = sum(effect.needs_simulation() for effect in self.effects)
@@ -70,12 +70,12 @@ class EffectPrior:
 
     def in_machine(self, random: np.random.Generator) -> tuple[Effect, ...]:
         """Draw the effects that the gearbox answers."""
-        n = random.choice(self.most + 1, p=self._shares.sum(axis=1))
+        n = random.choice(self.most + 1, p=self._effect_shares.sum(axis=1))
         return self._draw_effects(n, True, random)
 
     def on_torque(self, n_in_machine: int, random: np.random.Generator) -> tuple[Effect, ...]:
         """Draw the effects on the torque signal of a machine that has ``n_in_machine`` others."""
-        shares = self._shares[n_in_machine]
+        shares = self._effect_shares[n_in_machine]
         n = random.choice(self.most + 1, p=shares / shares.sum()) - n_in_machine
         return self._draw_effects(n, False, random)
 

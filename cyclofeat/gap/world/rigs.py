@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.checks import positive
-from cyclofeat.gap.summaries.summarise import Conditions
+from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.world.cells import recording_cells, turn_samples
 
 Float = NDArray[np.float64]
@@ -92,7 +92,7 @@ class Session:
             )
         rows: list[Float] = []
         for k, (torque, (speed, _, direction)) in enumerate(zip(recordings, at, strict=True)):
-            turn = Conditions(sampling_rate, speed / 60, n_lobes)
+            turn = Kinematics(sampling_rate, speed / 60, n_lobes)
             x = np.asarray(torque, dtype=np.float32)[: turn_samples(turn)]
             if x.ndim != 1 or x.size < turn_samples(turn) or not np.all(np.isfinite(x)):
                 raise ValueError(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cyclofeat._base.checks import one_of, pair, positive, whole
 from cyclofeat._base.quantities import TORQUES
 from cyclofeat.gap.simulations import MAY_DIFFER
-from cyclofeat.gap.summaries.summarise import Cell, Conditions
+from cyclofeat.gap.summaries.summarise import Cell, Kinematics
 from cyclofeat.gap.world.cells import recording_cells, turn_samples
 from cyclofeat.gap.world.prior import EffectPrior, missing_effects
 from cyclofeat.simulators import Effect, Rig
@@ -90,8 +90,8 @@ class World:
             "effects": effects,
             "most": whole("most", self.most, 0, len(effects)),
             "sampling_rate": positive("sampling_rate", self.sampling_rate, "a number of Hz"),
-            "speeds_rpm": _increasing("speeds_rpm", self.speeds_rpm),
-            "loads_nm": _increasing("loads_nm", self.loads_nm),
+            "speeds_rpm": _check_increasing("speeds_rpm", self.speeds_rpm),
+            "loads_nm": _check_increasing("loads_nm", self.loads_nm),
             "quantity": self.rig.check_quantity(one_of("quantity", self.quantity, TORQUES)),
             "defect_counts": tuple(whole("defect_counts", count, 0) for count in self.defect_counts),
             "n_recordings": whole("n_recordings", self.n_recordings, 1),
@@ -131,7 +131,7 @@ class World:
     @functools.cached_property
     def described_cells(self) -> tuple[Cell, ...]:
         """Summaries of a recording, the same at all speeds; bands are those at the lowest."""
-        conditions = Conditions(self.sampling_rate, self.speeds_rpm[0] / 60, self.n_lobes)
+        conditions = Kinematics(self.sampling_rate, self.speeds_rpm[0] / 60, self.n_lobes)
         _, cells = recording_cells(np.zeros((1, turn_samples(conditions)), dtype=np.float32), conditions)
         return tuple(cells)
 
@@ -176,7 +176,7 @@ class World:
         return cls(**given)
 
 
-def _increasing(name: str, value: Any) -> tuple[float, float]:
+def _check_increasing(name: str, value: Any) -> tuple[float, float]:
     low, high = pair(name, value)
     if not 0 < low < high:
         raise ValueError(f"{name} must be a pair (low, high) with 0 < low < high, got {value!r}")
