@@ -87,21 +87,25 @@ def find_gap(
     say("comparing measurement and model")
     located = locate_all(rig, world, settings)
     say("simulating rigs that the recordings leave possible")
-    possible = simulate_possible(
-        posterior, session, random_state=settings.random_state, n_jobs=settings.n_jobs
-    )
+    possible = simulate_possible(posterior, session, random_state=settings.seed, n_jobs=settings.n_jobs)
     named = named_effects(presence)
     confirmed = confirm_effects(
         posterior, session, named, possible=possible.sessions,
-        random_state=settings.random_state, n_jobs=settings.n_jobs, progress=say,
+        random_state=settings.seed, n_jobs=settings.n_jobs, progress=say,
     )  # fmt: skip
     corrected = corrected_rig(located, world.rig, confirmed.effects)
-    variants = draw_effects(posterior, session, confirmed, _VARIANTS, random_state=settings.random_state)
+    variants = draw_effects(posterior, session, confirmed, _VARIANTS, random_state=settings.seed)
     left = _remainder_of_result(world, confirmed)
     proof: tuple[Proof, ...] = ()
     if held is not None and named:
         say("judging on recordings held out")
         proof = prove_all(rig, held, corrected, world, settings)
+    warnings = [*rig.warnings, *rig.doubts]
+    if confirmed.accepted and not confirmed.fitted:
+        warnings.append(
+            "sizes are those of the posterior: with fitted ones, simulated recordings are less like the "
+            "measured"
+        )
     return GapResult(
         where=tuple(where_of(one, pictures=settings.pictures) for one in located),
         rig=corrected,
@@ -113,7 +117,7 @@ def find_gap(
         next_measurements=possible.next_measurements(posterior),
         overlays=_draw_overlays(located, corrected, settings) if settings.pictures else (),
         proof=proof,
-        warnings=(*rig.warnings, *rig.doubts, *_unfitted_warning(confirmed)),
+        warnings=tuple(warnings),
         seconds=time.monotonic() - began,
     )
 
@@ -160,14 +164,6 @@ def _found_effects(
             )
         )  # fmt: skip
     return tuple(sorted(found, key=lambda one: -one.probability))
-
-
-def _unfitted_warning(confirmed: Confirmed) -> tuple[str, ...]:
-    if confirmed.fitted or not confirmed.accepted:
-        return ()
-    return (
-        "sizes are those of the posterior: with fitted ones, simulated recordings are less like the measured",
-    )
 
 
 def _remainder_of_result(world: World, confirmed: Confirmed) -> Remainder:
@@ -287,7 +283,7 @@ _SET_POINTS = {"speed": ("speed_rpm", "RPM", SAME_SPEED), "load": ("load_nm", "N
 Parts = tuple[list[Recording], list[Recording]]
 
 
-def hold_out(recordings: Sequence[Recording], by: float | str, *, random_state: int = 0) -> Parts:
+def hold_out(recordings: Sequence[Recording], by: float | str, *, random_state: int | None = None) -> Parts:
     """Split recordings into those to fit and those to judge on.
 
     Parameters
@@ -297,8 +293,8 @@ def hold_out(recordings: Sequence[Recording], by: float | str, *, random_state: 
         A share between 0 and 1: assemblies are held out as a whole, of every count and condition about this
         share. ``"speed"`` or ``"load"``: all recordings at the middle one of at least three speeds or loads,
         so that what is fitted surrounds it.
-    random_state : int, default=0
-        Of a share.
+    random_state : int, optional
+        Of a share. Default: drawn at random.
 
     Returns
     -------
@@ -348,7 +344,7 @@ def _middle_set_point(recordings: Sequence[Recording], by: str) -> set[int]:
     return set(np.flatnonzero(of_recording == found[found.size // 2]).tolist())
 
 
-def _held_share(recordings: Sequence[Recording], share: float, random_state: int) -> set[int]:
+def _held_share(recordings: Sequence[Recording], share: float, random_state: int | None) -> set[int]:
     """Return a share of the assemblies of every count and condition."""
     known = all(recording.assembly is not None for recording in recordings)
     assemblies: dict[Any, list[int]] = {}

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base import displays
-from cyclofeat._base.checks import check_type, whole
+from cyclofeat._base.checks import check_type, seed, whole
 from cyclofeat._base.displays import data_frame, html_card
 from cyclofeat.gap.confirm.next_measurement import FurtherRecordings
 from cyclofeat.gap.confirm.sessions import simulate_prior
@@ -172,7 +172,7 @@ def check_recordings(
     *,
     posterior: EffectPosterior | None = None,
     n_rigs: int = 240,
-    random_state: int = 0,
+    random_state: int | None = None,
     n_jobs: int = 1,
     progress: Tell | None = None,
 ) -> GapCheck:
@@ -190,7 +190,10 @@ def check_recordings(
         Default: that of paper B's gearbox (:func:`cyclofeat.gap.load_posterior`).
     n_rigs : int, default=240
         With 32 effects, some 20 rigs have each of them.
-    random_state, n_jobs : int
+    random_state : int, optional
+        Default: drawn at random.
+    n_jobs : int, default=1
+        Number of worker processes.
     progress : callable, optional
         Called with the number of simulated rigs and their total.
 
@@ -212,6 +215,7 @@ def check_recordings(
     began = time.monotonic()
     posterior = posterior or load_posterior()
     whole("n_rigs", n_rigs, 1)
+    state = seed(random_state)
     world = posterior.world
     template = _planned_session(tuple(recordings), world)
     posterior.predict_proba([template])  # conditions that it has not learned fail at once
@@ -220,9 +224,7 @@ def check_recordings(
     def count_from(n: int) -> Tell | None:
         return None if progress is None else lambda done, _: progress(n + done, n_rigs + n_next)
 
-    rigs = simulate_prior(
-        world, template, n_rigs, random_state=random_state, n_jobs=n_jobs, progress=count_from(0)
-    )
+    rigs = simulate_prior(world, template, n_rigs, random_state=state, n_jobs=n_jobs, progress=count_from(0))
     score = score_posterior(
         posterior, rigs, counts=template.counts is not None, tachometer=template.speeds_rpm is not None
     )
@@ -236,9 +238,7 @@ def check_recordings(
         ),
         score=score,
         wrong={name: n for n, name in counted if n},
-        next_measurements=_rank_further(
-            posterior, template, n_next, random_state + 1, n_jobs, count_from(n_rigs)
-        ),
+        next_measurements=_rank_further(posterior, template, n_next, state + 1, n_jobs, count_from(n_rigs)),
         seconds=time.monotonic() - began,
     )
 

@@ -305,8 +305,10 @@ class GapSettings:
         Relabellings of the comparison.
     n_bank : int
         Simulated recordings that those of each condition are compared with.
-    random_state, n_jobs : int
-        Of all simulations; number of worker processes.
+    random_state : int, optional
+        Of all simulations. Default: drawn at random.
+    n_jobs : int
+        Number of worker processes.
     cache : path or None
         Folder in which simulations are kept.
     one_assembly : bool
@@ -324,7 +326,7 @@ class GapSettings:
     n_report: int = 64
     n_permutations: int = 999
     n_bank: int = 200
-    random_state: int = 0
+    random_state: int | None = None
     n_jobs: int = 1
     cache: str | os.PathLike[str] | None = None
     one_assembly: bool = False
@@ -337,7 +339,13 @@ class GapSettings:
             "n_report": 10,
             "n_permutations": 19,
             "n_bank": 10,
-            "random_state": 0,
         }
         for name, low in least.items():
             checks.whole(name, getattr(self, name), low)
+        object.__setattr__(self, "random_state", checks.seed(self.random_state))
+
+    @property
+    def seed(self) -> int:
+        """The ``random_state``, drawn where none was given."""
+        assert self.random_state is not None
+        return self.random_state

@@ -300,7 +300,7 @@ class MeasuredRig:
             tachometer=self.has_tachometer,
             one_assembly=settings.one_assembly or self.of_one_assembly(condition),
             n_bank=settings.n_bank,
-            random_state=settings.random_state,
+            random_state=settings.seed,
             n_jobs=settings.n_jobs,
             cache=settings.cache,
         )

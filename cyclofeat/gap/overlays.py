@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -100,33 +99,31 @@ def summarise_overlays(
     lengths = {name: X.shape[1] for name, X in torque.items()}
     if len(set(lengths.values())) > 1:
         raise ValueError(f"measured, model and corrected must be of equal length in samples, got {lengths}")
-    edges = np.linspace(*_common_range(torque), _BINS + 1)
-    bands, hz = _twelfth_octaves(kinematics, lengths["measured"])
-    orders = np.arange(1, _n_lines(kinematics) + 1) / kinematics.n_lobes
-
-    def overlay(kind: str, x: Float, values: Callable[[Float], Float]) -> Overlay:
-        curves = dict.fromkeys(sets) | {name: _mean_and_range(kind, values(X)) for name, X in torque.items()}
-        return Overlay(kind=kind, x=x, **curves, condition=Condition.of(comparison))  # type: ignore[arg-type]
-
-    return (
-        overlay("spectrum", hz, lambda X: _band_rms(X, bands)),
-        overlay("orders", orders, lambda X: _line_amplitudes(X, kinematics, orders.size)),
-        overlay("distribution", (edges[1:] + edges[:-1]) / 2, lambda X: _torque_densities(X, edges)),
-    )
-
-
-def _mean_and_range(kind: str, values: Float) -> Band:
-    # Amplitudes range over decades: their mean is that of the levels.
-    mean = values.mean(axis=0) if kind == "distribution" else np.exp(np.log(values).mean(axis=0))
-    low, high = np.percentile(values, _RANGE, axis=0)
-    return Band(mean, low, high)
-
-
-def _common_range(torque: dict[str, Any]) -> tuple[float, float]:
-    """Least and greatest torque, without the outermost samples in 2,000."""
+    # The distribution's range leaves out the outermost samples in 2,000.
     ends = np.array([np.percentile(X, [0.05, 99.95]) for X in torque.values()])
     low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
-    return low, max(high, low + RESOLUTION_NM)
+    edges = np.linspace(low, max(high, low + RESOLUTION_NM), _BINS + 1)
+    band_of_bin, hz = _twelfth_octaves(kinematics, lengths["measured"])
+    orders = np.arange(1, _n_lines(kinematics) + 1) / kinematics.n_lobes
+
+    def make_overlay(kind: str, x: Float, values: Callable[[Float], Float]) -> Overlay:
+        bands: dict[str, Band | None] = dict.fromkeys(sets)
+        for name, X in torque.items():
+            of_set = values(X)
+            # Amplitudes range over decades: their mean is that of the levels.
+            mean = of_set.mean(axis=0) if kind == "distribution" else np.exp(np.log(of_set).mean(axis=0))
+            bands[name] = Band(mean, *np.percentile(of_set, _RANGE, axis=0))
+        return Overlay(kind=kind, x=x, **bands, condition=Condition.of(comparison))  # type: ignore[arg-type]
+
+    return (
+        make_overlay("spectrum", hz, lambda X: _band_rms(X, band_of_bin)),
+        make_overlay("orders", orders, lambda X: _line_amplitudes(X, kinematics, orders.size)),
+        make_overlay(
+            "distribution",
+            (edges[1:] + edges[:-1]) / 2,
+            lambda X: np.array([np.histogram(x, edges)[0] / (x.size * (edges[1] - edges[0])) for x in X]),
+        ),
+    )
 
 
 def _twelfth_octaves(kinematics: Kinematics, n_samples: int) -> tuple[NDArray[np.intp], Float]:
@@ -163,7 +160,3 @@ def _line_amplitudes(X: Float, kinematics: Kinematics, n_lines: int) -> Float:
     speeds = estimate_input_speed(X, rate, nominal, SPEED_TOLERANCE, comb="mesh", n_lobes=n_lobes)
     lines = np.abs(order_lines(X, rate, speeds, n_lines, "output", n_lobes))
     return np.asarray(np.hypot(lines, 2 * RESOLUTION_NM / np.sqrt(X.shape[1])))
-
-
-def _torque_densities(X: Float, edges: Float) -> Float:
-    return np.array([np.histogram(x, edges)[0] / (x.size * (edges[1] - edges[0])) for x in X])

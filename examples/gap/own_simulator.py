@@ -121,7 +121,7 @@ posterior = EffectPosterior(n_networks=1, epochs=100).fit(rigs)
 
 hidden = model.with_effects(SoftShaft(0.5), Hum(0.2))
 recordings = make_rig_recordings(6, (0, 3), rig=hidden, duration=2.0, sampling_rate=2000.0, random_state=1)
-fitted, held_out = hold_out(recordings, 0.4)
+fitted, held_out = hold_out(recordings, 0.4, random_state=0)
 settings = GapSettings(pictures=False, random_state=0, n_jobs=-1)
 result = find_gap(fitted, held_out, posterior=posterior, settings=settings)
 for found in result.effects:

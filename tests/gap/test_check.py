@@ -136,7 +136,7 @@ def test_as_much_is_known_as_of_the_recordings():
     made = [Recording(torque, 6400, speed_rpm=900, load_nm=22) for _ in range(4)]
     for recordings, counts in ((made, False), ([AT] * 4, True)):
         posterior = Detector()
-        check_recordings(recordings, posterior=posterior, n_rigs=2)
+        check_recordings(recordings, posterior=posterior, n_rigs=2, random_state=0)
         assert all((one.counts is not None) == counts for one in posterior.asked)
         assert all(one.speeds_rpm is None for one in posterior.asked)
     # Before anything is simulated: conditions that it does not know fail at once.
@@ -151,7 +151,7 @@ def test_what_cannot_be_checked():
         ([AT], 0, ValueError, "n_rigs"),
     ):
         with pytest.raises(error, match=message):
-            check_recordings(recordings, posterior=Detector(), n_rigs=n_rigs)
+            check_recordings(recordings, posterior=Detector(), n_rigs=n_rigs, random_state=0)
 
 
 # The command

@@ -245,7 +245,7 @@ def test_a_bank_is_the_same_from_the_cache_and_for_every_worker(tmp_path: Path) 
 
 
 def kept(folder: Path) -> list[Path]:
-    return list(folder.rglob("output.pkl"))
+    return list(folder.rglob("*.joblib"))
 
 
 def test_a_damaged_file_of_the_cache_is_made_anew(tmp_path: Path) -> None:

@@ -126,8 +126,11 @@ def confirm_effects(
             progress(f"simulating the named effects, {round_ + 1} of {n_rounds}")
         drawn = Gaussian(believed.mean, believed.covariance * wider**2)
         simulated = simulate(
-            functools.partial(_draw_sized, effects, drawn.without_last()), n_sessions,
-            tolerance=functools.partial(_draw_tolerance, drawn), random_state=random_state + round_,
+            lambda random, of=drawn: with_sizes(effects, of.without_last().draw(random)), n_sessions,
+            tolerance=lambda random, of=drawn: float(
+                np.clip(random.normal(of.mean[-1], of.spread[-1]), *TOLERANCES)
+            ),
+            random_state=random_state + round_,
         )  # fmt: skip
         sizes = np.column_stack([simulated.sizes[:, columns], simulated.tolerances])
         features = _session_features(posterior, simulated.sessions)
@@ -169,17 +172,6 @@ def _first_belief(
     middle, spread = posterior.size_distribution(session, names)
     variances = np.r_[spread**2, prior.covariance[-1, -1]]
     return Gaussian(np.r_[middle, prior.mean[-1]], np.diag(variances))
-
-
-def _draw_sized(
-    effects: Sequence[Effect], sizes: Gaussian, random: np.random.Generator
-) -> tuple[Effect, ...]:
-    """Return effects with drawn sizes."""
-    return with_sizes(effects, sizes.draw(random))
-
-
-def _draw_tolerance(sizes: Gaussian, random: np.random.Generator) -> float:
-    return float(np.clip(random.normal(sizes.mean[-1], sizes.spread[-1]), *TOLERANCES))
 
 
 def lies_farther(observed: Float, simulated: Float, other: Float) -> bool:

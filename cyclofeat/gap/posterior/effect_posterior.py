@@ -401,7 +401,10 @@ class EffectPosterior(BaseEstimator):
 
     def _network_outputs(self, inputs: Inputs) -> tuple[Float, Float, Float]:
         """Return logits, and mean and standard deviation of standardised sizes, of all networks together."""
-        parts = [_input_part(inputs, first) for first in range(0, len(inputs.shown), _AT_A_TIME)]
+        parts = [
+            {name: values[first : first + _AT_A_TIME] for name, values in inputs.of_network.items()}
+            for first in range(0, len(inputs.shown), _AT_A_TIME)
+        ]
         outputs = np.mean(
             [
                 np.concatenate([network_outputs(np, weights, **part) for part in parts])
@@ -476,7 +479,3 @@ def load_posterior(path: str | os.PathLike[str] = DEFAULT) -> EffectPosterior:
             networks.setdefault(place, {})[key] = values.astype(np.float32)
     posterior.networks_ = [networks[name] for name in sorted(networks)]
     return posterior
-
-
-def _input_part(inputs: Inputs, first: int) -> dict[str, Any]:
-    return {name: values[first : first + _AT_A_TIME] for name, values in inputs.of_network.items()}

@@ -324,7 +324,11 @@ def score_alternatives(
             ratio, low, high = (math.nan,) * 3
             if not reason:
                 ratio = float(distance.gap_reduction(estimates[BEFORE], estimates[name], floor))
-                low, high = _ratio_interval(draws[BEFORE], draws[name], floor_draws)
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    ratios = distance.gap_reduction(draws[BEFORE], draws[name], floor_draws)
+                # Draws without a gap have no ratio.
+                ratios = np.where(draws[BEFORE] - floor_draws > 0, ratios, np.nan)
+                low, high = np.nanquantile(ratios, _INTERVAL).tolist()
             rows.append(ProofRow(name, condition, ratio, low, high, reason))
     return Proof(tuple(rows), tuple(of_families), len(counts))
 
@@ -337,14 +341,6 @@ def _no_gap(before: float, floor: float, error: float) -> str:
         f"the gap before, {before:.3g}, does not stand out of what replication leaves, {floor:.3g} +- "
         f"{error:.2g} standard deviations of a recording: there is no gap to close"
     )
-
-
-def _ratio_interval(before: Float, after: Float, floor: Float) -> tuple[float, float]:
-    """Return the interval of the gap reduction ratio from draws; draws without a gap have no ratio."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratios = distance.gap_reduction(before, after, floor)
-    low, high = np.nanquantile(np.where(before - floor > 0, ratios, np.nan), _INTERVAL)
-    return float(low), float(high)
 
 
 def _distance_rows(name: str, condition: str, families: list[str], values: Float) -> list[DistanceRow]:
