@@ -24,7 +24,7 @@ def loop_of(theta: dict[str, float], peak: float, noise: float = 0.0, seed: int 
     model = LoopModel(tuple({name.partition(".")[0]: 0 for name in theta}))
     model.plain_ = DRIVE
     torque = triangle(peak)
-    x = model._deflection(torque, theta)
+    x = model._centred_deflection(torque, theta)
     error = np.random.default_rng(seed).normal(size=x.size)
     return SimpleNamespace(torque=torque, deflection=x + noise * x.std() * error)
 
@@ -83,8 +83,11 @@ def test_a_drive_with_all_three_effects_is_that_in_the_simulation():
     )
     run = torque_deflection(drive, peak_torque=20.0, period=2.0)
     torque, deflection = run.last_cycle()
-    assert float(relative_error(deflection, model._deflection(torque, theta))) < 0.06
-    whole, series = loop_shape(torque, deflection), loop_shape(torque, model._deflection(torque, theta))
+    assert float(relative_error(deflection, model._centred_deflection(torque, theta))) < 0.06
+    whole, series = (
+        loop_shape(torque, deflection),
+        loop_shape(torque, model._centred_deflection(torque, theta)),
+    )
     assert series.area == pytest.approx(whole.area, rel=0.1)
     # In the whole drive the wheels turn on while the shaft behind them winds up; the series knows one pose.
     assert series.stiffness == pytest.approx(whole.stiffness, rel=0.08)

@@ -56,11 +56,11 @@ def test_shape_of_amplitudes_is_a_wasserstein_distance() -> None:
     rng = np.random.default_rng(1)
     X = 22 + np.vstack([rng.normal(size=20_000), rng.uniform(size=20_000)])
     standardised = stats.zscore(X, axis=1)
-    parts_at = [distance._amplitudes(x)[2:] for x in X]
+    parts_at = [distance._amplitude_cells(x)[2:] for x in X]
     squared = np.mean((parts_at[0] - parts_at[1]) ** 2)
     order = np.sort(standardised, axis=1)
     assert squared == pytest.approx(np.mean((order[0] - order[1]) ** 2), rel=0.1)
-    assert distance._amplitudes(X[0])[:2] == pytest.approx(
+    assert distance._amplitude_cells(X[0])[:2] == pytest.approx(
         [X[0].mean(), 10 * np.log10(X[0].var() + 1e-6)], rel=1e-9
     )
 

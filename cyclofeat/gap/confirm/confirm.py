@@ -126,10 +126,8 @@ def confirm_effects(
             progress(f"simulating the named effects, {round_ + 1} of {n_rounds}")
         drawn = Gaussian(believed.mean, believed.covariance * wider**2)
         simulated = simulate(
-            lambda random, of=drawn: with_sizes(effects, of.without_last().draw(random)), n_sessions,
-            tolerance=lambda random, of=drawn: float(
-                np.clip(random.normal(of.mean[-1], of.spread[-1]), *TOLERANCES)
-            ),
+            functools.partial(_draw_sizes, effects, drawn.without_last()), n_sessions,
+            tolerance=functools.partial(_draw_tolerance, drawn),
             random_state=random_state + round_,
         )  # fmt: skip
         sizes = np.column_stack([simulated.sizes[:, columns], simulated.tolerances])
@@ -163,6 +161,17 @@ def confirm_effects(
         with_sizes(effects, final.mean), names, final, low, middle, high, remainder, accepted,
         shown.values.mean(axis=0) - simulated_mean, not accepted and remainder.p_open >= _NOT_OPEN, kept,
     )  # fmt: skip
+
+
+def _draw_sizes(
+    effects: Sequence[Effect], sizes: Gaussian, random: np.random.Generator
+) -> tuple[Effect, ...]:
+    """Return effects with drawn sizes."""
+    return with_sizes(effects, sizes.draw(random))
+
+
+def _draw_tolerance(sizes: Gaussian, random: np.random.Generator) -> float:
+    return float(np.clip(random.normal(sizes.mean[-1], sizes.spread[-1]), *TOLERANCES))
 
 
 def _first_belief(

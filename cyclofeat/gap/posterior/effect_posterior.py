@@ -401,7 +401,7 @@ class EffectPosterior(BaseEstimator):
 
     def _network_outputs(self, inputs: Inputs) -> tuple[Float, Float, Float]:
         """Return logits, and mean and standard deviation of standardised sizes, of all networks together."""
-        parts = [
+        parts: list[dict[str, Any]] = [
             {name: values[first : first + _AT_A_TIME] for name, values in inputs.of_network.items()}
             for first in range(0, len(inputs.shown), _AT_A_TIME)
         ]
