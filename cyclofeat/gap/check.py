@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base import displays
-from cyclofeat._base.checks import check_type, seed, whole
+from cyclofeat._base.checks import check_type, seed_number, whole
 from cyclofeat._base.displays import data_frame, html_card
 from cyclofeat.gap.confirm.next_measurement import FurtherRecordings
 from cyclofeat.gap.confirm.sessions import simulate_prior
@@ -215,7 +215,7 @@ def check_recordings(
     began = time.monotonic()
     posterior = posterior or load_posterior()
     whole("n_rigs", n_rigs, 1)
-    state = seed(random_state)
+    state = seed_number(random_state)
     world = posterior.world
     template = _planned_session(tuple(recordings), world)
     posterior.predict_proba([template])  # conditions that it has not learned fail at once

@@ -342,7 +342,7 @@ class GapSettings:
         }
         for name, low in least.items():
             checks.whole(name, getattr(self, name), low)
-        object.__setattr__(self, "random_state", checks.seed(self.random_state))
+        object.__setattr__(self, "random_state", checks.seed_number(self.random_state))
 
     @property
     def seed(self) -> int:

@@ -306,11 +306,7 @@ class GapResult(EffectRows[FoundEffect]):
         """
         if table not in TABLES:
             raise ValueError(f"table must be one of {', '.join(TABLES)}, got {table!r}")
-<<<<<<< HEAD
-        return data_frame(self._rows(table))
-=======
-        return frame(self._table_rows(table))
->>>>>>> ea8fed3 (Gap: functions are named by what they do or return; kinematics are no conditions; confirmation in parts)
+        return data_frame(self._table_rows(table))
 
     def _table_rows(self, table: Table) -> list[dict[str, Any]]:
         if table == "effects":

@@ -66,11 +66,7 @@ def simulate_sessions(
         return in_machine, on_torque, 1.0 if tolerance is None else tolerance(random)
 
     n_machines = -(-n_sessions // n_rigs_per_machine)
-<<<<<<< HEAD
-    machines = _draw_machines(world, template, rigs, n_machines, random_state)
-=======
     machines = _draw_machines(world, template, draw_rigs, n_machines, random_state)
->>>>>>> ea8fed3 (Gap: functions are named by what they do or return; kinematics are no conditions; confirmation in parts)
     sessions, sizes, tolerances = [], [], []
     for columns, machine in zip(_simulate_machines(world, machines, n_jobs), machines, strict=True):
         for values, counts, speeds, drawn in zip(
@@ -117,11 +113,7 @@ def simulate_prior(
     parts: list[dict[str, NDArray[Any]]] = []
     n_machines = -(-n_rigs // _RIGS_PER_MACHINE)
     for part in _simulate_machines(
-<<<<<<< HEAD
-        world, _draw_machines(world, template, rigs, n_machines, random_state), n_jobs
-=======
         world, _draw_machines(world, template, draw_rigs, n_machines, random_state), n_jobs
->>>>>>> ea8fed3 (Gap: functions are named by what they do or return; kinematics are no conditions; confirmation in parts)
     ):
         parts.append(part)
         if progress is not None:
