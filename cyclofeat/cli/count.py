@@ -118,23 +118,23 @@ def count_table(path: str | None) -> Callable[[FileResult[Any], LobeCount | None
     if path is None:
         return lambda result, count: None
 
-    def write(mode: str, row: dict[str, Any]) -> None:
+    def write_row(mode: str, row: dict[str, Any]) -> None:
         # Opened for each row: what is counted stays, whatever comes. The mark at the beginning tells
         # spreadsheets that the file is UTF-8.
         with naming(path), open(path, mode, encoding="utf-8-sig", newline="") as stream:
             csv.DictWriter(stream, COLUMNS, extrasaction="ignore").writerow(row)
 
-    def add(result: FileResult[Any], count: LobeCount | None) -> None:
+    def add_count(result: FileResult[Any], count: LobeCount | None) -> None:
         row: dict[str, Any] = {"file": str(result.path), "error": result.error}
         if count is not None:
             row |= count.to_dict()
             row["probability"] = f"{count.probability[count.defect_count]:.6g}"
             row["worn_lobes_from_1"] = " ".join(map(str, row["worn_lobes_from_1"]))
             row["warnings"] = "; ".join(count.warnings)
-        write("a", row)
+        write_row("a", row)
 
-    write("w", {column: column for column in COLUMNS})
-    return add
+    write_row("w", {column: column for column in COLUMNS})
+    return add_count
 
 
 def format_result(arguments: argparse.Namespace, result: FileResult[Counted]) -> Printed:

@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_target(parser, "--report", "page", metavar="FILE.html", help="page to write")
     add_reading_options(parser)
-    of_training = ("--counter", "--samples-per-turn", "--epochs", "--wear", "--folds", "--jobs")
+    of_training = ("--counter", "--samples-per-turn", "--wear", "--folds", "--jobs")
     add_idle(parser, *of_training, beside=["--model"])
 
 
@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Evaluation]:
     files = ", ".join(arguments.files[:5]) + (", ..." if len(arguments.files) > 5 else "")
     if arguments.model is None:
         return cross_validate(model, recordings, protocol, page=arguments.report, files=files)
-    results = {arguments.model: _test(model, recordings, protocol)}
+    results = {arguments.model: _test_model(model, recordings, protocol)}
     if arguments.report:
         _write_page(
             results, arguments.report, recordings, files,
@@ -111,7 +111,7 @@ def cross_validate(
     return results
 
 
-def _test(model: LobeModel, recordings: Sequence[Recording], protocol: Protocol) -> Evaluation:
+def _test_model(model: LobeModel, recordings: Sequence[Recording], protocol: Protocol) -> Evaluation:
     """Test a trained model, and say so if it was trained on assemblies of the recordings."""
     from cyclofeat.counting import evaluate
 
@@ -158,7 +158,7 @@ def format_result(arguments: argparse.Namespace, results: dict[str, Evaluation])
             lines.append(f"{'':{width}s}  of single windows: {scores.windows}")
     if main.refused is not None:
         lines.append(f"{name} refuses {main.refused:.1%} of the recordings{_accepted_text(main)}")
-        lines += [f"  {n} x {reason}" for reason, n in main.refusals().items()]
+        lines += [f"  {n} x {reason}" for reason, n in main.refusal_counts().items()]
     lines.append(
         f"confusion matrix of {name} (rows true, columns predicted), counts {main.classes.tolist()}:"
     )

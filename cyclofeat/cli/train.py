@@ -153,7 +153,7 @@ def untrained_model(arguments: argparse.Namespace) -> LobeModel:
 def _range_of(unit: str) -> Callable[[str], tuple[float, float]]:
     """Return the type of an option that takes ``LOW:HIGH`` or one number."""
 
-    def parse(text: str) -> tuple[float, float]:
+    def parse_range(text: str) -> tuple[float, float]:
         low, _, high = text.partition(":")
         try:
             ends = float(low), float(high or low)
@@ -165,7 +165,7 @@ def _range_of(unit: str) -> Callable[[str], tuple[float, float]]:
             )
         return ends
 
-    return parse
+    return parse_range
 
 
 def run(arguments: argparse.Namespace) -> LobeModel:
@@ -178,7 +178,7 @@ def run(arguments: argparse.Namespace) -> LobeModel:
         recordings = read_all(arguments.recordings, arguments)
         origin = f"{len(recordings)} recordings from files"
     else:
-        recordings, name = _simulated(arguments)
+        recordings, name = _simulate(arguments)
         origin = f"{len(recordings)} simulated assemblies of rig {name}, seed {arguments.seed}"
         if arguments.mixed_wear is not None:
             n_radial = sum(bool((one.meta or {}).get("wear_um")) for one in recordings)
@@ -194,7 +194,7 @@ def run(arguments: argparse.Namespace) -> LobeModel:
     return model
 
 
-def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
+def _simulate(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     """Return simulated recordings and the name of their rig."""
     from cyclofeat.counting import samples_per_turn_at
     from cyclofeat.datasets import make_rig_recordings
@@ -211,7 +211,7 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     sampling_rate = 25_600.0 if arguments.sampling_rate is None else arguments.sampling_rate
     gearbox = rig.gearbox
     whole("max_count", arguments.max_count, 1, gearbox.n_lobes)
-    speeds = arguments.speeds or _around(60 * gearbox.input_speed_hz)
+    speeds = arguments.speeds or _range_around(60 * gearbox.input_speed_hz)
     # Or an error before the work.
     samples_per_turn_at(sampling_rate, speeds[1] / 60, gearbox.n_lobes, arguments.samples_per_turn)
     quantity = arguments.quantity or "output_torque"
@@ -224,7 +224,7 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
             rig=rig,
             lobes=arguments.lobes,
             speed_rpm=speeds,
-            load_nm=arguments.loads or _around(gearbox.load_torque),
+            load_nm=arguments.loads or _range_around(gearbox.load_torque),
             wear_um=arguments.wear or arguments.mixed_wear,
             radial_share=1.0 if arguments.mixed_wear is None else _RADIAL_SHARE,
             output_turns=turns,
@@ -243,7 +243,7 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     return recordings, rig.name
 
 
-def _around(nominal: float) -> tuple[float, float]:
+def _range_around(nominal: float) -> tuple[float, float]:
     """Return the default range about a nominal value."""
     return nominal / _RANGE, nominal * _RANGE
 

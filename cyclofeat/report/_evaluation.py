@@ -124,7 +124,7 @@ def summarise_evaluation(
         "with_windows": any(result.windows is not None for result in results.values()),
         "classes": _class_rows(first),
         "parts": parts,
-        "refusals": None if first.reasons is None else list(first.refusals().items()),
+        "refusals": None if first.reasons is None else list(first.refusal_counts().items()),
         "wrong": wrong[:_MOST_WRONG],
         "n_more_wrong": max(len(wrong) - _MOST_WRONG, 0),
         "protocol": first.protocol,

@@ -9,7 +9,12 @@ import pytest
 from scipy.signal import butter, sosfilt
 
 from cyclofeat import Recording, Windower
-from cyclofeat.counting.model._verdicts import disagreement, most_frequent, outvoted, window_faults
+from cyclofeat.counting.model._verdicts import (
+    disagreement_reason,
+    most_frequent,
+    outvoted_reason,
+    window_faults,
+)
 from cyclofeat.recordings.windower import lobe_windower
 from cyclofeat.signal.orders import samples_at
 
@@ -211,7 +216,7 @@ SURE = {count: np.eye(4)[count] * 0.9 + 0.025 for count in range(4)}
     ],
 )
 def test_windows_that_disagree(counts, reasons, said):
-    reason = disagreement(np.stack([SURE[count] for count in counts]), reasons)
+    reason = disagreement_reason(np.stack([SURE[count] for count in counts]), reasons)
     assert reason.endswith(said)
     assert bool(reason) == bool(said)
 
@@ -229,7 +234,7 @@ def test_windows_that_disagree(counts, reasons, said):
 def test_windows_left_out_must_not_outvote_the_count(counts, left_out, said):
     """The count is 1; windows left out do not vote, but are of the number that a majority is of."""
     reasons = ["spikes" if window in left_out else "" for window in range(len(counts))]
-    assert outvoted(np.eye(3)[counts], reasons, 1) == said
+    assert outvoted_reason(np.eye(3)[counts], reasons, 1) == said
 
 
 @pytest.mark.parametrize(
@@ -245,7 +250,7 @@ def test_windows_left_out_must_not_outvote_the_count(counts, left_out, said):
 )
 def test_a_jump_with_nothing_counted_on_one_side_asks_for_nearly_all_windows(jumps, n, is_refused):
     reasons = ["the torque jumps, first 1 s after the window's start" if k in jumps else "" for k in range(n)]
-    reason = outvoted(np.eye(3)[[1] * n], reasons, 1)
+    reason = outvoted_reason(np.eye(3)[[1] * n], reasons, 1)
     assert bool(reason) == is_refused
     assert not reason or "left out: the torque jumps" in reason
 

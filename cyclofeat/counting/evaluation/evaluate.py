@@ -26,10 +26,10 @@ from cyclofeat.counting.evaluation.assembly_folds import (
 from cyclofeat.counting.evaluation.evaluation import Evaluation
 from cyclofeat.counting.evaluation.scores import (
     Interval,
+    bootstrap_interval,
     bootstrap_weights,
     calibration_sums,
     expected_calibration_error,
-    interval,
     limits_at_ends,
     macro_f1,
     ratio_of_sums,
@@ -153,21 +153,21 @@ def evaluate(
     accuracy 1.000 [0.928, 1.000], mean absolute error 0.000
     """
     protocol = protocol or Protocol()
-    data = LabelledData.checked(X, y, groups, lobes)
+    data = LabelledData.from_arrays(X, y, groups, lobes)
     conditions = protocol.conditions
     if conditions is not None:
         conditions = of_windows("conditions", conditions, len(data.y))
-    answers = Answers.empty(data)
+    answers = Answers.without_answers(data)
     if protocol.hold_out == "nothing":
-        answers.enter(counter, np.arange(len(data.y)))
+        answers.add_fold(counter, np.arange(len(data.y)))
         return score_answers(answers, protocol, conditions)
     folds = folds_of(protocol, data, conditions)
     fits = joblib.Parallel(n_jobs=protocol.n_jobs, return_as="generator")(
-        joblib.delayed(fit_clone)(counter, data.X[train], data.y[train], **data.metadata(train))
+        joblib.delayed(fit_clone)(counter, data.X[train], data.y[train], **data.fit_metadata(train))
         for train, _ in folds
     )
     for number, (fitted, (_, test)) in enumerate(zip(fits, folds, strict=True), start=1):
-        answers.enter(fitted, test)
+        answers.add_fold(fitted, test)
         if protocol.progress is not None:
             protocol.progress(number, len(folds))
     return score_answers(answers, protocol, conditions)
@@ -184,7 +184,7 @@ class LabelledData:
     passage: Float | None = None
 
     @classmethod
-    def checked(
+    def from_arrays(
         cls,
         X: ArrayLike | Sequence[Recording],
         y: ArrayLike | None,
@@ -228,7 +228,7 @@ class LabelledData:
         begins = of_windows("passage", passage, len(given)).astype(float)
         return cls(given, labels, assemblies, marks, begins)
 
-    def metadata(self, rows: Int) -> dict[str, Any]:
+    def fit_metadata(self, rows: Int) -> dict[str, Any]:
         """Return what ``fit`` may take beside ``X`` and ``y``, for some windows."""
         columns = {"groups": self.groups, "worn": self.worn, "passage": self.passage}
         return {name: values[rows] for name, values in columns.items() if values is not None}
@@ -305,12 +305,12 @@ class Answers:
     counts: dict[int, LobeCount] = field(default_factory=dict)
 
     @classmethod
-    def empty(cls, data: LabelledData) -> Answers:
+    def without_answers(cls, data: LabelledData) -> Answers:
         """Return empty answers for ``data``."""
         n = len(data.y)
         return cls(data, np.unique(data.y), np.empty_like(data.y), np.full(n, np.nan), np.full(n, -1))
 
-    def enter(self, fitted: Any, test: NDArray[np.intp]) -> None:
+    def add_fold(self, fitted: Any, test: NDArray[np.intp]) -> None:
         """Store the answers of a fitted counter for some windows or recordings, the next fold."""
         X = self.data.X[test]
         self.folds[test] = self.folds.max() + 1
@@ -360,44 +360,33 @@ def score_answers(answers: Answers, protocol: Protocol, conditions: NDArray[Any]
     groups, member = np.unique(answers.data.groups, return_inverse=True)
     drawn = bootstrap_weights(groups.size, protocol.random_state)
 
-    def score(function: Callable[[Float], Float], sums: Float) -> tuple[float, Interval]:
+    def score_interval(function: Callable[[Float], Float], sums: Float) -> tuple[float, Interval]:
         """Return a score of sums over each assembly, with its interval."""
-        return interval(function, sums, drawn, protocol.confidence)
+        return bootstrap_interval(function, sums, drawn, protocol.confidence)
 
-    def share(hits: NDArray[np.bool_], among: NDArray[np.bool_] | None = None) -> tuple[float, Interval]:
+    def share_interval(
+        hits: NDArray[np.bool_], among: NDArray[np.bool_] | None = None
+    ) -> tuple[float, Interval]:
         """Return the share of hits; at 0 or 1 its interval is that of the rule of three over assemblies."""
         counted = np.ones(hits.size, dtype=bool) if among is None else among
         columns = np.column_stack([hits & counted, counted])
-        value, limits = score(ratio_of_sums, sums_by_assembly(columns, member))
+        value, limits = score_interval(ratio_of_sums, sums_by_assembly(columns, member))
         return value, limits_at_ends(value, limits, np.unique(member[counted]).size, protocol.confidence)
 
     right = labels == predictions
-    accuracy, accuracy_interval = share(right)
+    accuracy, accuracy_interval = share_interval(right)
     # Unsigned numbers would wrap around.
     errors = np.abs(labels.astype(float) - predictions.astype(float))
-    error, error_interval = score(
+    error, error_interval = score_interval(
         ratio_of_sums, sums_by_assembly(np.column_stack([errors, np.ones(errors.size)]), member)
     )
     if error == 0:  # upper limit by the rule of three, with errors of one lobe
         error_interval = (0.0, rule_of_three(groups.size, protocol.confidence))
 
-    size = classes.size
-    cells = np.zeros((groups.size, size, size), dtype=np.int64)
-    truth, answer = np.searchsorted(classes, labels), np.searchsorted(classes, predictions)
-    np.add.at(cells, (member, truth, answer), 1)
-    f1, f1_interval = score(
-        lambda sums: macro_f1(sums.reshape(*sums.shape[:-1], size, size)),
-        cells.reshape(groups.size, -1).astype(float),
-    )
-    tables = np.tensordot(drawn, cells, axes=1)
-    of_class = tables.sum(axis=2, keepdims=True)
-    parts = np.divide(tables, of_class, out=np.zeros(tables.shape), where=of_class > 0)
-    tail = 100 * (1 - protocol.confidence) / 2
-
     more: dict[str, Any] = {}
     if np.isfinite(answers.certainty).all():
         sums = calibration_sums(answers.certainty, right, window_weights(member), member)
-        value, limits = score(expected_calibration_error, sums)
+        value, limits = score_interval(expected_calibration_error, sums)
         more |= {"calibration_error": value, "calibration_error_interval": limits}
         more |= {"certainty": answers.certainty, "probabilities": answers.proba}
     exact, reasons = answers.exact, answers.reasons
@@ -409,13 +398,13 @@ def score_answers(answers: Answers, protocol: Protocol, conditions: NDArray[Any]
             exact = np.array([set(c.lobes) == set(lobes) for c, lobes in zip(counts, worn, strict=True)])
         more["windows"] = score_answers(answers.of_windows(), protocol)
     if exact is not None:
-        value, limits = share(exact)
+        value, limits = share_interval(exact)
         more |= {"exact_lobes": value, "exact_lobes_interval": limits}
     if reasons is not None:
         accepted = reasons == ""
         more |= {"reasons": reasons, "refused": float(np.mean(~accepted))}
         if accepted.any():
-            value, limits = share(right, among=accepted)
+            value, limits = share_interval(right, among=accepted)
             more |= {"accepted_accuracy": value, "accepted_accuracy_interval": limits}
     if conditions is not None:
         more["by_condition"] = {
@@ -426,10 +415,7 @@ def score_answers(answers: Answers, protocol: Protocol, conditions: NDArray[Any]
         mean_absolute_error=error,
         accuracy_interval=accuracy_interval,
         mean_absolute_error_interval=error_interval,
-        confusion=cells.sum(axis=0),
-        confusion_interval=np.percentile(parts, [tail, 100 - tail], axis=0),
-        macro_f1=f1,
-        macro_f1_interval=limits_at_ends(f1, f1_interval, groups.size, protocol.confidence),
+        **_confusion_scores(answers, member, drawn, protocol.confidence),
         classes=classes,
         groups=groups,
         group_accuracy=np.bincount(member, right) / np.bincount(member),
@@ -441,3 +427,29 @@ def score_answers(answers: Answers, protocol: Protocol, conditions: NDArray[Any]
         protocol=protocol.hold_out,
         **more,
     )
+
+
+def _confusion_scores(answers: Answers, member: Int, drawn: Int, confidence: float) -> dict[str, Any]:
+    """Return the confusion matrix and macro F1 with their intervals over assemblies."""
+    size, n_groups = answers.classes.size, drawn.shape[1]
+    cells = np.zeros((n_groups, size, size), dtype=np.int64)
+    truth, answer = (
+        np.searchsorted(answers.classes, counts) for counts in (answers.data.y, answers.predictions)
+    )
+    np.add.at(cells, (member, truth, answer), 1)
+    f1, f1_interval = bootstrap_interval(
+        lambda sums: macro_f1(sums.reshape(*sums.shape[:-1], size, size)),
+        cells.reshape(n_groups, -1).astype(float),
+        drawn,
+        confidence,
+    )
+    tables = np.tensordot(drawn, cells, axes=1)
+    of_class = tables.sum(axis=2, keepdims=True)
+    parts = np.divide(tables, of_class, out=np.zeros(tables.shape), where=of_class > 0)
+    tail = 100 * (1 - confidence) / 2
+    return {
+        "confusion": cells.sum(axis=0),
+        "confusion_interval": np.percentile(parts, [tail, 100 - tail], axis=0),
+        "macro_f1": f1,
+        "macro_f1_interval": limits_at_ends(f1, f1_interval, n_groups, confidence),
+    }

@@ -125,7 +125,7 @@ class Evaluation:
         used = weight > 0
         return said[used] / weight[used], was[used] / weight[used], weight[used] / weight.sum()
 
-    def refusals(self) -> dict[str, int]:
+    def refusal_counts(self) -> dict[str, int]:
         """Return how many recordings are refused for each reason, the most frequent first.
 
         Returns
@@ -164,7 +164,7 @@ class Evaluation:
             if value is not None:
                 result |= {name: value, f"{name}_interval": list(limits)}
         if self.reasons is not None:
-            result |= {"refused": self.refused, "reasons": self.refusals()}
+            result |= {"refused": self.refused, "reasons": self.refusal_counts()}
         if self.windows is not None:
             result["windows"] = self.windows.to_dict()
         if self.by_condition is not None:
@@ -258,21 +258,25 @@ class Evaluation:
         rows = {
             "held out": f"{self.groups.size} assemblies, {number(self.predictions.size, 'window')} "
             f"({self.protocol})",
-            "macro F1": _scored(self.macro_f1, self.macro_f1_interval),
-            "mean absolute error": _scored(self.mean_absolute_error, self.mean_absolute_error_interval)
+            "macro F1": _score_with_interval(self.macro_f1, self.macro_f1_interval),
+            "mean absolute error": _score_with_interval(
+                self.mean_absolute_error, self.mean_absolute_error_interval
+            )
             + " lobes",
-            "exact lobes": _scored(self.exact_lobes, self.exact_lobes_interval),
-            "calibration error": _scored(self.calibration_error, self.calibration_error_interval),
+            "exact lobes": _score_with_interval(self.exact_lobes, self.exact_lobes_interval),
+            "calibration error": _score_with_interval(
+                self.calibration_error, self.calibration_error_interval
+            ),
             "intervals": f"{100 * self.confidence:.3g} %, over assemblies",
         }
         return html_card(
-            f"Accuracy {_scored(self.accuracy, self.accuracy_interval)}", rows,
+            f"Accuracy {_score_with_interval(self.accuracy, self.accuracy_interval)}", rows,
             pictures=[displays.draw_confusion(self.confusion, self.classes.tolist())],
             code="evaluation.to_frame()",
         )  # fmt: skip
 
 
-def _scored(value: float | None, limits: Interval | None) -> str:
+def _score_with_interval(value: float | None, limits: Interval | None) -> str:
     """Return a score with its interval; empty without one."""
     return "" if value is None or limits is None else f"{value:.3f} [{limits[0]:.3f}, {limits[1]:.3f}]"
 

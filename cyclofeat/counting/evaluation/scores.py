@@ -40,7 +40,7 @@ def bootstrap_weights(n_assemblies: int, random_state: int | None) -> Int:
     return np.stack([np.bincount(row, minlength=n_assemblies) for row in drawn])
 
 
-def interval(
+def bootstrap_interval(
     score: Callable[[Float], Float], sums: Float, drawn: Int, confidence: float
 ) -> tuple[float, Interval]:
     """A score of all assemblies and its percentile interval.

@@ -130,7 +130,7 @@ def counter_of_windows(model: LobeModel) -> Callable[[WindowSet, int], BaseEstim
                 f"epochs must be None unless counter='rows', got {model.epochs} with counter={kind!r}"
             )
 
-    def make(windows: WindowSet, n_lobes: int) -> BaseEstimator:
+    def make_counter(windows: WindowSet, n_lobes: int) -> BaseEstimator:
         rate, seed = windows.sampling_rate, model.random_state
         worn = windows.worn_table(n_lobes)
         of_rows = kind == "rows" or is_network(kind)
@@ -153,7 +153,7 @@ def counter_of_windows(model: LobeModel) -> Callable[[WindowSet, int], BaseEstim
         names = [name for name in counter.get_params(deep=True) if name.rpartition("__")[2] in known]
         return counter.set_params(**{name: known[name.rpartition("__")[2]] for name in names})
 
-    return make
+    return make_counter
 
 
 def fit_counter(
@@ -220,7 +220,7 @@ def _scores_of_training(proba: Float, windows: WindowSet, protocol: Protocol | N
     """Return scores of out-of-fold probabilities; None without folds."""
     if protocol is None or windows.groups is None or not np.isfinite(proba).all():
         return None
-    answers = Answers.empty(LabelledData.checked(windows.X, windows.y, windows.groups))
+    answers = Answers.without_answers(LabelledData.from_arrays(windows.X, windows.y, windows.groups))
     predictions = answers.classes[proba.argmax(axis=1)]
     answers = replace(answers, proba=proba, certainty=proba.max(axis=1), predictions=predictions)
     return score_answers(answers, protocol).to_dict()

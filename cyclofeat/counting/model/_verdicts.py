@@ -185,7 +185,7 @@ def _speed_changes(X: Float, sampling_rate: float, input_speed_hz: float, n_lobe
     return reasons
 
 
-def disagreement(proba: Float, faults_of_windows: Sequence[str]) -> str:
+def disagreement_reason(proba: Float, faults_of_windows: Sequence[str]) -> str:
     """Return why the windows of a recording do not belong together; empty where they do.
 
     Parameters
@@ -206,7 +206,7 @@ def disagreement(proba: Float, faults_of_windows: Sequence[str]) -> str:
     return "its windows disagree about the count"
 
 
-def outvoted(proba: Float, reasons: Sequence[str], column: int) -> str:
+def outvoted_reason(proba: Float, reasons: Sequence[str], column: int) -> str:
     """Return why a count from a part of the windows is not to be trusted; empty where it is.
 
     What spoils one window is often in the others too, too weak to be seen: where any is left out, more than

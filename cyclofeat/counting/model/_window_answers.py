@@ -77,7 +77,7 @@ class AnsweredWindows:
         return len(self.proba)
 
     @classmethod
-    def joined(cls, parts: Sequence[AnsweredWindows]) -> AnsweredWindows:
+    def join_parts(cls, parts: Sequence[AnsweredWindows]) -> AnsweredWindows:
         """Return the answers of parts of one recording, one after the other."""
         if len(parts) == 1:
             return parts[0]
@@ -94,20 +94,20 @@ class AnsweredWindows:
             wear=np.concatenate(runs) if runs else None,
         )  # fmt: skip
 
-    def refusals(self, doubt: str) -> tuple[str, list[str]]:
+    def find_refusals(self, doubt: str) -> tuple[str, list[str]]:
         """Return why the recording is refused, and why each window is; empty where it is not."""
         # A faulty signal explains that the speed is not found, a wrong speed that windows lie outside.
         if doubt and sum(map(bool, self.faults)) <= len(self) / 2:
             return doubt, [doubt] * len(self)
-        reasons = self.reasons()
+        reasons = self.window_reasons()
         return most_frequent(reasons) if sum(map(bool, reasons)) > len(self) / 2 else "", reasons
 
-    def reasons(self) -> list[str]:
+    def window_reasons(self) -> list[str]:
         """Return why each window is left out; empty where it is not."""
         outside = np.where(self.distance > 1, OUTSIDE, "").tolist()
         return [fault or reason for fault, reason in zip(self.faults, outside, strict=True)]
 
-    def counts(self, classes: NDArray[np.int64], reasons: Sequence[str]) -> tuple[WindowCount, ...]:
+    def window_counts(self, classes: NDArray[np.int64], reasons: Sequence[str]) -> tuple[WindowCount, ...]:
         """Return the answer of each window."""
         columns = (
             self.start_s.tolist(),
@@ -119,6 +119,17 @@ class AnsweredWindows:
         )
         return tuple(WindowCount(*answer) for answer in zip(*columns, strict=True))
 
-    def shifted(self, seconds: float) -> AnsweredWindows:
+    def mean_lobe_proba(self, used: NDArray[np.bool_]) -> Float:
+        """Return the probability of each lobe of being worn, by some windows; empty if it is not known.
+
+        Of the places at which the recording may begin between two lobes, that with the most decided answer
+        counts.
+        """
+        if self.lobe_proba is None:
+            return np.zeros(0)
+        places = self.lobe_proba[:, used].mean(axis=1)
+        return np.asarray(places[np.abs(places - 0.5).sum(axis=1).argmax()])
+
+    def shift_time(self, seconds: float) -> AnsweredWindows:
         """Return the same answers at a later time."""
         return dataclasses.replace(self, start_s=self.start_s + seconds, stop_s=self.stop_s + seconds)

@@ -37,7 +37,12 @@ from cyclofeat.counting.model._training import (
     is_network,
     windows_to_learn,
 )
-from cyclofeat.counting.model._verdicts import disagreement, most_frequent, outvoted, window_faults
+from cyclofeat.counting.model._verdicts import (
+    disagreement_reason,
+    most_frequent,
+    outvoted_reason,
+    window_faults,
+)
 from cyclofeat.counting.model._window_answers import OUTSIDE, AnsweredWindows, PreparedWindows
 from cyclofeat.counting.model.lobe_count import LobeCount
 from cyclofeat.counting.model.radial_wear import RadialWear, stated_depths
@@ -182,32 +187,18 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             states no depth within the range; where ``y`` has another length than ``recordings``, or parts or
             joins what their ``defect_count`` states.
         """
-        make = counter_of_windows(self)
-        known, label_of = _labelled(recordings, y, groups)
+        make_counter = counter_of_windows(self)
+        known, label_of = _label_recordings(recordings, y, groups)
         n_lobes, quantity = common_n_lobes(known), common_quantity(known)
         stated = None if self.wear_um is None else stated_depths(known, self.wear_um)
-        windower = self._windower()
-        assert windower.samples_per_turn is not None
-        rows = self.counter == "rows" or is_network(self.counter)
         # Faint lines are often right, but those of a sound disc are noise: the stated speed is safer.
         turnings = [turning_of(recording, n_lobes, by_faint_lines=False) for recording in known]
-        per_turn = common_samples_per_turn(known, turnings, n_lobes, windower.samples_per_turn)
-        windower = replace(windower, reduction=n_lobes, samples_per_turn=per_turn)
-        again: Sequence[int] = ()
-        if quantity == "motor_current":
-            again = range(len(known))
-        elif rows and stated is None:
-            again = draw_of_each_count(known, _BY_LINES_TOO, self.random_state)
-        windows = of_tachometer = windows_to_learn(known, turnings, again, windower)
-        if again and stated is not None:  # depths are learned from the windows of the tachometer alone
-            of_tachometer = windows_to_learn(known, turnings, (), windower)
-        if rows and stated is not None:
-            # Runs make the count. The windows of a recording are alike: the network learns the first.
-            windows = windows.part(np.flatnonzero(np.diff(windows.recording, prepend=-1)))
+        windows, of_tachometer = self._training_windows(known, turnings, n_lobes, quantity)
         assert windows.y is not None
         if np.unique(windows.y).size < 2:
             raise ValueError(f"recordings must hold at least two defect counts, got {windows.y[0]} only")
-        counter = make(windows, n_lobes)
+        counter = make_counter(windows, n_lobes)
+        rows = self.counter == "rows" or is_network(self.counter)
         epochs = counter.n_epochs if rows else None
         if rows and stated is not None:
             counter.set_params(n_epochs=None)
@@ -222,15 +213,15 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         self.card_: dict[str, Any] = {
             "description": self.description,
             "quantity": quantity,
-            "speeds_rpm": _range([60 * turning.speed_hz for turning in turnings]),
-            "loads_nm": _range([r.load_nm for r in known if r.load_nm is not None]),
+            "speeds_rpm": _value_range([60 * turning.speed_hz for turning in turnings]),
+            "loads_nm": _value_range([r.load_nm for r in known if r.load_nm is not None]),
             "n_recordings": len(known),
             "n_windows": len(windows),
             "sources": sorted({str(recording.source) for recording in known}),
             "assemblies": names if 0 < len(names) <= _MOST_NAMED else None,
             "classes": np.unique(windows.y).tolist(),
             "calibrated": any(
-                getattr(part, "calibrated_", False) for part in (self.counter_, self._deciding())
+                getattr(part, "calibrated_", False) for part in (self.counter_, self._deciding_part())
             ),
             "cross_validation": scores,
             "versions": package_versions(*MODEL_PACKAGES),
@@ -243,7 +234,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
                 network=of_runs,
             )  # fmt: skip
             self.card_["wear"] = self.wear_.summary()
-        self.n_lobes_, self.samples_per_turn_ = n_lobes, per_turn
+        self.n_lobes_, self.samples_per_turn_ = n_lobes, round(windows.sampling_rate)
         self.coarser_: LobeModel | None = None
         self.classes_: NDArray[Any] = np.array([label_of[c] for c in self.counter_.classes_.tolist()])
         return self
@@ -254,7 +245,29 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         counter = self.counter_
         return counter if isinstance(counter, LobeCounter) and counter.locates else None
 
-    def _windower(self) -> Windower:
+    def _training_windows(
+        self, recordings: Sequence[Recording], turnings: Sequence[Turning], n_lobes: int, quantity: str
+    ) -> tuple[WindowSet, WindowSet]:
+        """Return the windows that the counter learns, and those from which the depth of wear is learned."""
+        windower = self._chosen_windower()
+        assert windower.samples_per_turn is not None
+        per_turn = common_samples_per_turn(recordings, turnings, n_lobes, windower.samples_per_turn)
+        windower = replace(windower, reduction=n_lobes, samples_per_turn=per_turn)
+        rows = self.counter == "rows" or is_network(self.counter)
+        again: Sequence[int] = ()
+        if quantity == "motor_current":
+            again = range(len(recordings))
+        elif rows and self.wear_um is None:
+            again = draw_of_each_count(recordings, _BY_LINES_TOO, self.random_state)
+        windows = of_tachometer = windows_to_learn(recordings, turnings, again, windower)
+        if again and self.wear_um is not None:
+            of_tachometer = windows_to_learn(recordings, turnings, (), windower)
+        if rows and self.wear_um is not None:
+            # Runs make the count. The windows of a recording are alike: the network learns the first.
+            windows = windows.part(np.flatnonzero(np.diff(windows.recording, prepend=-1)))
+        return windows, of_tachometer
+
+    def _chosen_windower(self) -> Windower:
         """Return the windower as given, or the default one."""
         windower = self.windower
         if windower is None:
@@ -269,7 +282,9 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
     @property
     def windower_(self) -> Windower:
         """Windower of the fitted model."""
-        return replace(self._windower(), reduction=self.n_lobes_, samples_per_turn=self.samples_per_turn_)
+        return replace(
+            self._chosen_windower(), reduction=self.n_lobes_, samples_per_turn=self.samples_per_turn_
+        )
 
     def with_coarser(self, coarser: LobeModel) -> LobeModel:
         """Return the model with another one for recordings with fewer samples per input turn.
@@ -454,7 +469,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             made += f", with at least {least.samples_per_turn_} samples per input turn"
         return made
 
-    def check(self, recording: Recording) -> None:
+    def check_recording(self, recording: Recording) -> None:
         """Raise ``ValueError`` if the recording's quantity, lobes, sampling rate or speed do not suit."""
         quantity = self.card_.get("quantity", "output_torque")
         if recording.quantity != quantity:
@@ -487,8 +502,8 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             Where the recording does not suit the model or is shorter than one output turn.
         """
         check_is_fitted(self)
-        self.check(recording)
-        return self.suited_to(recording)._cut(recording)[0]
+        self.check_recording(recording)
+        return self.suited_to(recording)._cut_windows(recording)[0]
 
     def speed_of(self, recording: Recording) -> float:
         """Return the input speed in turns per second at which a recording is drawn.
@@ -502,7 +517,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             return stated
         return max(measured, self.n_lobes_ / recording.duration)
 
-    def _cut(self, recording: Recording) -> tuple[WindowSet, Turning]:
+    def _cut_windows(self, recording: Recording) -> tuple[WindowSet, Turning]:
         """Return the windows, and how the shaft turned."""
         turning = turning_of(recording, self.n_lobes_)
         return self.windower_.windows([recording], [turning.angle]), turning
@@ -528,7 +543,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             raise TypeError(f"recording must be a Recording object, got {type(recording).__name__}")
         check_is_fitted(self)
         model = self.suited_to(recording)
-        return model._counts([model._prepared(recording)])[0]
+        return model._count_prepared([model._prepare_windows(recording)])[0]
 
     def count_all(self, recordings: Iterable[Recording]) -> list[LobeCount]:
         """Count and locate the worn lobes of many recordings.
@@ -567,25 +582,25 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
                 )
             try:
                 suited = self.suited_to(recording)
-                prepared = suited._prepared(recording)
+                prepared = suited._prepare_windows(recording)
             except ValueError as error:
                 raise ValueError(f"recording {place}: {error}") from error
             if suited is not model or n_samples >= _BATCH_SAMPLES:
-                answers += model._counts(batch)
+                answers += model._count_prepared(batch)
                 model, batch, n_samples = suited, [], 0
             batch.append(prepared)
             n_samples += prepared.windows.X.size
-        return answers + model._counts(batch)
+        return answers + model._count_prepared(batch)
 
-    def _prepared(self, recording: Recording) -> PreparedWindows:
+    def _prepare_windows(self, recording: Recording) -> PreparedWindows:
         """Cut a recording that suits the model into windows, and look for faults."""
-        self.check(recording)
-        windows, turning = self._cut(recording)
+        self.check_recording(recording)
+        windows, turning = self._cut_windows(recording)
         notes = [turning.note] if turning.note else []
         if far := self._far_from_loads(recording):
             notes.append(far)
         turned = 2 * np.pi * windows.X.shape[1] / windows.sampling_rate
-        stops = turning.times(windows.start_angle + turned, recording.sampling_rate)
+        stops = turning.passing_times(windows.start_angle + turned, recording.sampling_rate)
         faults = window_faults(recording, windows, stops, self.n_lobes_)
         doubt = turning.doubt or self.untrained_speed(turning.speed_hz)
         return PreparedWindows(windows, stops, faults, doubt, tuple(notes), float(windows.start_angle[0]))
@@ -606,11 +621,11 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             "are unit and scale right?"
         )
 
-    def _counts(self, batch: Sequence[PreparedWindows]) -> list[LobeCount]:
+    def _count_prepared(self, batch: Sequence[PreparedWindows]) -> list[LobeCount]:
         """Count recordings, their windows together."""
         return [
             self._count_of(answered, one.doubt, one.notes, absolute=_is_absolute(one))
-            for one, answered in zip(batch, self._answered(batch), strict=True)
+            for one, answered in zip(batch, self._answer_windows(batch), strict=True)
         ]
 
     def _count_of(
@@ -620,15 +635,15 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         notes = list(first_notes)
         classes = self.counter_.classes_
         distance, n_outside = float(np.median(answered.distance)), int(np.sum(answered.distance > 1))
-        reason, reasons = answered.refusals(doubt)
-        reason = reason or disagreement(answered.proba, answered.faults)
+        reason, reasons = answered.find_refusals(doubt)
+        reason = reason or disagreement_reason(answered.proba, answered.faults)
         used = np.array([not one for one in reasons])
         used |= not used.any()
-        learned = getattr(self._deciding(), "dependence_", None)
+        learned = getattr(self._deciding_part(), "dependence_", None)
         member = np.zeros(used.sum(), dtype=int)
         probability = combine_proba(answered.proba[used], member, 1.0 if learned is None else learned)[0]
         if self.wear_ is None and not reason:
-            reason = outvoted(answered.proba, reasons, int(probability.argmax()))
+            reason = outvoted_reason(answered.proba, reasons, int(probability.argmax()))
         runs = None if self.wear_ is None or reason else answered.wear
         if self.wear_ is not None and runs is not None:
             probability = self.wear_.probability(runs)
@@ -647,19 +662,13 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
                 f"{n_outside} of {n_windows} window{'s' if n_windows > 1 else ''} {OUTSIDE}: "
                 f"{distance:.2f} times the largest distance inside{' (median)' if n_windows > 1 else ''}"
             )
-        lobes: list[int] = []
-        share: Float = np.zeros(0)
-        if answered.lobe_proba is not None:
-            # Where between two lobes the recording begins may be unknown: take the place with the most
-            # decided answer.
-            places = answered.lobe_proba[:, used].mean(axis=1)
-            share = places[np.abs(places - 0.5).sum(axis=1).argmax()]
-            lobes = sorted(np.argsort(-share, kind="stable")[:count].tolist())
-            if not absolute and lobes:
-                notes.append(
-                    "positions are relative: without an absolute angle they count from the lobe under load "
-                    "at the first sample counted"
-                )
+        share = answered.mean_lobe_proba(used)
+        lobes = sorted(np.argsort(-share, kind="stable")[:count].tolist())
+        if not absolute and lobes:
+            notes.append(
+                "positions are relative: without an absolute angle they count from the lobe under load at "
+                "the first sample counted"
+            )
         if probability.max() < 0.5 and not reason:
             alone = f"no count is more probable than all others together: {count} has {probability.max():.2f}"
             # Where a depth is stated, wear is seen although its lobes are hard to count.
@@ -682,11 +691,11 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             refused=bool(reason),
             reason=reason,
             distance=distance,
-            windows=answered.counts(classes, reasons),
+            windows=answered.window_counts(classes, reasons),
             wear_um=None if self.wear_ is None or runs is None else self.wear_.depth_of(runs, count),
         )
 
-    def _answered(self, batch: Sequence[PreparedWindows]) -> list[AnsweredWindows]:
+    def _answer_windows(self, batch: Sequence[PreparedWindows]) -> list[AnsweredWindows]:
         """Answer for the windows of several recordings together."""
         if not batch:
             return []
@@ -712,7 +721,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             for one, row, lobes in zip(batch, rows, located, strict=True)
         ]
 
-    def _deciding(self) -> Any:
+    def _deciding_part(self) -> Any:
         """Return the part of the counter that decides: behind the lobe map, which other parts reuse."""
         if isinstance(self.counter_, Pipeline) and isinstance(self.counter_[0], LobeMap):
             rest = self.counter_[1:]
@@ -726,7 +735,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         the time, so that locator and domain reuse those of the counter. None where the counter has none.
         """
         lines, features = None, None
-        deciding, seen = self._deciding(), X
+        deciding, seen = self._deciding_part(), X
         if deciding is not self.counter_:
             lines = self.counter_[0].lines(X)
             features = seen = self.counter_[0].from_lines(lines)
@@ -768,7 +777,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
                 begins.append(passage_of_lobe_zero(one.windows.start_angle, self.n_lobes_)[np.newaxis])
                 continue
             # Windows are aligned by the turns between them.
-            turned = _turned(one, lines.input_speed_hz[row])
+            turned = _turns_since_start(one, lines.input_speed_hz[row])
             places = np.arange(_BEGINNINGS)[:, np.newaxis] / (_BEGINNINGS * self.n_lobes_)
             begins.append(places - lobe_frequency(1.0, self.n_lobes_) * turned)
         repeated = [
@@ -781,7 +790,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         return [part.reshape(*places.shape, -1) for part, places in zip(parts, begins, strict=True)]
 
 
-def _labelled(
+def _label_recordings(
     recordings: Sequence[Recording], y: ArrayLike | None, groups: ArrayLike | None
 ) -> tuple[list[Recording], dict[int, Any]]:
     """Return recordings that all state their count, and the label of each count."""
@@ -813,7 +822,7 @@ def _labelled(
     return known, label_of
 
 
-def _range(values: Sequence[float]) -> list[float] | None:
+def _value_range(values: Sequence[float]) -> list[float] | None:
     """Return the least and the largest value; None for an empty sequence."""
     return [float(min(values)), float(max(values))] if values else None
 
@@ -828,7 +837,7 @@ def _is_absolute(prepared: PreparedWindows) -> bool:
     return bool(prepared.windows.absolute.all())
 
 
-def _turned(prepared: PreparedWindows, speed_hz: Float) -> Float:
+def _turns_since_start(prepared: PreparedWindows, speed_hz: Float) -> Float:
     """Return the input turns from the start of a recording's first window to the start of each."""
     windows = prepared.windows
     if np.isfinite(windows.start_angle).all():

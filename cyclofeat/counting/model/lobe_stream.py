@@ -85,7 +85,7 @@ class LobeStream:
             "quantity": str(model.card_.get("quantity", "output_torque")),
         }
         nothing = Recording(np.zeros(8), self.sampling_rate, **self._labels)
-        model.check(nothing)  # quantity, rate and stated speed
+        model.check_recording(nothing)  # quantity, rate and stated speed
         if speed_rpm is not None:
             self.model = model.suited_to(nothing)
         self._block = 0
@@ -95,9 +95,9 @@ class LobeStream:
             if speed_rpm is None:
                 raise ValueError("speed_rpm must be given (nominal speed of the input) with block_turns")
             self._block = round(self.block_turns * model.n_lobes_ / (speed_rpm / 60) * self.sampling_rate)
-        self._begin()
+        self._start_over()
 
-    def _begin(self) -> None:
+    def _start_over(self) -> None:
         self._windows = WindowStream(
             self.model.windower_, self.sampling_rate, angle_is_absolute=self.angle_is_absolute, **self._labels
         )
@@ -147,7 +147,7 @@ class LobeStream:
                 raise ValueError("angle has no effect with block_turns: leave one of them out")
             self._n_samples += torque.size
             self._count_blocks(torque)
-            return self._returned()
+            return self._take_counted()
         if angle is None:
             raise ValueError(
                 "angle must be given (input shaft, rad); for a rig without a tachometer open the stream with "
@@ -157,7 +157,7 @@ class LobeStream:
         if angles.size != torque.size:
             raise ValueError(f"angle must have the length of samples, {torque.size}, got {angles.size}")
         if not torque.size:
-            return self._returned()
+            return self._take_counted()
         before = [] if self._angles is None else [self._angles[1]]
         steps = np.diff(np.concatenate([before, angles]))
         if not np.all(steps > 0):
@@ -174,8 +174,8 @@ class LobeStream:
         self._angles = (float(angles[0]) if self._angles is None else self._angles[0], float(angles[-1]))
         self._n_samples += torque.size
         for window in self._windows.push(torque, angles):
-            self._answer(window)
-        return self._returned()
+            self._count_window(window)
+        return self._take_counted()
 
     def result(self) -> LobeCount:
         """Count all windows since the stream began, as one recording, and begin anew.
@@ -193,7 +193,7 @@ class LobeStream:
         doubt, notes = "", []
         if self.block_turns is None:
             for window in self._windows.finish():
-                self._answer(window)
+                self._count_window(window)
         else:  # behind one that raised an error
             self._count_blocks(np.empty(0))
         if not self._answers:
@@ -209,16 +209,16 @@ class LobeStream:
             assert self.block_turns is not None
             blocks = number(self.block_turns, "output turn")
             notes.append(f"no tachometer: counted in blocks of {blocks}, without positions of lobes")
-        answered = AnsweredWindows.joined(self._answers)
+        answered = AnsweredWindows.join_parts(self._answers)
         count = self.model._count_of(answered, doubt, notes, absolute=self.angle_is_absolute)
-        self._begin()
+        self._start_over()
         return count
 
-    def _returned(self) -> list[WindowCount]:
+    def _take_counted(self) -> list[WindowCount]:
         counted, self._counted = self._counted, []
         return counted
 
-    def _answer(self, window: StreamWindow) -> None:
+    def _count_window(self, window: StreamWindow) -> None:
         """Count one window: alone, so that its answer does not depend on the pieces."""
         windows, recording = window.windows, window.recording
         stop = windows.start_angle + 2 * np.pi * windows.X.shape[1] / windows.sampling_rate
@@ -228,9 +228,9 @@ class LobeStream:
         if not self._answers:
             self._first_angle = float(windows.start_angle[0])
         prepared = PreparedWindows(windows, stop_s, faults, "", (), self._first_angle)
-        (answered,) = self.model._answered([prepared])
+        (answered,) = self.model._answer_windows([prepared])
         answered = dataclasses.replace(answered, wear=self._wear_answers(windows.X[0], faults[0]))
-        self._keep(answered.shifted(window.first_sample / self.sampling_rate))
+        self._keep_answers(answered.shift_time(window.first_sample / self.sampling_rate))
 
     def _wear_answers(self, window: Float, fault: str) -> Float | None:
         """Return what the run tells that a window completes; None where it completes none."""
@@ -256,16 +256,16 @@ class LobeStream:
             while joined.size - begin >= self._block:
                 block = joined[begin : begin + self._block]
                 begin += self._block
-                prepared = self.model._prepared(Recording(block, self.sampling_rate, **self._labels))
-                (answered,) = self.model._answered([prepared])
+                prepared = self.model._prepare_windows(Recording(block, self.sampling_rate, **self._labels))
+                (answered,) = self.model._answer_windows([prepared])
                 faults = tuple(fault or prepared.doubt for fault in answered.faults)
                 answered = dataclasses.replace(answered, faults=faults, lobe_proba=None)
-                self._keep(answered.shifted((first + begin - self._block) / self.sampling_rate))
+                self._keep_answers(answered.shift_time((first + begin - self._block) / self.sampling_rate))
         finally:
             self._pieces = [joined[begin:].copy()]
             self._n_kept = self._pieces[0].size
 
-    def _keep(self, answered: AnsweredWindows) -> None:
+    def _keep_answers(self, answered: AnsweredWindows) -> None:
         self._answers.append(answered)
         classes: NDArray[np.int64] = self.model.counter_.classes_
-        self._counted += answered.counts(classes, answered.reasons())
+        self._counted += answered.window_counts(classes, answered.window_reasons())

@@ -43,7 +43,7 @@ class Turning:
     note: str = ""
     doubt: str = ""
 
-    def times(self, angle: Float, sampling_rate: float) -> Float:
+    def passing_times(self, angle: Float, sampling_rate: float) -> Float:
         """Return when the shaft passed angles, in s from the first sample."""
         return samples_at(angle, self.angle) / sampling_rate
 
@@ -70,8 +70,8 @@ def turning_of(recording: Recording, n_lobes: int, *, by_faint_lines: bool = Tru
         return Turning(angle, float(mean_speed(angle, rate)))
     stated = recording.input_speed_hz
     if stated is None:
-        return _searched(recording, n_lobes)
-    followed = _followed(recording, stated, n_lobes)
+        return _search_turning(recording, n_lobes)
+    followed = _follow_lines(recording, stated, n_lobes)
     rpm = f"{60 * stated:.5g} RPM"
     speed = f"{60 * followed.speed_hz:.5g} RPM"
     if followed.fits:
@@ -94,7 +94,7 @@ def _holds_a_window(angle: Float, n_lobes: int) -> bool:
     return bool(np.ptp(angle) >= 2 * np.pi * WINDOW_TURNS * n_lobes)
 
 
-def _followed(recording: Recording, speed_hz: float, n_lobes: int) -> FollowedSpeed:
+def _follow_lines(recording: Recording, speed_hz: float, n_lobes: int) -> FollowedSpeed:
     follow = follow_motor if recording.quantity == "motor_current" else follow_speed
     return follow(recording.torque, recording.sampling_rate, speed_hz, n_lobes)
 
@@ -106,7 +106,7 @@ def angle_by_lines(recording: Recording, turning: Turning, n_lobes: int) -> Floa
     or tell less than a window.
     """
     try:
-        followed = _followed(recording, turning.speed_hz, n_lobes)
+        followed = _follow_lines(recording, turning.speed_hz, n_lobes)
     except ValueError:  # too short, or too few samples
         return None
     beside = turning.angle - followed.angle
@@ -116,7 +116,7 @@ def angle_by_lines(recording: Recording, turning: Turning, n_lobes: int) -> Floa
     return np.asarray(followed.angle + beside.mean())
 
 
-def _searched(recording: Recording, n_lobes: int) -> Turning:
+def _search_turning(recording: Recording, n_lobes: int) -> Turning:
     """Return how the shaft turned by the torque alone, if only one speed is possible.
 
     A motor's own lines may look like a disc's at another speed: its current proposes speeds only.
