@@ -24,7 +24,7 @@ def locate_all(
     Parameters
     ----------
     measured : MeasuredRig
-        Kinematics with one recording are left out.
+        Conditions with one recording are left out.
     world : World
         The model and what may differ anyway.
     settings : GapSettings
