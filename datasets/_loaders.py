@@ -231,8 +231,20 @@ def load_oedi_gearbox(path: str | os.PathLike[str] | None = None) -> Bunch:
             (_FOLDER / name).read_text(encoding="utf-8") for name in ("README.md", "LICENSE.md")
         )
     arrays = _load_arrays(file)
+    # Acceleration as supplied, shape (n_recordings, n_samples, n_channels).
+    if "signals" in arrays:
+        signals = arrays["signals"].astype(np.float64)
+    else:
+        # float32 as printed: 0.004, not 0.0040000001899898052
+        signals = arrays["signals_i16"] * float(str(arrays["scale"].reshape(())))
+    n_recordings, n_channels = arrays["recording"].size, arrays["channels"].size
+    if signals.ndim != 3 or signals.shape[::2] != (n_recordings, n_channels):
+        raise ValueError(
+            f"{file.name}: signals must have shape ({n_recordings}, n_samples, {n_channels}) for "
+            f"{n_recordings} recordings of {n_channels} channels, got {signals.shape}"
+        )
     return Bunch(
-        signals=_scaled_signals(file.name, arrays),
+        signals=signals,
         broken_tooth=arrays["broken_tooth"].astype(np.int64),
         load_percent=arrays["load_percent"].astype(np.int64),
         recording_names=arrays["recording"].tolist(),
@@ -266,22 +278,6 @@ def _load_arrays(file: Path) -> dict[str, NDArray[Any]]:
             f"missing: {', '.join(sorted(missing))}"
         )
     return arrays
-
-
-def _scaled_signals(name: str, arrays: dict[str, NDArray[Any]]) -> NDArray[np.float64]:
-    """Acceleration as supplied, shape (n_recordings, n_samples, n_channels)."""
-    if "signals" in arrays:
-        signals = arrays["signals"].astype(np.float64)
-    else:
-        # float32 as printed: 0.004, not 0.0040000001899898052
-        signals = arrays["signals_i16"] * float(str(arrays["scale"].reshape(())))
-    n_recordings, n_channels = arrays["recording"].size, arrays["channels"].size
-    if signals.ndim != 3 or signals.shape[::2] != (n_recordings, n_channels):
-        raise ValueError(
-            f"{name}: signals must have shape ({n_recordings}, n_samples, {n_channels}) for {n_recordings} "
-            f"recordings of {n_channels} channels, got {signals.shape}"
-        )
-    return signals
 
 
 def _description(title: str, *, origin: str, licence: str, units: str, inferred: str, more: str) -> str:

@@ -153,7 +153,28 @@ class History:
             self._connection = sqlite3.connect(place, timeout=_WAIT_S, isolation_level=None)
         try:
             with self._errors():
-                self._prepare()
+                # Make the tables in a new file, and check those of an old one.
+                execute = self._connection.execute
+                if self._is_new():
+                    # Before the first transaction: this setting belongs to the file.
+                    execute("PRAGMA journal_mode = WAL")
+                    with self._transaction():
+                        if self._is_new():  # no other process has been faster
+                            for statement in _TABLES.split(";")[:-1]:
+                                execute(statement)
+                            execute(f"PRAGMA application_id = {_APPLICATION_ID}")
+                            execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+                version = execute("PRAGMA user_version").fetchone()[0]
+                if execute("PRAGMA application_id").fetchone()[0] != _APPLICATION_ID:
+                    raise ValueError(f"{self.path} is a database of something else: name another file")
+                if version != SCHEMA_VERSION:
+                    raise ValueError(
+                        f"{self.path} is a history of version {version}, but {SCHEMA_VERSION} can be read: "
+                        "update cyclofeat"
+                    )
+                # Now, with its indices: a damaged page would else be met in the middle of the work, or never.
+                if (fault := execute("PRAGMA integrity_check(1)").fetchone()[0]) != "ok":
+                    raise ValueError(_DAMAGED.format(self.path, " ".join(fault.split())))
         except BaseException:
             self.close()
             raise
@@ -307,30 +328,6 @@ class History:
             gearbox, [Point(*point) for point in points], None if scores is None else json.loads(scores),
             false_alarms_per_month=false_alarms_per_month, recordings_per_month=recordings_per_month,
         )  # fmt: skip
-
-    def _prepare(self) -> None:
-        """Make the tables in a new file, and check those of an old one."""
-        execute = self._connection.execute
-        if self._is_new():
-            # Before the first transaction: this setting belongs to the file.
-            execute("PRAGMA journal_mode = WAL")
-            with self._transaction():
-                if self._is_new():  # no other process has been faster
-                    for statement in _TABLES.split(";")[:-1]:
-                        execute(statement)
-                    execute(f"PRAGMA application_id = {_APPLICATION_ID}")
-                    execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
-        version = execute("PRAGMA user_version").fetchone()[0]
-        if execute("PRAGMA application_id").fetchone()[0] != _APPLICATION_ID:
-            raise ValueError(f"{self.path} is a database of something else: name another file")
-        if version != SCHEMA_VERSION:
-            raise ValueError(
-                f"{self.path} is a history of version {version}, but {SCHEMA_VERSION} can be read: update "
-                "cyclofeat"
-            )
-        # Now, with its indices: a damaged page would else be met in the middle of the work, or never.
-        if (fault := execute("PRAGMA integrity_check(1)").fetchone()[0]) != "ok":
-            raise ValueError(_DAMAGED.format(self.path, " ".join(fault.split())))
 
     def _is_new(self) -> bool:
         return not self._connection.execute("SELECT count(*) FROM sqlite_schema").fetchone()[0]

@@ -169,7 +169,9 @@ def choose_rule(
     above = confusion[:, row + 1 :].sum(axis=1)
     total = confusion.sum(axis=1)
     independent = scores["n_assemblies"] / scores["n_windows"]
-    error_rate = _upper(above[row] * independent, total[row] * independent)
+    errors = above[row] * independent
+    trials = total[row] * independent
+    error_rate = float(betaincinv(errors + 1, trials - errors, _CONFIDENCE)) if errors < trials else 1.0
     error_rate = max(min(error_rate + depth_error, 1.0), float(np.mean(seen)) if len(seen) else 0.0)
     detection_rate = float(above[row + 1] / total[row + 1])
     if detection_rate <= error_rate:
@@ -189,11 +191,6 @@ def choose_rule(
             f"exceed {baseline} by error"
         )
     return min(rules, key=lambda rule: (rule.recordings_to_detection, rule.n))
-
-
-def _upper(errors: float, trials: float) -> float:
-    """Return the upper end of the one-sided interval of a share."""
-    return float(betaincinv(errors + 1, trials - errors, _CONFIDENCE)) if errors < trials else 1.0
 
 
 # Counts from which the baseline is taken; seconds of an hour, the shortest time that shows how frequent

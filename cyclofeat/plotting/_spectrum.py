@@ -198,7 +198,10 @@ class SpectrumDisplay(Display):
         if scale != "linear":
             # Single bins can fall to any depth by chance.
             self.ax_.set_ylim(bottom=float(np.quantile(heights, 0.01)))
-        self.ax_.set(xlabel="frequency (Hz)", ylabel=self._axis_label(scale), xlim=(0, limit))
+        name, unit = ("amplitude", self.unit) if self.quantity == "amplitude" else ("PSD", f"{self.unit}²/Hz")
+        label = f"{name} (dB re 1 {unit})" if scale == "dB" else f"{name} ({unit})"
+        axis_label = f"{label}\n{self.definition}" if self.definition else label
+        self.ax_.set(xlabel="frequency (Hz)", ylabel=axis_label, xlim=(0, limit))
         self.ax_.grid(axis="y", alpha=0.3, linewidth=0.6)
         speed = self.input_speed_hz
         self.order_ax_ = None if speed is None else self._mark_orders(limit, speed)
@@ -211,11 +214,6 @@ class SpectrumDisplay(Display):
         if scale == "log":
             return values
         return np.asarray((20 if self.quantity == "amplitude" else 10) * np.log10(values))
-
-    def _axis_label(self, scale: str) -> str:
-        name, unit = ("amplitude", self.unit) if self.quantity == "amplitude" else ("PSD", f"{self.unit}²/Hz")
-        label = f"{name} (dB re 1 {unit})" if scale == "dB" else f"{name} ({unit})"
-        return f"{label}\n{self.definition}" if self.definition else label
 
     def _mark_orders(self, limit: float, input_speed_hz: float) -> Any:
         """Draw lobe lines behind the spectrum, and orders of the input as strokes and as the axis on top."""

@@ -201,28 +201,27 @@ class TrainingDisplay(Display):
             raise ValueError(f"counts must be of {self.classes.tolist()}, got {unknown[0]!r}")
         self.figure_, self.ax_ = axes_for(ax, (7.0, 3.0))
         if kind == "distance":
-            self._distance()
+            places = np.arange(self.classes.size)
+            middle = np.median(self.distances, axis=0)
+            self.ax_.bar(
+                places, middle, color="C0", alpha=0.45, label="this recording, median of its windows"
+            )
+            if len(self.distances) > 1:
+                everywhere = np.tile(places, len(self.distances))
+                self.ax_.plot(
+                    everywhere, self.distances.ravel(), "_", color="C0", markersize=14, label="each window"
+                )
+            self.ax_.axhline(1, color="C1", linestyle="--", label="refused if all bars exceed this")
+            self.ax_.set_xticks(places, [str(count) for count in self.classes])
+            self.ax_.set(
+                xlabel="training windows with this number of worn lobes",
+                ylabel="distance from them\n(1 = edge of the training)",
+                ylim=(0, 1.1 * max(1.0, float(self.distances.max()))),
+            )
+            legend_above(self.ax_)
         else:
             self._course(kind, shown)
         return self
-
-    def _distance(self) -> None:
-        places = np.arange(self.classes.size)
-        middle = np.median(self.distances, axis=0)
-        self.ax_.bar(places, middle, color="C0", alpha=0.45, label="this recording, median of its windows")
-        if len(self.distances) > 1:
-            everywhere = np.tile(places, len(self.distances))
-            self.ax_.plot(
-                everywhere, self.distances.ravel(), "_", color="C0", markersize=14, label="each window"
-            )
-        self.ax_.axhline(1, color="C1", linestyle="--", label="refused if all bars exceed this")
-        self.ax_.set_xticks(places, [str(count) for count in self.classes])
-        self.ax_.set(
-            xlabel="training windows with this number of worn lobes",
-            ylabel="distance from them\n(1 = edge of the training)",
-            ylim=(0, 1.1 * max(1.0, float(self.distances.max()))),
-        )
-        legend_above(self.ax_)
 
     def _course(self, kind: str, counts: list[int]) -> None:
         columns = self._columns_of_kind(kind)

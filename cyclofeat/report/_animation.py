@@ -128,6 +128,9 @@ def summarise_animation(
     machine = _machine_geometry(run) | _frame_angles_and_forces(run, picked) | _torque_trace(run, first, last)
     defects, gearbox = run.defects, run.gearbox
     wear = _describe_defects(defects)
+    ends = [machine["force_scale"] * (k / 5) ** 2 for k in range(6)]
+    ranges = [f"{low:.3g} to {high:.3g} N" for low, high in pairwise(ends)]
+    force_ranges = [f"below {ends[1]:.3g} N", *ranges[1:4], f"above {ends[4]:.3g} N"]
     return {
         "title": title or "The gearbox turning",
         "version": __version__,
@@ -137,7 +140,7 @@ def summarise_animation(
         },
         "origin": "",
         "worn": wear,
-        "steps": _force_ranges(machine["force_scale"]),
+        "steps": force_ranges,
         "machine": machine,
         "provenance": [
             ("gearbox", f"{gearbox.n_lobes} lobes, {gearbox.n_pins} external and "
@@ -238,12 +241,14 @@ def _frame_angles_and_forces(run: SimulationRun, picked: NDArray[np.int64]) -> d
     )
     sizes = np.abs(np.concatenate([external.ravel(), internal.ravel()]))
     largest = float(np.quantile(sizes[sizes > 0], _LONGEST_ARROW)) if np.any(sizes > 0) else 1.0
+    steps = np.array([1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10]) * 10.0 ** math.floor(math.log10(largest))
+    round_up = float(steps[steps >= largest * (1 - 1e-9)][0])
     return {
         "phi": phi.round(4).tolist(),
         "psi": psi.round(5).tolist(),
         "external": _whole_newtons(external),
         "internal": _whole_newtons(internal),
-        "force_scale": _round_up(largest),
+        "force_scale": round_up,
         "largest_force": round(float(sizes.max())),
     }
 
@@ -274,19 +279,6 @@ def _torque_trace(run: SimulationRun, first: int, last: int) -> dict[str, Any]:
         "trace": values.round(3).tolist(),
         "bands": bands.tolist(),
     }
-
-
-def _force_ranges(largest: float) -> list[str]:
-    """Ranges of force of the five colours, in words: equal steps of the root, like the arrows' lengths."""
-    ends = [largest * (k / 5) ** 2 for k in range(6)]
-    ranges = [f"{low:.3g} to {high:.3g} N" for low, high in pairwise(ends)]
-    return [f"below {ends[1]:.3g} N", *ranges[1:4], f"above {ends[4]:.3g} N"]
-
-
-def _round_up(value: float) -> float:
-    """The next round number: 1, 1.5, 2, 2.5, 3, 4, 5, 6 or 8 times a power of ten."""
-    steps = np.array([1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10]) * 10.0 ** math.floor(math.log10(value))
-    return float(steps[steps >= value * (1 - 1e-9)][0])
 
 
 def _to_mm(length: Any) -> float:

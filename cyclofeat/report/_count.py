@@ -235,6 +235,16 @@ def _recording_section(model: LobeModel, item: CountedRecording, most_samples: i
     speed_hz = model.speed_of(recording)
     described = describe(recording.replace(speed_rpm=60 * speed_hz), reduction=model.n_lobes_)
     of_record = record_warnings(recording, reduction=model.n_lobes_)
+    # Return the answer of each window.
+    window_table = [
+        {
+            "time": f"{window.start_s:.4g} to {window.stop_s:.4g} s",
+            "count": window.defect_count,
+            "probability": probability_text(window.probability),
+            "reason": window.reason,
+        }
+        for window in count.windows
+    ]
     return {
         "heading": count_heading(count.defect_count),
         "reason": count.reason,
@@ -252,22 +262,9 @@ def _recording_section(model: LobeModel, item: CountedRecording, most_samples: i
         ],
         "relative": bool(count.lobe_probability) and not count.absolute,
         "recorded": _describe_recorded(model, item, described),
-        "window_table": _window_table(count),
+        "window_table": window_table,
         **_draw_evidence(model, item, speed_hz, most_samples),
     }
-
-
-def _window_table(count: LobeCount) -> list[dict[str, Any]]:
-    """Return the answer of each window."""
-    return [
-        {
-            "time": f"{window.start_s:.4g} to {window.stop_s:.4g} s",
-            "count": window.defect_count,
-            "probability": probability_text(window.probability),
-            "reason": window.reason,
-        }
-        for window in count.windows
-    ]
 
 
 def _speed_known(item: CountedRecording) -> bool:

@@ -109,6 +109,24 @@ def summarise_gap(
     require_matplotlib()
     label, surrogate, text_of_origin = describe_origin(sources)
     word = "measurement" if label == "measured" else "recordings"
+    # Of each kind its heading, and one picture per condition.
+    shown = []
+    for kind, (heading, text) in _OVERLAYS.items():
+        of_kind = [overlay for overlay in result.overlays if overlay.kind == kind]
+        if of_kind:
+            size = GapOverlayDisplay.SIZE if len(of_kind) == 1 else _BESIDE_ANOTHER
+            drawn = [
+                {"condition": overlay.condition.text, "picture": _draw_overlay(overlay, label, size)}
+                for overlay in of_kind
+            ]
+            shown.append({"heading": heading, "text": text, "pictures": drawn})
+    given = list(result.warnings)
+    n = sum(where.n_recordings for where in result.where)
+    if n < _FEW and not any("recordings" in text for text in given):
+        given.append(
+            f"Only {number(n, 'recording')}: with fewer than {_FEW}, only large differences can be shown."
+        )
+    collect_warnings = list(dict.fromkeys(given))
     return {
         "title": title or f"Model against {word}",
         "version": __version__,
@@ -116,12 +134,12 @@ def summarise_gap(
         "origin": text_of_origin,
         "recordings_word": word,
         "answer": the_answer(result, word),
-        "warnings": _collect_warnings(result),
+        "warnings": collect_warnings,
         "next": measure_next(result),
         "remains": None
         if result.remainder is None
         else what_remains(result.remainder, "corrected model" if result.named else "model"),
-        "overlays": _draw_overlays(result.overlays, label),
+        "overlays": shown,
         "where": [where_they_differ(where, label, word) for where in result.where],
         "corrected": bool(result.named),
         "proof": [
@@ -133,28 +151,9 @@ def summarise_gap(
     }
 
 
-def _draw_overlays(overlays: Sequence[Overlay], label: str) -> list[dict[str, Any]]:
-    """Of each kind its heading, and one picture per condition."""
-    shown = []
-    for kind, (heading, text) in _OVERLAYS.items():
-        of_kind = [overlay for overlay in overlays if overlay.kind == kind]
-        if of_kind:
-            size = GapOverlayDisplay.SIZE if len(of_kind) == 1 else _BESIDE_ANOTHER
-            drawn = [
-                {"condition": overlay.condition.text, "picture": _draw_overlay(overlay, label, size)}
-                for overlay in of_kind
-            ]
-            shown.append({"heading": heading, "text": text, "pictures": drawn})
-    return shown
-
-
 def _draw_overlay(overlay: Overlay, label: str, size: tuple[float, float]) -> dict[str, Any]:
     display = GapOverlayDisplay(overlay, label=label)
     alt = f"{_OVERLAYS[overlay.kind][0]} of recordings, model and corrected model: {overlay.condition.text}"
-    return draw_picture(lambda ax, _: display.plot(ax), size, alt, plot=_overlay_plot(overlay, label))
-
-
-def _overlay_plot(overlay: Overlay, label: str) -> Plot:
     curves = {
         ("model", "ink", "dashed"): overlay.model,
         (label, "accent", "wide"): overlay.measured,
@@ -165,14 +164,5 @@ def _overlay_plot(overlay: Overlay, label: str) -> Plot:
         for (name, colour, style), band in curves.items()
         if band is not None
     ]
-    return Plot(overlay.x, lines, _AXES[overlay.kind])
-
-
-def _collect_warnings(result: GapResult) -> list[str]:
-    given = list(result.warnings)
-    n = sum(where.n_recordings for where in result.where)
-    if n < _FEW and not any("recordings" in text for text in given):
-        given.append(
-            f"Only {number(n, 'recording')}: with fewer than {_FEW}, only large differences can be shown."
-        )
-    return list(dict.fromkeys(given))
+    overlay_plot = Plot(overlay.x, lines, _AXES[overlay.kind])
+    return draw_picture(lambda ax, _: display.plot(ax), size, alt, plot=overlay_plot)

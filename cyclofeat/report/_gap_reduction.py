@@ -44,9 +44,20 @@ def summarise_reduction(proof: Proof) -> dict[str, Any]:
             (8.0, 1.5 + 0.55 * n),
             "Share of the gap that the correction closes, with its range",
         )
+    conditions = [name for name in CONDITIONS if any(row.condition == name for row in rows)]
+    table = []
+    for alternative in dict.fromkeys(row.alternative for row in rows):
+        cells = []
+        for condition in conditions:
+            of = [row for row in rows if (row.alternative, row.condition) == (alternative, condition)]
+            cells.append(
+                {"value": percent_text(of[0].grr), "range": range_text(of[0].low, of[0].high)} if of else None
+            )
+        table.append({"name": alternative_name(alternative), "cells": cells})
+    comparison_table = {"rows": table, "conditions": [CONDITIONS[name] for name in conditions]}
     return {
         "sentences": sentences,
-        **_comparison_table(rows),
+        **comparison_table,
         "distances": _distance_rows(proof),
         "picture": drawn,
     }
@@ -66,20 +77,6 @@ def _by_condition(rows: Sequence[ProofRow]) -> list[str]:
             reason = ours[name].undefined.removesuffix(".")
             sentences.append(f"With {CONDITIONS[name]} no share can be stated: {reason}.")
     return sentences
-
-
-def _comparison_table(rows: Sequence[ProofRow]) -> dict[str, Any]:
-    conditions = [name for name in CONDITIONS if any(row.condition == name for row in rows)]
-    table = []
-    for alternative in dict.fromkeys(row.alternative for row in rows):
-        cells = []
-        for condition in conditions:
-            of = [row for row in rows if (row.alternative, row.condition) == (alternative, condition)]
-            cells.append(
-                {"value": percent_text(of[0].grr), "range": range_text(of[0].low, of[0].high)} if of else None
-            )
-        table.append({"name": alternative_name(alternative), "cells": cells})
-    return {"rows": table, "conditions": [CONDITIONS[name] for name in conditions]}
 
 
 def _distance_rows(proof: Proof) -> list[dict[str, Any]]:

@@ -84,10 +84,25 @@ def summarise_history(history: History, *, states: Sequence[GearboxState] | None
     shown = [history.state(name) for name in history.gearboxes()] if states is None else list(states)
     if not shown:
         raise ValueError(f"history {history.path} holds no recording")
+    alarmed = [state.gearbox for state in shown if state.alarm]
+    total, refused = (sum(getattr(state, name) for state in shown) for name in ("n_recordings", "n_refused"))
+    unguarded = [state.gearbox for state in shown if state.rule is None]
+    tiles = [
+        summary_tile(
+            "Alarm",
+            f"{len(alarmed)} of {len(shown)}",
+            ", ".join(alarmed) or "no count has risen",
+            bool(alarmed),
+        ),
+        summary_tile("Recordings", str(total), f"{refused} refused"),
+        summary_tile("Last recording", when(max(state.last for state in shown))[:10], "day, UTC"),
+    ]
+    if unguarded:
+        tiles.append(summary_tile("No alarm possible", str(len(unguarded)), ", ".join(unguarded), True))
     return {
         "title": "Worn lobes over time" if len(shown) > 1 else f"Worn lobes over time: {shown[0].gearbox}",
         "version": __version__,
-        "tiles": _state_tiles(shown),
+        "tiles": tiles,
         "gearboxes": [
             _gearbox_section(history, state) for state in sorted(shown, key=lambda one: not one.alarm)
         ],
@@ -95,45 +110,8 @@ def summarise_history(history: History, *, states: Sequence[GearboxState] | None
     }
 
 
-def _state_tiles(states: Sequence[GearboxState]) -> list[dict[str, Any]]:
-    alarmed = [state.gearbox for state in states if state.alarm]
-    total, refused = (sum(getattr(state, name) for state in states) for name in ("n_recordings", "n_refused"))
-    unguarded = [state.gearbox for state in states if state.rule is None]
-    tiles = [
-        summary_tile(
-            "Alarm",
-            f"{len(alarmed)} of {len(states)}",
-            ", ".join(alarmed) or "no count has risen",
-            bool(alarmed),
-        ),
-        summary_tile("Recordings", str(total), f"{refused} refused"),
-        summary_tile("Last recording", when(max(state.last for state in states))[:10], "day, UTC"),
-    ]
-    if unguarded:
-        tiles.append(summary_tile("No alarm possible", str(len(unguarded)), ", ".join(unguarded), True))
-    return tiles
-
-
 def _gearbox_section(history: History, state: GearboxState) -> dict[str, Any]:
     rows = history.rows(state.gearbox, _MOST_ROWS)
-    return {
-        "name": state.gearbox,
-        "answer": "Never counted" if state.defect_count is None else count_heading(state.defect_count),
-        "alarm": state.alarm,
-        "state": str(state),
-        "rates": state.rates,
-        "facts": _state_facts(state),
-        "n_more": state.n_recordings - len(rows) if len(rows) == _MOST_ROWS else 0,
-        "pictures": _draw_history(state, rows),
-        "alarms": [
-            {"from": when(begin), "to": "lasts" if end is None else when(end)} for begin, end in state.alarms
-        ],
-        "states_wear": any("wear_um" in row.answer for row in rows),
-        "last": [_history_row(row) for row in reversed(rows[-_N_LAST:])],
-    }
-
-
-def _state_facts(state: GearboxState) -> list[tuple[str, str]]:
     rule, period = state.rule, f"from {when(state.first)} to {when(state.last)}"
     facts = {
         "recordings": f"{state.n_recordings} {period}, {state.n_refused} refused",
@@ -144,7 +122,22 @@ def _state_facts(state: GearboxState) -> list[tuple[str, str]]:
             "counts above it by error": f"up to {rule.error_rate:.1%}, by cross-validation and the baseline",
             "counts above it with a further worn lobe": f"{rule.detection_rate:.1%}",
         }
-    return [*facts.items()]
+    state_facts = [*facts.items()]
+    return {
+        "name": state.gearbox,
+        "answer": "Never counted" if state.defect_count is None else count_heading(state.defect_count),
+        "alarm": state.alarm,
+        "state": str(state),
+        "rates": state.rates,
+        "facts": state_facts,
+        "n_more": state.n_recordings - len(rows) if len(rows) == _MOST_ROWS else 0,
+        "pictures": _draw_history(state, rows),
+        "alarms": [
+            {"from": when(begin), "to": "lasts" if end is None else when(end)} for begin, end in state.alarms
+        ],
+        "states_wear": any("wear_um" in row.answer for row in rows),
+        "last": [_history_row(row) for row in reversed(rows[-_N_LAST:])],
+    }
 
 
 def _history_row(row: HistoryRow) -> dict[str, Any]:
