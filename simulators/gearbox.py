@@ -195,12 +195,35 @@ class CycloidalGearbox:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if isinstance(field.default, tuple):
-                object.__setattr__(self, field.name, _error_tuple(field.name, value))
+                # Errors of pins, lobes, wheels or cams as a tuple of numbers.
+                given = members(value)
+                what, kinds = ("complex numbers", _PLANE) if field.name in _COMPLEX else ("numbers", _REAL)
+                if given is None or not all(
+                    isinstance(one, kinds) and not isinstance(one, bool) for one in given
+                ):
+                    raise TypeError(
+                        f"{field.name} must be a sequence of {what} (m), or empty, got {short(value)}"
+                    )
+                error_tuple = (
+                    tuple(np.asarray(value).tolist()) if isinstance(value, (list, np.ndarray)) else given
+                )
+                object.__setattr__(self, field.name, error_tuple)
             elif not isinstance(field.default, str):
                 number(field.name, value)
         self._check_numbers()
         self._check_teeth()
-        self._check_errors()
+        for name, length in (
+            ("pin_radial_errors", self.n_pins),
+            ("pin_tangential_errors", self.n_pins),
+            ("lobe_pitch_errors", 2 * self.n_lobes),
+            ("wheel_runouts", 2),
+            ("cam_errors", 2),
+        ):
+            values = getattr(self, name)
+            if len(values) not in (0, length):
+                raise ValueError(f"{name} must be empty or hold {length} values, got {len(values)}")
+            if values and not np.all(np.isfinite(values)):
+                raise ValueError(f"{name} must be finite, got {values!r}")
 
     def _check_numbers(self) -> None:
         for name in _POSITIVE:
@@ -259,20 +282,6 @@ class CycloidalGearbox:
                 "curvature of the pins' path less pin_clearance (else the profile is undercut), got "
                 f"{self.pin_radius!r}"
             )
-
-    def _check_errors(self) -> None:
-        for name, length in (
-            ("pin_radial_errors", self.n_pins),
-            ("pin_tangential_errors", self.n_pins),
-            ("lobe_pitch_errors", 2 * self.n_lobes),
-            ("wheel_runouts", 2),
-            ("cam_errors", 2),
-        ):
-            values = getattr(self, name)
-            if len(values) not in (0, length):
-                raise ValueError(f"{name} must be empty or hold {length} values, got {len(values)}")
-            if values and not np.all(np.isfinite(values)):
-                raise ValueError(f"{name} must be finite, got {values!r}")
 
     @classmethod
     def steel(cls, **changes: Any) -> CycloidalGearbox:
@@ -395,12 +404,3 @@ def _least_radius(eccentricity: float, n_pins: int, shortening: float) -> float:
     """Return the least radius of curvature of the path of a pin's centre, in m."""
     path = CycloidalProfile(eccentricity, n_pins, shortening, 0.0)
     return 1 / float(path.curvature(np.linspace(0, math.pi / path.n_lobes, 181)).max())
-
-
-def _error_tuple(name: str, values: Any) -> tuple[Any, ...]:
-    """Errors of pins, lobes, wheels or cams as a tuple of numbers."""
-    given = members(values)
-    what, kinds = ("complex numbers", _PLANE) if name in _COMPLEX else ("numbers", _REAL)
-    if given is None or not all(isinstance(one, kinds) and not isinstance(one, bool) for one in given):
-        raise TypeError(f"{name} must be a sequence of {what} (m), or empty, got {short(values)}")
-    return tuple(np.asarray(values).tolist()) if isinstance(values, (list, np.ndarray)) else given

@@ -314,15 +314,6 @@ class ReferenceGearbox:
             vector -= width * force * normal
         return magnitude, vector
 
-    def _hole_contact(self, offset: Plane, rate: Plane) -> tuple[Real, Plane]:
-        """Magnitudes and vectors (N) of the forces on a wheel; ``offset`` is sleeve minus hole centre (m)."""
-        distance = np.abs(offset)
-        outward = offset / np.where(distance > 0, distance, 1.0)
-        play = self.eccentricity + self.clearance
-        radius = self.internal_sleeve_radius * (self.internal_sleeve_radius + play) / play
-        force = self.normal_force(play - distance, -_dot_of(rate, outward), radius)
-        return force, force * outward
-
     def contact_forces(self, coordinates: Real, velocities: Real) -> tuple[Real, Plane, Real, Plane]:
         """Magnitudes (N) and vectors on the wheel (complex, N, fixed frame) of the contact forces.
 
@@ -337,7 +328,15 @@ class ReferenceGearbox:
         centre = np.array(self.wheel_runouts)[:, None]
         external_force, external_vector = self._outline_contact(arm / turn - centre, rate / turn)
         rate = speed[INTERNAL] - wheel_speed - wheel_spin * hole
-        return external_force, external_vector * turn, *self._hole_contact(at[INTERNAL] - wheel - hole, rate)
+        # Magnitudes and vectors (N) of the forces on a wheel; ``offset`` is sleeve minus hole centre (m).
+        offset = at[INTERNAL] - wheel - hole
+        distance = np.abs(offset)
+        outward = offset / np.where(distance > 0, distance, 1.0)
+        play = self.eccentricity + self.clearance
+        radius = self.internal_sleeve_radius * (self.internal_sleeve_radius + play) / play
+        force = self.normal_force(play - distance, -_dot_of(rate, outward), radius)
+        hole_contact = force, force * outward
+        return external_force, external_vector * turn, *hole_contact
 
     # Bodies and joints --------------------------------------------------------------------------------------
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import rayleigh, uniform
 
 from cyclofeat._base import displays
@@ -205,7 +204,12 @@ class Rig:
             )
         if self.variants:
             rows["variants"] = f"{len(self.variants)} sets of further effects, of which each assembly has one"
-        drawn = displays.draw_outlines(_wheel_outlines(gearbox), "Wheel between the pins")
+        # Return the outlines of a wheel in its rest position and of the external sleeves.
+        wheel = gearbox.outline_profile.outline(points_per_lobe=20) * np.exp(-1j * np.pi / gearbox.n_lobes)
+        circle = gearbox.pin_radius * np.exp(2j * np.pi * np.arange(24) / 24)
+        centres = gearbox.pin_circle_radius * np.exp(2j * np.pi * np.arange(gearbox.n_pins) / gearbox.n_pins)
+        wheel_outlines = [wheel + gearbox.eccentricity, *(centre + circle for centre in centres)]
+        drawn = displays.draw_outlines(wheel_outlines, "Wheel between the pins")
         return html_card(f"Rig {self.name}", rows, pictures=[drawn], code="rig.simulate(LobeDefects.worn(3))")
 
     @property
@@ -611,14 +615,6 @@ def _format_value(value: Any) -> str:
     return (
         f"{value:.4g}" if is_number(value) else value_text(value) if is_distribution(value) else short(value)
     )
-
-
-def _wheel_outlines(gearbox: CycloidalGearbox) -> list[NDArray[np.complex128]]:
-    """Return the outlines of a wheel in its rest position and of the external sleeves."""
-    wheel = gearbox.outline_profile.outline(points_per_lobe=20) * np.exp(-1j * np.pi / gearbox.n_lobes)
-    circle = gearbox.pin_radius * np.exp(2j * np.pi * np.arange(24) / 24)
-    centres = gearbox.pin_circle_radius * np.exp(2j * np.pi * np.arange(gearbox.n_pins) / gearbox.n_pins)
-    return [wheel + gearbox.eccentricity, *(centre + circle for centre in centres)]
 
 
 def _assembly_errors() -> tuple[Effect, ...]:

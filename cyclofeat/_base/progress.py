@@ -81,7 +81,12 @@ class Progress:
         with self._lock:
             now = time.monotonic()
             self._done, self._total = done, total
-            self._predict(now)
+            # Update the time at which the work ends; None while the pace is not to be trusted.
+            began, before = self._first = self._first or (now, self._done)
+            made = self._done - before
+            if made > 0 and now - began >= _TRUSTED_S:
+                end = now + (now - began) / made * (self._total - self._done)
+                self._end = end if self._end is None else self._end + _SMOOTHING * (end - self._end)
             self._show(now, finished=done >= total)
 
     def __enter__(self) -> Self:
@@ -120,14 +125,6 @@ class Progress:
     @property
     def _finished(self) -> bool:
         return 0 < self._total <= self._done
-
-    def _predict(self, now: float) -> None:
-        """Update the time at which the work ends; None while the pace is not to be trusted."""
-        began, before = self._first = self._first or (now, self._done)
-        made = self._done - before
-        if made > 0 and now - began >= _TRUSTED_S:
-            end = now + (now - began) / made * (self._total - self._done)
-            self._end = end if self._end is None else self._end + _SMOOTHING * (end - self._end)
 
     def _show(self, now: float, *, finished: bool = False) -> None:
         global _open_line

@@ -186,7 +186,13 @@ class WaveletMinimaOverlap(WaveletTransformer):
         self, X: NDArray[Any], coefficients: Sequence[Float], lines: lobes.LobeLines | None = None
     ) -> Float:
         # ``lines``: lobe lines of X, if they are at hand (LobeMap's of the same speed, lobes and tolerance).
-        return _median_of_others(self._shared_cells(X, coefficients, lines), self._known_references(X))
+        # Median over the references (axis 1) that are not excluded; where all are excluded, all count.
+        shared = self._shared_cells(X, coefficients, lines)
+        excluded = self._known_references(X)
+        medians = np.median(shared, axis=1)
+        for row in np.flatnonzero(excluded.any(axis=1) & ~excluded.all(axis=1)):
+            medians[row] = np.median(shared[row, ~excluded[row]], axis=0)
+        return medians
 
     def _shared_cells(
         self, X: NDArray[Any], coefficients: Sequence[Float], lines: lobes.LobeLines | None
@@ -271,11 +277,3 @@ class WaveletMinimaOverlap(WaveletTransformer):
 def _hash_window(window: Float) -> bytes:
     # + 0.0 makes one zero of both.
     return hashlib.blake2b((window + 0.0).tobytes(), digest_size=16).digest()
-
-
-def _median_of_others(shared: Float, excluded: NDArray[np.bool_]) -> Float:
-    """Median over the references (axis 1) that are not excluded; where all are excluded, all count."""
-    medians = np.median(shared, axis=1)
-    for row in np.flatnonzero(excluded.any(axis=1) & ~excluded.all(axis=1)):
-        medians[row] = np.median(shared[row, ~excluded[row]], axis=0)
-    return medians

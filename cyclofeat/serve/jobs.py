@@ -156,18 +156,15 @@ def _recording_names(asked: Any, store: Store) -> tuple[str, ...]:
         if not isinstance(name, str) or name not in store.items:
             raise Refused(404, f"no such recording: {name!r}")
         if store.items[name]:
-            _check_manifest(store.recordings / name)
+            folder = store.recordings / name
+            with contextlib.suppress(ValueError, OSError):  # of which the command speaks better
+                for entry in folder_entries(folder):
+                    if not entry.path.resolve().is_relative_to(folder.resolve()):
+                        raise Refused(
+                            400,
+                            f"{folder.name}/{MANIFEST} names a file outside the folder: {entry.path.name}",
+                        )
     return tuple(dict.fromkeys(asked))
-
-
-def _check_manifest(folder: Path) -> None:
-    """Refuse a manifest that names files outside its folder, which was uploaded, not read where it lies."""
-    with contextlib.suppress(ValueError, OSError):  # of which the command speaks better
-        for entry in folder_entries(folder):
-            if not entry.path.resolve().is_relative_to(folder.resolve()):
-                raise Refused(
-                    400, f"{folder.name}/{MANIFEST} names a file outside the folder: {entry.path.name}"
-                )
 
 
 PROGRAM = (sys.executable, "-m", "cyclofeat")

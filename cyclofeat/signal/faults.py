@@ -55,7 +55,18 @@ def clipped_share(torque: Float) -> float:
 def mark_dropouts(torque: Float) -> NDArray[np.bool_]:
     """Mark samples that repeat one value or follow a straight line for long, or are 0 far from others."""
     # One after the other: each needs some arrays as long as the record.
-    return _mark_holds(torque) | _mark_straight_lines(torque)
+    # Mark samples on long straight lines that rise or fall.
+    most = _STRAIGHT * torque.std()
+    bend = np.diff(torque)
+    moves = bend[1:] != 0
+    bend = np.diff(bend)
+    np.abs(bend, out=bend)
+    straight = np.pad((bend <= most) & moves, 1)
+    starts, lengths = find_runs(straight)
+    # Each sample that is on no line is a run of its own.
+    limit = _unusually_long(lengths, torque.size - int(lengths.sum()))
+    mark_straight_lines = _mark_runs(starts, lengths, lengths >= limit, torque.size)
+    return _mark_holds(torque) | mark_straight_lines
 
 
 def _mark_holds(torque: Float) -> NDArray[np.bool_]:
@@ -87,20 +98,6 @@ def _mark_holds(torque: Float) -> NDArray[np.bool_]:
     after[ends == torque.size] = np.inf
     zero = at_zero & (np.minimum(before, after) > _JUMP * step) & (lengths < torque.size)
     return _mark_runs(starts, lengths, stuck | zero, torque.size)
-
-
-def _mark_straight_lines(torque: Float) -> NDArray[np.bool_]:
-    """Mark samples on long straight lines that rise or fall."""
-    most = _STRAIGHT * torque.std()
-    bend = np.diff(torque)
-    moves = bend[1:] != 0
-    bend = np.diff(bend)
-    np.abs(bend, out=bend)
-    straight = np.pad((bend <= most) & moves, 1)
-    starts, lengths = find_runs(straight)
-    # Each sample that is on no line is a run of its own.
-    limit = _unusually_long(lengths, torque.size - int(lengths.sum()))
-    return _mark_runs(starts, lengths, lengths >= limit, torque.size)
 
 
 def find_runs(marked: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

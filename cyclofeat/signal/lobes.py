@@ -321,25 +321,18 @@ def _whitened_spectra(
 ) -> _Whitened:
     reduced, rate = reduce_rate(X, sampling_rate, _wanted_rate(nominal, n_lines))
     white = prewhiten(reduced, rate, ar_order, lowest_hz=2 * nominal)
-    spectrum, resolution, centre = _centred_spectrum(white, rate)
-    power = np.abs(spectrum) ** 2
-    floor = uniform_filter1d(power, max(1, round(_FLOOR_WIDTH * nominal / resolution)), axis=1)
-    return _Whitened(spectrum, power, floor, resolution, centre)
-
-
-def _centred_spectrum(X: Float, sampling_rate: float) -> tuple[Complex, float, float]:
-    """Padded spectrum of tapered windows about their middle, its resolution in Hz, the middle's time in s.
-
-    About the middle the phase of a line hardly turns from bin to bin, so that it can be read between bins.
-    """
-    n_windows, n_samples = X.shape
+    # Padded spectrum of tapered windows about their middle, its resolution in Hz, the middle's time in s.
+    n_windows, n_samples = white.shape
     taper = _hann_taper(n_samples)
-    tapered = X * (taper * (2 / taper.sum()))
+    tapered = white * (taper * (2 / taper.sum()))
     middle = n_samples // 2
     padded = np.zeros((n_windows, next_fast_len(_PADDING * n_samples, real=True)))
     padded[:, : n_samples - middle] = tapered[:, middle:]
     padded[:, padded.shape[1] - middle :] = tapered[:, :middle]
-    return np.fft.rfft(padded), sampling_rate / padded.shape[1], middle / sampling_rate
+    spectrum, resolution, centre = np.fft.rfft(padded), rate / padded.shape[1], middle / rate
+    power = np.abs(spectrum) ** 2
+    floor = uniform_filter1d(power, max(1, round(_FLOOR_WIDTH * nominal / resolution)), axis=1)
+    return _Whitened(spectrum, power, floor, resolution, centre)
 
 
 def _between_bins(values: NDArray[Any], bins: Float) -> NDArray[Any]:

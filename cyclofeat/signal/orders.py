@@ -132,7 +132,25 @@ def resample_by_angle(
     torque, angle = _checked_series(torque, angle)
     step = 2 * math.pi / whole("samples_per_turn", samples_per_turn, least=2)
     check_sampling_rate(sampling_rate)
-    fine = _grid_refinement(angle, samples_per_turn, sampling_rate)
+    # Return how many times finer than the result the grid must be to hold the whole record.
+    turns = (angle[-1] - angle[0]) / (2 * math.pi)
+    # Speed over eighths of a turn: from sample to sample a noisy angle would give any speed.
+    marks = angle[0] + 2 * math.pi / _SPEED_STEPS_PER_TURN * np.arange(int(turns * _SPEED_STEPS_PER_TURN) + 1)
+    if marks.size < 2:
+        densest = (angle.size - 1) / turns
+    else:
+        position = np.interp(marks, angle, np.arange(angle.size))
+        density = np.diff(position) * _SPEED_STEPS_PER_TURN
+        slowest = int(np.argmax(density))
+        densest, usual = float(density[slowest]), float(np.median(density))
+        if densest > samples_per_turn and densest > usual / _SLOWEST_SHARE:
+            raise ValueError(
+                f"the shaft nearly stands still at t = {position[slowest] / sampling_rate:.3g} s "
+                f"({sampling_rate / densest:.2g} Hz, median {sampling_rate / usual:.3g} Hz): "
+                "leave the start-up or standstill out of the record (Windower: skip_s)"
+            )
+    # A record that holds no more than the result needs no filter; half a sample is rounding, not content.
+    fine = 1 if densest < samples_per_turn + 0.5 else math.ceil(densest / samples_per_turn)
     # Rounding must not cost the first or last point where the record begins or ends on the grid.
     first = math.ceil(angle[0] / step - 1e-9)
     last = math.floor(angle[-1] / step + 1e-9)
@@ -174,28 +192,6 @@ def _order_filter(fine: int) -> Float:
     taps: Float = firwin(2 * _HALF_WIDTH * fine + 1, _CUTOFF / fine, window=window)
     taps.flags.writeable = False
     return taps
-
-
-def _grid_refinement(angle: Float, samples_per_turn: int, sampling_rate: float) -> int:
-    """Return how many times finer than the result the grid must be to hold the whole record."""
-    turns = (angle[-1] - angle[0]) / (2 * math.pi)
-    # Speed over eighths of a turn: from sample to sample a noisy angle would give any speed.
-    marks = angle[0] + 2 * math.pi / _SPEED_STEPS_PER_TURN * np.arange(int(turns * _SPEED_STEPS_PER_TURN) + 1)
-    if marks.size < 2:
-        densest = (angle.size - 1) / turns
-    else:
-        position = np.interp(marks, angle, np.arange(angle.size))
-        density = np.diff(position) * _SPEED_STEPS_PER_TURN
-        slowest = int(np.argmax(density))
-        densest, usual = float(density[slowest]), float(np.median(density))
-        if densest > samples_per_turn and densest > usual / _SLOWEST_SHARE:
-            raise ValueError(
-                f"the shaft nearly stands still at t = {position[slowest] / sampling_rate:.3g} s "
-                f"({sampling_rate / densest:.2g} Hz, median {sampling_rate / usual:.3g} Hz): "
-                "leave the start-up or standstill out of the record (Windower: skip_s)"
-            )
-    # A record that holds no more than the result needs no filter; half a sample is rounding, not content.
-    return 1 if densest < samples_per_turn + 0.5 else math.ceil(densest / samples_per_turn)
 
 
 def _checked_series(torque: ArrayLike, angle: ArrayLike) -> tuple[Float, Float]:

@@ -456,7 +456,14 @@ def _speed_course(
     path = _likeliest_path(votes, one.change / one.step)
     times = (starts + length / 2) / rate
     evidence = float(votes[np.arange(n_blocks), path].sum() / (torque.size / rate * speed))
-    course = _between_steps(votes, path, factors)
+    # Refine the path between the steps of the grid by a parabola through three votes.
+    inner = np.clip(path, 1, factors.size - 2)
+    rows = np.arange(len(votes))
+    left, middle, right = votes[rows, inner - 1], votes[rows, inner], votes[rows, inner + 1]
+    bend = left - 2 * middle + right
+    offset = np.divide(left - right, 2 * bend, out=np.zeros_like(bend), where=bend < 0)
+    offset = np.where(path == inner, np.clip(offset, -0.5, 0.5), path - inner)
+    course = np.asarray(factors[inner] + offset * (factors[1] - factors[0]))
     if n_blocks == 1:
         return (np.array([0.0, torque.size / rate]), np.repeat(course, 2)), evidence
     return (times, course), evidence
@@ -509,14 +516,3 @@ def _likeliest_path(votes: Float, change: float) -> NDArray[np.int64]:
     for k in range(n_blocks - 1, 0, -1):
         path[k - 1] = back[k, path[k]]
     return path
-
-
-def _between_steps(votes: Float, path: NDArray[np.int64], factors: Float) -> Float:
-    """Refine the path between the steps of the grid by a parabola through three votes."""
-    inner = np.clip(path, 1, factors.size - 2)
-    rows = np.arange(len(votes))
-    left, middle, right = votes[rows, inner - 1], votes[rows, inner], votes[rows, inner + 1]
-    bend = left - 2 * middle + right
-    offset = np.divide(left - right, 2 * bend, out=np.zeros_like(bend), where=bend < 0)
-    offset = np.where(path == inner, np.clip(offset, -0.5, 0.5), path - inner)
-    return np.asarray(factors[inner] + offset * (factors[1] - factors[0]))

@@ -276,21 +276,17 @@ class ContactDampingForm(Effect):
                     f"{self.effect_id} needs a load_torque above 0 Nm to match the damping at, "
                     f"got {gearbox.load_torque!r}"
                 )
-            per_force = _matched_damping(gearbox)
+            # D/C in 1/N of the two forms of contact damping, matched in the ring of pins at mean load.
+            loaded = max(gearbox.n_pins // 2, 1)
+            arms = gearbox.eccentricity * gearbox.n_lobes * np.sin(np.pi * (np.arange(loaded) + 0.5) / loaded)
+            forces = gearbox.load_torque / 2 * arms**1.5 / np.sum(arms**2.5)
+            per_force = float(np.sum(arms**2) / np.sum(forces * arms**2))
             damping = damping * per_force if self.form == "hunt_crossley" else damping / per_force
         return gearbox.replace(contact_law=self.form, contact_damping=damping * self.factor)
 
     def neutral(self) -> ContactDampingForm:
         """Return a copy with the form of the papers, neutral on a gearbox of that form."""
         return self.with_parameters(form="paper", factor=1.0)
-
-
-def _matched_damping(gearbox: CycloidalGearbox) -> float:
-    """D/C in 1/N of the two forms of contact damping, matched in the ring of pins at mean load."""
-    loaded = max(gearbox.n_pins // 2, 1)
-    arms = gearbox.eccentricity * gearbox.n_lobes * np.sin(np.pi * (np.arange(loaded) + 0.5) / loaded)
-    forces = gearbox.load_torque / 2 * arms**1.5 / np.sum(arms**2.5)
-    return float(np.sum(arms**2) / np.sum(forces * arms**2))
 
 
 class SleeveFriction(Effect):
