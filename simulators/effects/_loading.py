@@ -100,7 +100,7 @@ def _run(file: str, text: str, *, replace: bool = False) -> types.ModuleType:
         for kind in _effects_in(module):
             _register(kind, file, replace=replace)
         for simulator in _classes_in(module, Simulator):
-            simulator.__reduce__ = _reduce  # type: ignore[method-assign, assignment]
+            simulator.__reduce__ = _reduce  # type: ignore[assignment]
     except BaseException as error:
         sys.modules.pop(name)
         if before is not None:
@@ -129,7 +129,7 @@ def _register(kind: type[Effect], file: str, *, replace: bool = False) -> None:
     except (TypeError, ValueError) as error:
         line = inspect.getsourcelines(kind)[1]
         raise _NotAnEffect(f"{file}, line {line}: {error}") from None
-    kind.__reduce__ = _reduce  # type: ignore[method-assign, assignment]
+    kind.__reduce__ = _reduce  # type: ignore[assignment]
 
 
 def _classes_in(module: types.ModuleType, base: type[Any]) -> list[type[Any]]:
