@@ -87,12 +87,12 @@ class TorqueFeatures(WindowTransformer):
     """All features of a window in one row, from one density, one wavelet transform and one input speed.
 
     The parts are the transformers of this package with their own defaults and the parameters below; their
-    columns stand side by side, under their own names. What several parts need is worked out once.
+    columns stand side by side, under their own names. What several parts need is computed once.
 
     Parameters
     ----------
     sampling_rate : float
-        Samples per second in Hz. For windows on equal steps of the shaft's angle: samples per input turn.
+        Samples per second in Hz, or per input turn for windows on equal steps of the angle.
     features : "all" or sequence of str, default="all"
         Names of the parts, in the order of the columns: ``TorqueStatistics``, ``SpectralEntropy`` (in bits),
         ``NormalizedEntropy``, ``SpectralFlatness``, ``SpectralCentroid``, ``SpectralRolloff``,
@@ -100,16 +100,10 @@ class TorqueFeatures(WindowTransformer):
         ``WaveletEnvelopeSpectrum``, ``WaveletLevelStatistics``, ``LobeMap``, ``OrderSpectrum`` - these are
         ``"all"`` - and, by name only, the whole spectra ``WelchPSD`` and ``AmplitudeSpectrum`` with thousands
         of columns.
-    preset : {"matlab_pwelch", "ripple"}, default="matlab_pwelch"
-        Definition of the density (``cyclofeat.signal.welch.PRESETS``).
-    wavelet : str, pywt.Wavelet or sequence of four filters, default="mb32.3"
-        Wavelet of the parts that take one.
-    input_speed_hz : float, default=500/60
-        Nominal input speed in turns per second. For windows on equal steps of the angle: 1.
-    n_lobes : int, default=15
-        Number of lobes z_s of a disc.
-    speed_tolerance : float, default=0.015
-        Largest relative deviation from the nominal speed that is searched; 0 takes the nominal speed.
+    preset, wavelet
+        Of the parts that take one: as for :class:`SpectralEntropy`, :class:`WaveletLevelStatistics`.
+    input_speed_hz, n_lobes, speed_tolerance
+        As for :class:`LobeMap`.
     n_jobs : int, default=None
         Number of threads that work on chunks of windows, as in joblib: ``None`` is one, -1 all processors.
         ``joblib.parallel_config`` chooses processes or a cluster instead.
@@ -121,9 +115,8 @@ class TorqueFeatures(WindowTransformer):
 
     Notes
     -----
-    ``y`` matters to the parts with a reference: :class:`CoherenceToReference` (healthy) and
-    :class:`WaveletMinimaOverlap` (worst); see there for what they do without labels. Memory beyond the
-    windows' own is bounded: they are read chunk by chunk, so that a memory map of any length will do.
+    ``y`` matters to the parts with a reference, :class:`CoherenceToReference` (healthy) and
+    :class:`WaveletMinimaOverlap` (worst). Windows are read chunk by chunk: memory maps of any length will do.
 
     Examples
     --------
@@ -135,9 +128,6 @@ class TorqueFeatures(WindowTransformer):
     >>> features.fit_transform(torque).round(2)
     array([[1.27, 1.1 ],
            [1.3 , 1.51]])
-    >>> features.get_feature_names_out()
-    array(['shannon_entropy_bits(matlab_pwelch)',
-           'spectral_centroid_hz(matlab_pwelch)'], dtype=object)
     >>> len(features.set_params(features="all").fit(torque).get_feature_names_out())
     340
     """

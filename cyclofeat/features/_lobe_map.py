@@ -20,22 +20,17 @@ from cyclofeat.signal.windows import Float
 class LobeMap(WindowTransformer):
     """Torque folded into one slot per lobe, and the lobe lines.
 
-    The torque of each window is freed of the rig's torsional resonance (residual of an autoregressive model),
-    its input speed is refined, and it is folded at the lobe frequency, (z_s + 1)/z_s of the input speed, into
-    one slot per lobe (``cyclofeat.signal.lobes``). Each window gives
-
-    - mean of the whitened torque in each slot, and its rms about that mean, in units of the whole window's
-      standard deviation,
-    - prominence of each lobe line k (k times the lobe frequency) over the spectrum around it, in dB,
-    - contrast of each lobe line to the lines around it, in dB: the pattern of the worn lobes alone, which no
-      resonance changes; n consecutive worn lobes have zeros at multiples of z_s/n.
+    The torque of each window is whitened and its lobe lines are fitted
+    (:func:`cyclofeat.signal.lobes.lobe_lines`). Each window gives, for each slot of the fold, mean and rms
+    about that mean in units of the whole window's standard deviation, and for each lobe line its
+    :func:`~cyclofeat.signal.lobes.line_prominence` and :func:`~cyclofeat.signal.lobes.line_contrast` in dB.
 
     Parameters
     ----------
     sampling_rate : float
-        Samples per second in Hz. For windows on equal steps of the shaft's angle: samples per input turn.
+        Samples per second in Hz, or per input turn for windows on equal steps of the angle.
     input_speed_hz : float, default=500/60
-        Nominal input speed in turns per second. For windows on equal steps of the angle: 1.
+        Nominal input speed in turns per second; 1 for windows on equal steps of the angle.
     n_lobes : int, default=15
         Number of lobes z_s of a disc.
     n_lines : int, default=44
@@ -64,9 +59,8 @@ class LobeMap(WindowTransformer):
     >>> from cyclofeat.features import LobeMap
     >>> phase = np.arange(46_080) / 25_600 * 500 / 60 * 16 / 15 * 15
     >>> torque = 22 + (phase.astype(int) % 15 == 3) * np.sin(2 * np.pi * phase) ** 2
-    >>> lobe_map = LobeMap(sampling_rate=25_600, align="start", speed_tolerance=0).fit(torque[np.newaxis])
-    >>> slot_rms = lobe_map.transform(torque[np.newaxis])[0, 15:30]
-    >>> int(np.argmax(slot_rms))
+    >>> lobe_map = LobeMap(sampling_rate=25_600, align="start", speed_tolerance=0)
+    >>> int(lobe_map.fit_transform(torque[np.newaxis])[0, 15:30].argmax())
     3
     """
 

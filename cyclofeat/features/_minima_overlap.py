@@ -31,22 +31,14 @@ _N_PROBES = 16
 class WaveletMinimaOverlap(WaveletTransformer):
     """Cells of the lowest colour that a window's scalogram shares with the worst class's (paper B section 7).
 
-    For each level of the wavelet transform: the share of the scalogram's cells
-    (``cyclofeat.signal.wavelets.scalogram``) that have the lowest colour both here and in the reference
-    (the dark area of paper B's fig. 18, paper A's fig. 9). ``fit`` keeps the minima of up to eight windows of
-    the worst class; each feature is the median over them.
+    For each level: the share of the scalogram's cells (:func:`cyclofeat.signal.wavelets.scalogram`) that have
+    the lowest colour both here and in the reference (the dark area of paper B's fig. 18, paper A's fig. 9),
+    as the median over up to eight windows of the worst class.
 
     Parameters
     ----------
-    sampling_rate : float
-        Samples per second in Hz. For windows on equal steps of the shaft's angle: samples per input turn.
-    wavelet : str, pywt.Wavelet or sequence of four filters, default="mb32.3"
-        Name of PyWavelets or of the Morris family, a wavelet, or a filter bank (dec_lo, dec_hi, rec_lo,
-        rec_hi).
-    levels : int, default=12
-        Number of levels, 1 to 30. Paper B saw the overlap grow at levels 3 and 4 only.
-    colours : int, default=64
-        Number of colours.
+    sampling_rate, wavelet, levels, colours
+        As for :class:`WaveletLevelStatistics`. Paper B saw the overlap grow at levels 3 and 4 only.
     reference : int, float or str, default="worst"
         Class that windows are compared with: ``"worst"`` for the largest label in ``y`` (of strings, the last
         in alphabetical order), or a label. Paper B has 8 worn lobes but refers to 7.
@@ -55,14 +47,8 @@ class WaveletMinimaOverlap(WaveletTransformer):
         circular mean of the energy of the folded torque on (see :class:`LobeMap`), so that it does not matter
         where a window starts. ``"none"``: from the window's first sample on, as in the papers, whose
         simulations all start alike.
-    input_speed_hz : float, default=500/60
-        Nominal input speed in turns per second, for the alignment. For windows on equal steps of the
-        angle: 1.
-    n_lobes : int, default=15
-        Number of lobes of a disc, for the alignment.
-    speed_tolerance : float, default=0.015
-        Largest relative deviation from the nominal speed that is searched, for the alignment; 0 takes the
-        nominal speed, as is right for windows on equal steps of the angle.
+    input_speed_hz, n_lobes, speed_tolerance
+        For the alignment, as for :class:`LobeMap`.
 
     Attributes
     ----------
@@ -70,10 +56,6 @@ class WaveletMinimaOverlap(WaveletTransformer):
         Label of the windows in the reference; None where ``fit`` was given no ``y``.
     reference_minima_ : list of ndarray of bool, shape (n_references, n_compared)
         For each level, which of the compared coefficients of the reference have the lowest colour.
-
-    See Also
-    --------
-    cyclofeat.signal.wavelets.minima_mask : The minima of a scalogram, cell by cell.
 
     Notes
     -----
@@ -83,15 +65,12 @@ class WaveletMinimaOverlap(WaveletTransformer):
     the reference still resemble it: evaluate with whole assemblies held out. Without ``y`` all windows count
     as one class, and ``reference`` must be ``"worst"``.
 
-    **Alignment.** The compared part of the scalogram begins at the window's lobe phase and is one lobe period
-    (z_s slots, 15/16 of an input turn) shorter than the window, so that it fits behind every phase. It begins
-    at the nearest border of two coefficients: at most 2^(k-1) samples off, 8 at level 4 where a lobe's slot
-    has 192. From level 8 on (at 25.6 kHz) a coefficient is longer than a slot, and alignment means little.
-    Colours are those of the whole window. Windows of less than two lobe periods (0.225 s at 500 RPM) are
-    compared from their first sample on.
-
-    With ``"none"``, coefficients count by their cells inside the central cut: the exact share of MATLAB's
-    picture.
+    **Alignment.** The compared part of the scalogram begins at the border of two coefficients nearest to the
+    window's lobe phase and is one lobe period (15/16 of an input turn) shorter than the window, so that it
+    fits behind every phase. From level 8 on (at 25.6 kHz) a coefficient is longer than a slot, and alignment
+    means little. Colours are those of the whole window. Windows of less than two lobe periods (0.225 s at
+    500 RPM) are compared from their first sample on. With ``"none"``, coefficients count by their cells in
+    the central cut: the exact share of MATLAB's picture.
 
     A constant window is of the lowest colour throughout. A peaked level has many cells of the lowest colour
     and shares many with any other, so that the worst class need not have the largest overlap. Paper A found
@@ -99,22 +78,18 @@ class WaveletMinimaOverlap(WaveletTransformer):
 
     Examples
     --------
-    Windows that start anywhere, with a burst at each passage of lobe 3, the larger the more it is worn, and
-    noise. The larger the bursts, the more of the noise falls into the lowest colour:
+    Windows with a burst at each passage of lobe 3, the larger the more it is worn, and noise. The larger the
+    bursts, the more of the noise falls into the lowest colour:
 
     >>> import numpy as np
     >>> from cyclofeat.features import WaveletMinimaOverlap
-    >>> noise = np.random.default_rng(0).normal(scale=0.05, size=(9, 46_080))
-    >>> def torque(size, start):
-    ...     slot = (start + np.arange(46_080)) / 192.3 % 15
-    ...     return 22 + size * np.exp(-(((slot - 3.5) * 8) ** 2)) * np.cos(2 * np.pi * 12 * slot)
-    >>> X = noise + [torque(size, start) for size in (1, 2, 3) for start in (0, 500, 1700)]
-    >>> y = np.repeat([1, 2, 3], 3)
-    >>> transformer = WaveletMinimaOverlap(sampling_rate=25_600, levels=4).fit(X, y)
-    >>> transformer.get_feature_names_out()[3]
-    'minima_overlap(mb32.3;64colours;energy;worst;level04;v2)'
-    >>> transformer.transform(X)[:, 3].round(1)
-    array([0.5, 0.5, 0.5, 0.8, 0.8, 0.8, 0.9, 0.9, 0.9])
+    >>> slot = np.arange(46_080) / 192.3 % 15
+    >>> burst = np.exp(-(((slot - 3.5) * 8) ** 2)) * np.cos(2 * np.pi * 12 * slot)
+    >>> noise = np.random.default_rng(0).normal(scale=0.05, size=(6, 46_080))
+    >>> y = np.repeat([1, 2, 3], 2)
+    >>> transformer = WaveletMinimaOverlap(sampling_rate=25_600, levels=4)
+    >>> transformer.fit_transform(22 + np.outer(y, burst) + noise, y)[:, 3].round(1)
+    array([0.5, 0.5, 0.8, 0.8, 0.9, 0.9])
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {

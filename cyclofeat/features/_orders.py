@@ -25,47 +25,31 @@ from cyclofeat.signal.windows import Float
 
 @dataclass(eq=False, repr=False)
 class OrderSpectrum(WindowTransformer):
-    """Amplitudes of the torque, in Nm, at the order lines k/z_s of the input speed, and around the mesh.
+    """Amplitudes of the torque, in Nm, at the first order lines and around the mesh.
 
-    The input speed of each window is refined (``cyclofeat.signal.orders.estimate_input_speed``), and the
-    torque is read at multiples of a turn (:func:`~cyclofeat.signal.order_lines`). With 15 lobes line 15
-    of the output turn is the input turn, line 16 the passage of a lobe, line 240 the mesh. The features are
-    the first lines and, on both sides of each mesh line, its sidebands.
+    The lines of each window (:func:`cyclofeat.signal.order_lines`) are read at its refined input speed
+    (:func:`cyclofeat.signal.orders.estimate_input_speed`). With 15 lobes line 15 of the output turn is the
+    input turn, line 16 the passage of a lobe, line 240 the mesh.
 
     Parameters
     ----------
-    sampling_rate : float
-        Samples per second in Hz. For windows on equal steps of the shaft's angle: samples per input turn.
-    input_speed_hz : float, default=500/60
-        Nominal input speed in turns per second. For windows on equal steps of the angle: 1.
+    sampling_rate, input_speed_hz, n_lobes, speed_tolerance
+        As for :class:`LobeMap`.
     fold_by : {"output", "input", "lobe"}, default="output"
-        Which turn the lines belong to: the output's (lines k/z_s of the input speed), the input's (lines k),
-        or the passage of lobes (lines k (z_s + 1)/z_s).
+        Which turn the lines belong to, as for :func:`cyclofeat.signal.order_lines`.
     n_lines : int, default=48
         Number of lines from the first on.
     n_mesh_lines : int, default=2
         Number of mesh lines (multiples of order z_s + 1) that are kept with their sidebands.
     n_sidebands : int, default=16
         Sidebands on each side of a mesh line. Those of the output turn: 15 is an input turn, 16 a lobe away.
-    n_lobes : int, default=15
-        Number of lobes z_s of a disc.
-    speed_tolerance : float, default=0.015
-        Largest relative deviation from the nominal speed that is searched; 0 takes the nominal speed, as is
-        right for windows on equal steps of the angle.
     comb : {"lobe", "mesh"}, default="lobe"
         Lines by which the speed is found: all lobe lines, or the mesh lines alone.
-
-    See Also
-    --------
-    cyclofeat.signal.orders.order_lines : The same as a function, with the equation.
-    cyclofeat.signal.orders.synchronous_average : The torque folded by the same turn.
-    LobeMap : The pattern of the lobes, freed of the rig's resonance.
 
     Notes
     -----
     In windows of less than an output turn (1.8 s at 500 RPM) neighbouring lines of the output turn blend.
-    Constant windows have amplitudes 0. Drift of the brake leaks into the lowest lines; :class:`HighPass`
-    takes it out.
+    Drift of the brake leaks into the lowest lines; :class:`HighPass` takes it out.
 
     Examples
     --------
@@ -77,12 +61,11 @@ class OrderSpectrum(WindowTransformer):
     >>> torque = 22 + (1 + 0.2 * np.cos(phase)) * np.cos(16 * phase)
     >>> transformer = OrderSpectrum(sampling_rate=25_600, comb="mesh").fit(torque[np.newaxis])
     >>> names, amplitudes = transformer.get_feature_names_out(), transformer.transform(torque[np.newaxis])[0]
-    >>> for k in (225, 239, 240, 255):
+    >>> for k in (225, 239, 240):
     ...     print(k, amplitudes[names == f"order_amplitude_nm(output;k{k};v2)"][0].round(2))
     225 0.1
     239 0.02
     240 1.0
-    255 0.1
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {

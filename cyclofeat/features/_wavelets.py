@@ -73,31 +73,20 @@ _STATISTICS = ("rms", "energy_share", "kurtosis", "lowest_colour")
 class WaveletLevelStatistics(WaveletTransformer):
     """Energy, peakedness and quiet of each level of a wavelet transform (paper B figs. 10-12 in numbers).
 
-    Each window gives for each level, from the highest frequencies (level 1) down,
-
-    - rms of the torque that the level holds, in Nm,
-    - its share in the energy of all levels,
-    - kurtosis of its coefficients: the peaks of worn lobes raise it,
-    - share of the lowest colour in its row of the scalogram: paper B's "lack of vibrations".
-
-    Definitions in ``cyclofeat.signal.wavelets.level_statistics``.
+    Those of :func:`cyclofeat.signal.wavelets.level_statistics`: rms in Nm, share of the energy, kurtosis
+    (the peaks of worn lobes raise it) and share of the lowest colour (paper B's "lack of vibrations") of each
+    level, from the highest frequencies down.
 
     Parameters
     ----------
     sampling_rate : float
         Samples per second in Hz. Level k holds about ``sampling_rate / 2^(k+1)`` to ``sampling_rate / 2^k``.
     wavelet : str, pywt.Wavelet or sequence of four filters, default="mb32.3"
-        Name of PyWavelets or of the Morris family, a wavelet, or a filter bank (dec_lo, dec_hi, rec_lo,
-        rec_hi).
+        Wavelet, see :func:`cyclofeat.signal.wavelets.as_wavelet`.
     levels : int, default=12
         Number of levels, 1 to 30. The share of energy is that in all of them.
     colours : int, default=64
         Number of colours of the scalogram.
-
-    See Also
-    --------
-    cyclofeat.signal.wavelets.level_statistics : The same as a function.
-    cyclofeat.signal.wavelets.scalogram : The picture behind it.
 
     Notes
     -----
@@ -115,8 +104,6 @@ class WaveletLevelStatistics(WaveletTransformer):
     >>> torque = 22 + np.sin(2 * np.pi * 133.3 * time) + np.outer([0, 1], burst)
     >>> transformer = WaveletLevelStatistics(sampling_rate=25_600).fit(torque)
     >>> features = dict(zip(transformer.get_feature_names_out(), transformer.transform(torque).T))
-    >>> features["wavelet_rms_nm(mb32.3;level03)"].round(2)
-    array([0.02, 0.05])
     >>> features["wavelet_lowest_colour(mb32.3;64colours;level03)"].round(2)
     array([0.01, 0.31])
     """
@@ -153,32 +140,25 @@ class WaveletLevelStatistics(WaveletTransformer):
 class WaveletEnvelopeSpectrum(WaveletTransformer):
     """Envelope spectrum of the wavelet level that holds the mesh frequency (paper A section 5.1).
 
-    The mesh frequency is ``shaft_hz * n_pins``; level j holds it if fs/2^(j+1) <= f < fs/2^j. The features
-    describe the Hilbert envelope of this level's torque
-    (``cyclofeat.signal.wavelets.level_envelope``):
-
-    - mean of the envelope in Nm,
-    - amplitude of the envelope in Nm at the harmonics 1, 2, ... of the shaft,
-    - the same at the harmonics of the mesh.
+    Mean of that level's envelope (:func:`cyclofeat.signal.wavelets.level_envelope`) and its amplitudes at
+    the harmonics of the shaft and of the mesh (:func:`~cyclofeat.signal.wavelets.envelope_lines`), in Nm.
 
     Parameters
     ----------
     sampling_rate : float
-        Samples per second in Hz. For windows on equal steps of the shaft's angle: samples per input turn.
+        Samples per second in Hz, or per input turn for windows on equal steps of the angle.
     wavelet : str, pywt.Wavelet or sequence of four filters, default="mb32.3"
-        Name of PyWavelets or of the Morris family, a wavelet, or a filter bank (dec_lo, dec_hi, rec_lo,
-        rec_hi).
+        Wavelet, see :func:`cyclofeat.signal.wavelets.as_wavelet`.
     shaft_hz : float, default=500/60
-        Speed of the input shaft in turns per second. For windows on equal steps of the angle: 1.
+        Speed of the input shaft in turns per second; 1 for windows on equal steps of the angle.
     n_pins : int, default=16
-        Number of external sleeves: meshings per turn of the input.
+        Number of external sleeves: the mesh frequency is ``shaft_hz * n_pins``.
     n_shaft_harmonics : int, default=15
         Number of harmonics of the shaft.
     n_mesh_harmonics : int, default=3
         Number of harmonics of the mesh.
     speed_tolerance : float, default=0.015
-        How far harmonics may lie off, relative to their frequency: the largest amplitude within it counts.
-        For windows on equal steps of the angle: 0.
+        How far harmonics may lie off, relative to their frequency; 0 for windows on equal steps of the angle.
 
     Attributes
     ----------
@@ -203,13 +183,8 @@ class WaveletEnvelopeSpectrum(WaveletTransformer):
     >>> phase = 2 * np.pi * np.arange(46_080) / 25_600 * 500 / 60
     >>> torque = 22 + (1 + 0.4 * np.cos(phase)) * np.sin(16 * phase)
     >>> transformer = WaveletEnvelopeSpectrum(sampling_rate=25_600, n_shaft_harmonics=2, n_mesh_harmonics=1)
-    >>> features = transformer.fit_transform(torque[np.newaxis])[0]
-    >>> for name, value in zip(transformer.get_feature_names_out(), features):
-    ...     print(name, value.round(2))
-    wavelet_envelope_mean_nm(mb32.3;level07) 0.98
-    wavelet_envelope_line_nm(mb32.3;level07;shaft01) 0.39
-    wavelet_envelope_line_nm(mb32.3;level07;shaft02) 0.0
-    wavelet_envelope_line_nm(mb32.3;level07;mesh01) 0.1
+    >>> print(transformer.fit_transform(torque[np.newaxis])[0].round(2))
+    [0.98 0.39 0.   0.1 ]
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
