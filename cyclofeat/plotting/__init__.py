@@ -26,13 +26,11 @@ from functools import partial
 from typing import Any
 
 from cyclofeat._base.plots import Draw, register
-from cyclofeat.plotting._count import CountDisplay
-from cyclofeat.plotting._evaluation import EvaluationDisplay
 from cyclofeat.plotting._gap import GapDisplay
-from cyclofeat.plotting._gap_overlay import GapOverlayDisplay
-from cyclofeat.plotting._gap_reduction import GapReductionDisplay
+from cyclofeat.plotting._gap_correction import GapOverlayDisplay, GapReductionDisplay
 from cyclofeat.plotting._lobe_map import LobeMapDisplay, LobeMarks
 from cyclofeat.plotting._orders import OrderDisplay
+from cyclofeat.plotting._results import CountDisplay, EvaluationDisplay
 from cyclofeat.plotting._spectrum import SpectrumDisplay
 from cyclofeat.plotting._torque import TorqueDisplay
 from cyclofeat.plotting._training import TrainingDisplay, TrainingMoments

@@ -316,8 +316,7 @@ def _draw_evidence(
         TorqueDisplay,
         TrainingDisplay,
     )
-    from cyclofeat.report._figures import distance_picture, feature_picture, recording_pictures
-    from cyclofeat.report._recording_plots import window_spans
+    from cyclofeat.report._figures import distance_picture, feature_picture, recording_pictures, window_spans
 
     count, recording = item.count, item.recording
     if recording.angle_is_absolute and count.lobe_probability and not count.absolute:

@@ -17,8 +17,7 @@ from cyclofeat.plotting.gap_words import (
     p_words,
 )
 from cyclofeat.report._figures import draw_picture
-from cyclofeat.report._gap_numbers import rounded_text, signed_text
-from cyclofeat.report._page import keep_together
+from cyclofeat.report._page import keep_together, rounded_text, signed_text
 
 if TYPE_CHECKING:
     from cyclofeat.gap.where.conditions import Where, WhereRow

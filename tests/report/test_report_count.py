@@ -15,7 +15,7 @@ from small_model import RATE, SPEED, recording, small_model, unlike_training
 from cyclofeat.counting import WearDepth
 from cyclofeat.report import CountedRecording, write_count_report
 from cyclofeat.report._count import summarise_count
-from cyclofeat.report._recording_plots import window_spans
+from cyclofeat.report._figures import window_spans
 
 
 @pytest.fixture(scope="module")

@@ -20,8 +20,8 @@ from cyclofeat.gap.result import FoundEffect, NextMeasurement
 from cyclofeat.gap.where.conditions import where_of
 from cyclofeat.report import write_gap_report
 from cyclofeat.report._gap import summarise_gap
-from cyclofeat.report._gap_numbers import quantity_text, rounded_text
 from cyclofeat.report._gap_where import recordings_for_agreement
+from cyclofeat.report._page import quantity_text, rounded_text
 from cyclofeat.simulators import Rig
 
 OPTIONS = {"sources": ["surrogate"] * 12, "settings": {"model": "rig/<script>alert(1)</script>.csv"}}
