@@ -82,7 +82,7 @@ def make_rig_recordings(
         drift (:class:`cyclofeat.simulators.Drift`) shrinks in proportion to it.
     duration : float, optional
         Length of each recording in s, default 1.8. It begins when the assembly has settled
-        (:func:`cyclofeat.simulators.settling_time`).
+        (``cyclofeat.simulators.simulation.settling_time``).
     output_turns : float, optional
         Length in turns of the output at the nominal speed, instead of ``duration``.
     sampling_rate : float, default 25600

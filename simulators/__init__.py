@@ -6,24 +6,20 @@ module           responsibility
 ``geometry``     closed-form geometry of profile, lobes and chords
 ``gearbox``      parameters of gearbox and rig: a frozen dataclass in SI units
 ``defects``      worn and removed lobes
-``contact``      contact parameters by material and geometry
 ``effects``      properties of real rigs: parameters, bounds, priors, place in the chain
-``motor``        the motor on the input shaft, with control of its speed
+``motor``        the motor on the input shaft with control of its speed; runs as it would have made them
 ``rig``          a gearbox with effects: draws machines, simulates records, reads and writes files
-``simulation``   runs of one gearbox
-``courses``      input speed and load over time
-``tables``       parameters as the compiled kernel takes them
+``simulation``   runs of one gearbox, and the time until they are steady
+``courses``      input speed and load over time, and straight lines between points
+``tables``       parameters as the compiled kernel takes them, those of contacts included
 ``held_output``  torque against deflection with the output held
 ``many``         many runs at once, on several cores
 ``sampling``     draws assemblies and recordings of rigs from seeds, for all who simulate them
 ``batch``        many gearboxes at once, one in each lane of the processor's vectors
 ``campaign``     thousands of runs from a declared design to files: resumable, on joblib or Dask
-``_driven``      runs at a given speed as a motor would have made them
 ``_jit``         numba, or plain Python where it is switched off
-``_lines``       straight lines between points, compiled
 ``machine``      one machine of a rig, its run, and records of the run
 ``_rig_file``    rigs as JSON
-``_settling``    time until a run counts as steady
 ``_simulator``   base of users' simulators
 ``_kernels``     the reduced model in numba: floats and arrays only
 ``_outline``     contacts of pins and wheels, likewise
@@ -32,21 +28,17 @@ module           responsibility
 """
 
 from cyclofeat.simulators import effects
-from cyclofeat.simulators._settling import settling_time
 from cyclofeat.simulators._simulator import Simulator
-from cyclofeat.simulators.campaign import Campaign, CampaignData, load_campaign, run_campaign
+from cyclofeat.simulators.campaign import Campaign, load_campaign, run_campaign
 from cyclofeat.simulators.courses import Courses
 from cyclofeat.simulators.defects import LobeDefects
 from cyclofeat.simulators.effects import *  # noqa: F403
 from cyclofeat.simulators.gearbox import CycloidalGearbox
-from cyclofeat.simulators.geometry import CycloidalProfile
-from cyclofeat.simulators.held_output import TorqueDeflection, torque_deflection
+from cyclofeat.simulators.held_output import torque_deflection
 from cyclofeat.simulators.many import simulate_many
 from cyclofeat.simulators.motor import Motor
 from cyclofeat.simulators.rig import Rig
 from cyclofeat.simulators.simulation import (
-    GearboxLocked,
-    SimulationDiverged,
     SimulationFailed,
     SimulationRun,
     Solver,
@@ -55,23 +47,17 @@ from cyclofeat.simulators.simulation import (
 
 __all__ = [
     "Campaign",
-    "CampaignData",
     "Courses",
     "CycloidalGearbox",
-    "CycloidalProfile",
-    "GearboxLocked",
     "LobeDefects",
     "Motor",
     "Rig",
-    "SimulationDiverged",
     "SimulationFailed",
     "SimulationRun",
     "Simulator",
     "Solver",
-    "TorqueDeflection",
     "load_campaign",
     "run_campaign",
-    "settling_time",
     "simulate",
     "simulate_many",
     "torque_deflection",

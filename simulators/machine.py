@@ -17,7 +17,7 @@ from cyclofeat.simulators.courses import Courses
 from cyclofeat.simulators.effects import Effect, library
 from cyclofeat.simulators.effects.effect import Fluctuation, TorqueContext
 from cyclofeat.simulators.gearbox import CycloidalGearbox
-from cyclofeat.simulators.motor import Motor
+from cyclofeat.simulators.motor import Motor, drive_run
 from cyclofeat.simulators.simulation import SimulationRun, simulate
 
 Float = NDArray[np.float64]
@@ -193,8 +193,6 @@ class PlannedRun(_RunOfMachine):
         own = {one.name: getattr(self, one.name) for one in dataclasses.fields(_RunOfMachine)}
         motor = self.machine.motor
         if motor is not None:
-            from cyclofeat.simulators._driven import drive_run
-
             start = self.n_settling - math.ceil(motor.warm_up * run.sampling_rate)
             run = drive_run(run, motor, start, library.stream(self.random_state, _CURRENT))
         return MachineRun(run=run, **own)

@@ -1,12 +1,36 @@
-"""The motor that turns the input shaft."""
+"""The motor that turns the input shaft, and runs at a given speed as it would have made them.
+
+The torque of a run belongs to an angle of the input. The motor's equation is integrated with the torque read
+at the angle that the motor has reached. The excess of its acceleration over that of the run is answered by
+the inertia of the gearbox and by the brake's rotor behind one spring and damper, those of torque meter and
+gearbox in series. Nothing else depends on the speed. Beside an integration of gearbox and motor together, the
+current errs by 0.5 % of its variation (rms) where the speed varies by 5 %, and by 2 % where it varies by
+22 %; with the brake of rig R1, by 11 %, as the gearbox's stiffness is estimated.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import resample_poly
 
 from cyclofeat._base.checks import not_negative, positive, whole
+from cyclofeat.simulators._jit import inner_njit, njit
+from cyclofeat.simulators.courses import between
+from cyclofeat.simulators.gearbox import CycloidalGearbox
+from cyclofeat.simulators.simulation import SimulationRun, anti_alias_filter, torsion
+
+Float = NDArray[np.float64]
+
+# Steps per second at least, and per time constant of the fastest lag.
+_LEAST_RATE, _STEPS_PER_LAG = 20_000.0, 2.0
+# A motor beyond this multiple of the set speed has lost control.
+_RUNAWAY = 10.0
 
 
 @dataclass(frozen=True)
@@ -89,3 +113,203 @@ class Motor:
     def replace(self, **changes: float | tuple[float, ...]) -> Motor:
         """Return a copy with single fields changed."""
         return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
+
+
+class _Constants(NamedTuple):
+    """Motor, control and gearbox as the compiled equation takes them, in SI units."""
+
+    inertia: float
+    gear_inertia: float
+    output_inertia: float
+    brake_inertia: float
+    stiffness: float
+    damping: float
+    reduction: float
+    proportional: float
+    integral: float
+    lag: float
+    coulomb: float
+    viscous: float
+    ripple: float
+    ripple_order: float
+    ripple_phase: float
+
+
+def drive_run(run: SimulationRun, motor: Motor, start: int, random: np.random.Generator) -> SimulationRun:
+    """Return a run with ``torque_in`` as the motor makes it from sample ``start`` on, with its current.
+
+    Raises ValueError if the motor does not hold the speed.
+    """
+    assert run.torque_in is not None
+    rate = run.sampling_rate
+    lag = 2 * math.pi * max(motor.current_bandwidth_hz, motor.bandwidth_hz)
+    finer = math.ceil(max(_LEAST_RATE, _STEPS_PER_LAG * lag) / rate)
+    speed = np.gradient(run.input_angle, 1 / rate)
+    n = run.input_angle.size
+    at = np.arange(n * finer - finer + 1) / finer
+    course = np.column_stack(
+        [between(values, at) for values in (run.input_angle, speed, np.gradient(speed, 1 / rate))]
+    )
+    torques = np.column_stack(
+        [_upsample_torque(one, finer)[: at.size] for one in (run.torque_in, run.torque_out)]
+    )
+    constants = _driven_constants(motor, run.gearbox)
+    waves = np.array([motor.cogging_orders, motor.cogging_nm, motor.cogging_phases], dtype=float)
+    carried = float(run.torque_in[start:].mean()) + motor.coulomb_nm + motor.viscous * float(speed[start])
+    result = np.empty((n - start, 6))
+    done = _integrate_motor(
+        constants, waves, course, torques, carried, finer, start, 1 / (rate * finer), result
+    )
+    if done < n - start:
+        raise ValueError(
+            f"the motor does not hold the speed at t = {(start + done) / rate:.4g} s: raise its inertia "
+            f"({motor.inertia:.3g} kg m2) or bandwidth_hz ({motor.bandwidth_hz:.4g}), or lower the load"
+        )
+    position, angle, true_speed, torque_in, torque_out, produced = result.T
+    measured = produced + motor.offset_nm + motor.noise_nm * random.normal(size=produced.size)
+    if motor.lsb_nm > 0:
+        measured = motor.lsb_nm * np.rint(measured / motor.lsb_nm)
+    new = {"torque_in": torque_in, "torque_out": torque_out, "input_angle": angle}
+    for name, values in vars(run).items():
+        if isinstance(values, np.ndarray) and name not in new:
+            new[name] = between(values, position)
+    if run.output_speed is not None:
+        new["output_speed"] *= true_speed / between(speed, position)
+    channels: dict[str, Any] = {
+        name: np.concatenate([getattr(run, name)[:start], values]) for name, values in new.items()
+    }
+    current = np.concatenate([np.full(start, np.nan), measured / motor.torque_constant])
+    return dataclasses.replace(run, **channels, motor_current=current)
+
+
+def _upsample_torque(values: Float, finer: int) -> Float:
+    """Return values at a multiple of their rate, band-limited."""
+    if finer == 1:
+        return values
+    mean = values.mean()
+    return np.asarray(resample_poly(values - mean, finer, 1, window=anti_alias_filter(finer, 1)) + mean)
+
+
+def _driven_constants(motor: Motor, gearbox: CycloidalGearbox) -> _Constants:
+    z = gearbox.n_lobes
+    stiffness, damping = torsion(gearbox) if gearbox.brake_inertia > 0 else (0.0, 0.0)
+    gear = 2 * gearbox.wheel_mass * gearbox.eccentricity**2
+    gear += (2 * gearbox.wheel_inertia + gearbox.output_inertia) / z**2
+    inertia = motor.inertia + gearbox.input_shaft_inertia + gear
+    bandwidth = 2 * math.pi * motor.bandwidth_hz
+    proportional = bandwidth * (inertia + gearbox.brake_inertia / z**2)
+    return _Constants(
+        inertia=inertia,
+        gear_inertia=gear,
+        output_inertia=float(gearbox.output_inertia),
+        brake_inertia=float(gearbox.brake_inertia),
+        stiffness=stiffness,
+        damping=damping,
+        reduction=float(z),
+        proportional=proportional,
+        integral=proportional * bandwidth / 4,
+        lag=2 * math.pi * motor.current_bandwidth_hz,
+        coulomb=float(motor.coulomb_nm),
+        viscous=float(motor.viscous),
+        ripple=float(motor.ripple),
+        ripple_order=6.0 * motor.pole_pairs,
+        ripple_phase=float(motor.ripple_phase),
+    )
+
+
+@inner_njit(fastmath=False)
+def _cubic_at(values, column, k, share):  # type: ignore[no-untyped-def]
+    """Cubic between ``values[k]`` and ``values[k + 1]`` through their neighbours (Catmull and Rom)."""
+    a, b = values[max(k - 1, 0), column], values[k, column]
+    c, d = values[k + 1, column], values[min(k + 2, values.shape[0] - 1), column]
+    bend = 2 * a - 5 * b + 4 * c - d + share * (3 * (b - c) + d - a)
+    return b + 0.5 * share * (c - a + share * bend)
+
+
+@inner_njit(fastmath=False)
+def _place_at(course, angle, k):  # type: ignore[no-untyped-def]
+    """Return the step of the run that holds an angle, near step ``k``, and the share of it that is passed."""
+    last = course.shape[0] - 2
+    while k < last and course[k + 1, 0] <= angle:
+        k += 1
+    while k > 0 and angle < course[k, 0]:
+        k -= 1
+    share = (angle - course[k, 0]) / (course[k + 1, 0] - course[k, 0])
+    return k, min(max(share, 0.0), 1.0)
+
+
+@inner_njit(fastmath=False)
+def _motor_rates(constants, waves, course, torques, set_speed, k, state, rates):  # type: ignore[no-untyped-def]
+    """Write the rates of the state; return the step at its angle, and the excess acceleration.
+
+    The state holds angle, speed, integral of the control (Nm), current times torque constant (Nm), and the
+    deviation of the brake's rotor (rad, rad/s) in the sense in which it turns.
+    """
+    of = constants
+    angle, speed, held = state[0], state[1], state[2]
+    produced, turned, turning = state[3], state[4], state[5]
+    k, share = _place_at(course, angle, k)
+    planned = course[k, 2] + share * (course[k + 1, 2] - course[k, 2])
+    against = of.coulomb + of.viscous * speed + _cubic_at(torques, 0, k, share) - of.gear_inertia * planned
+    for wave in range(3):
+        against += waves[1, wave] * np.sin(waves[0, wave] * angle + waves[2, wave])
+    pull = produced * (1.0 + of.ripple * np.cos(of.ripple_order * angle + of.ripple_phase))
+    meter = of.stiffness * turned + of.damping * turning if of.brake_inertia > 0.0 else 0.0
+    acceleration = (pull - against + meter / of.reduction) / of.inertia
+    excess = acceleration - planned
+    wanted = of.proportional * (set_speed - speed) + held
+    rates[0] = speed
+    rates[1] = acceleration
+    rates[2] = of.integral * (set_speed - speed)
+    rates[3] = of.lag * (wanted - produced)
+    rates[4] = turning
+    rates[5] = -meter / of.brake_inertia - excess / of.reduction if of.brake_inertia > 0.0 else 0.0
+    return k, share, excess, meter
+
+
+@njit(fastmath=False)
+def _integrate_motor(  # type: ignore[no-untyped-def]
+    constants, waves, course, torques, carried, finer, start, step, result
+):
+    """Integrate by the classical Runge-Kutta rule; return the number of samples before control is lost.
+
+    ``course`` (n, 3) holds angle, speed and acceleration of the run, ``torques`` (n, 2) its input and output
+    torque, at every step. The control begins in steady state with the torque ``carried``. ``result`` takes,
+    for every ``finer``-th step from sample ``start`` on: place in the run (samples), angle, speed, input
+    torque, output torque, current times torque constant.
+    """
+    state, at, total = np.zeros(6), np.zeros(6), np.zeros(6)
+    rates = np.zeros(6)
+    k = start * finer
+    state[0], state[1], state[2], state[3] = course[k, 0], course[k, 1], carried, carried
+    for sample in range(result.shape[0]):
+        for inner in range(finer):
+            i = (start + sample) * finer + inner
+            if not 0.0 < state[1] < _RUNAWAY * course[i, 1]:
+                return sample
+            after = course[min(i + 1, course.shape[0] - 1), 1]
+            total[:] = 0.0
+            at[:] = state
+            for stage in range(4):
+                set_speed = course[i, 1] + 0.5 * ((stage + 1) // 2) * (after - course[i, 1])
+                k, share, excess, meter = _motor_rates(
+                    constants, waves, course, torques, set_speed, k, at, rates
+                )
+                if stage == 0 and inner == 0:
+                    row = result[sample]
+                    row[0], row[1], row[2], row[5] = (k + share) / finer, state[0], state[1], state[3]
+                    row[3] = _cubic_at(torques, 0, k, share) + constants.gear_inertia * excess
+                    row[3] -= meter / constants.reduction
+                    inert = constants.output_inertia * excess / constants.reduction
+                    row[4] = _cubic_at(torques, 1, k, share) + (
+                        -meter if constants.brake_inertia > 0.0 else inert
+                    )
+                if i == course.shape[0] - 1:
+                    return sample + 1
+                weight = 1.0 if stage == 0 or stage == 3 else 2.0
+                for j in range(6):
+                    total[j] += weight * rates[j]
+                    at[j] = state[j] + (1.0 if stage == 2 else 0.5) * step * rates[j]
+            for j in range(6):
+                state[j] += step / 6.0 * total[j]
+    return result.shape[0]

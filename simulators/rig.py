@@ -19,7 +19,6 @@ from cyclofeat._base.displays import html_card
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import QUANTITIES
 from cyclofeat.simulators import _rig_file
-from cyclofeat.simulators._settling import settling_samples
 from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.defects import LobeDefects
 from cyclofeat.simulators.effects import (
@@ -38,7 +37,7 @@ from cyclofeat.simulators.effects._gearbox import GEARBOX_NUMBERS
 from cyclofeat.simulators.effects._parameter import is_distribution, suggest_key, value_text
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.machine import Machine, PlannedRun, RandomState, seed_sequence
-from cyclofeat.simulators.simulation import SimulationRun
+from cyclofeat.simulators.simulation import SimulationRun, settling_samples
 
 # Children of a run's seed. Those of an effect begin with the bytes of its name, which are larger numbers.
 DEFECTS, _START, _VARIANT = 1, 2, 3
@@ -395,14 +394,14 @@ class Rig:
         start_angle : float, optional
             Angle of the input in rad when it starts from rest. Default: random within one output turn.
         settled : bool, default True
-            Begin the record when the assembly has settled (:func:`cyclofeat.simulators.settling_time`), else
+            Begin the record when the assembly has settled (``simulation.settling_time``), else
             at rest, which a rig with a motor cannot.
         quantity : {"output_torque", "input_torque", "motor_current"}, default "output_torque"
             Quantity that is measured: ``torque_out``, ``torque_in`` or ``motor_current`` of the result. The
             torque meter's effects act on the torque measured; on the input they are smaller by the reduction,
             as is the range of a meter there. They do not act on a current, which needs a motor
             (:func:`cyclofeat.simulators.motor_effects`) and has a sensor of its own
-            (:class:`cyclofeat.simulators.CurrentSensor`).
+            (``cyclofeat.simulators.effects.motor.CurrentSensor``).
         **options
             Other arguments of :func:`cyclofeat.simulators.simulate`, except ``courses``.
 

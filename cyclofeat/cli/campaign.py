@@ -12,7 +12,8 @@ from cyclofeat.cli._printing import Printed
 from cyclofeat.cli._rigs import add_effects
 
 if TYPE_CHECKING:
-    from cyclofeat.simulators import Campaign, CampaignData
+    from cyclofeat.simulators import Campaign
+    from cyclofeat.simulators.campaign import CampaignData
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -14,7 +14,7 @@ from _papers import STEEL, Float
 from numba import njit
 
 from cyclofeat.simulators import LobeDefects, Solver, simulate
-from cyclofeat.simulators.contact import contact_constants
+from cyclofeat.simulators.tables import contact_constants
 
 SPEED, LOAD = STEEL.input_speed, STEEL.load_torque
 LOBE_PERIOD_S = 2 * math.pi / SPEED * 15 / 16

@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 
 from cyclofeat._base.checks import number, one_of
 from cyclofeat.simulators import simulation
-from cyclofeat.simulators._lines import on_grid
 from cyclofeat.simulators.batch import _tables as rows
 from cyclofeat.simulators.batch._kernel import decimate_row, fill_drive, integrate_lanes
 from cyclofeat.simulators.batch._tables import aligned_zeros, batch_tables, read_states, write_states
 from cyclofeat.simulators.batch._vectors import Lanes
-from cyclofeat.simulators.courses import Courses, DriveAndLoad, drive_and_load
+from cyclofeat.simulators.courses import Courses, DriveAndLoad, drive_and_load, on_grid
 from cyclofeat.simulators.defects import LobeDefects, machine
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.simulation import STAGES, Integration, Sampling, SimulationRun, Solver

@@ -19,12 +19,11 @@ from numpy.typing import NDArray
 from cyclofeat._base.files import code_sha256, package_versions
 from cyclofeat._base.progress import stopped_quietly
 from cyclofeat._base.words import from_1
-from cyclofeat.simulators._settling import settling_time
 from cyclofeat.simulators.campaign._design import DEPTH, OF_DEFECTS, WEAR, Campaign, RunPlan
 from cyclofeat.simulators.effects.library import label_effects
 from cyclofeat.simulators.machine import MachineRun, PlannedRun
 from cyclofeat.simulators.sampling import sample_runs
-from cyclofeat.simulators.simulation import GearboxLocked, SimulationFailed
+from cyclofeat.simulators.simulation import GearboxLocked, SimulationFailed, settling_time
 
 # Columns of every campaign and their kinds; those of its effects follow.
 INTEGER, NUMBER, TEXT, INTEGERS = "integer", "number", "text", "integers"

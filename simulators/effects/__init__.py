@@ -1,7 +1,7 @@
 """Physical and measurement effects of real rigs.
 
 Effects of the gearbox are in ``_gearbox``, of load and speed in ``_drive``, of torque meter and converter in
-``_meter``, of the motor in ``_motor``; ``effect`` has their base class and ``library`` the effects by the
+``_meter``, of the motor in ``motor``; ``effect`` has their base class and ``library`` the effects by the
 names that files hold (:func:`known_effects`). The chain has one order, whatever the order in which effects
 are given (:attr:`Effect.place`). Priors and default values are *assumptions*.
 :class:`cyclofeat.simulators.Rig` applies effects to a gearbox.
@@ -28,7 +28,6 @@ from cyclofeat.simulators.effects._gearbox import (
     Scale,
     SleeveFriction,
 )
-from cyclofeat.simulators.effects._loading import load_effects
 from cyclofeat.simulators.effects._meter import (
     Clipping,
     ClockError,
@@ -41,17 +40,18 @@ from cyclofeat.simulators.effects._meter import (
     ShaftLine,
     TorqueMeterLowPass,
 )
-from cyclofeat.simulators.effects._motor import (
-    Cogging,
-    CurrentSensor,
-    MotorFriction,
-    ServoMotor,
-    TorqueConstantRipple,
-    motor_effects,
-)
 from cyclofeat.simulators.effects._parameter import EffectParameter
 from cyclofeat.simulators.effects.effect import Effect
-from cyclofeat.simulators.effects.library import known_effects, register_effect, unregister_effect
+from cyclofeat.simulators.effects.library import (
+    known_effects,
+    load_effects,
+    register_effect,
+    unregister_effect,
+)
+from cyclofeat.simulators.effects.motor import (
+    ServoMotor,
+    motor_effects,
+)
 
 __all__ = [
     "BearingFriction",
@@ -60,9 +60,7 @@ __all__ = [
     "Clearance",
     "Clipping",
     "ClockError",
-    "Cogging",
     "ContactDampingForm",
-    "CurrentSensor",
     "Drift",
     "Effect",
     "EffectParameter",
@@ -71,7 +69,6 @@ __all__ = [
     "Hum",
     "LobePitchErrors",
     "LostSamples",
-    "MotorFriction",
     "Noise",
     "Offset",
     "PinErrors",
@@ -85,7 +82,6 @@ __all__ = [
     "SleeveFriction",
     "SpeedWander",
     "StickSlip",
-    "TorqueConstantRipple",
     "TorqueMeterLowPass",
     "WarmUp",
     "known_effects",

@@ -13,7 +13,7 @@ from scipy.signal import butter, sosfilt
 from scipy.stats import loguniform, norm
 
 from cyclofeat._base.checks import is_number, whole
-from cyclofeat.simulators._lines import on_lines
+from cyclofeat.simulators.courses import on_lines
 from cyclofeat.simulators.effects._parameter import EffectParameter
 from cyclofeat.simulators.effects.effect import Effect, Float, Fluctuation, Of, TorqueContext
 from cyclofeat.simulators.gearbox import CycloidalGearbox

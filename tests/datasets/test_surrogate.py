@@ -19,7 +19,6 @@ from cyclofeat.datasets import (
 )
 from cyclofeat.simulators import (
     BrakeRotor,
-    Cogging,
     CycloidalGearbox,
     Drift,
     Hum,
@@ -30,8 +29,9 @@ from cyclofeat.simulators import (
     Quantisation,
     Rig,
     ServoMotor,
-    SimulationDiverged,
 )
+from cyclofeat.simulators.effects.motor import Cogging
+from cyclofeat.simulators.simulation import SimulationDiverged
 
 QUIET = Rig.r1().without("load_drift", "noise")
 SHORT = {"duration": 0.05, "rig": "R0"}

@@ -36,15 +36,9 @@ from cyclofeat.gap.confirm.confirm import confirm_effects
 from cyclofeat.gap.posterior.answers import named_effects
 from cyclofeat.gap.world.prior import FLOOR
 from cyclofeat.gap.world.rigs import Session
-from cyclofeat.simulators import (
-    CycloidalGearbox,
-    Drift,
-    Effect,
-    Noise,
-    known_effects,
-    settling_time,
-)
+from cyclofeat.simulators import CycloidalGearbox, Drift, Effect, Noise, known_effects
 from cyclofeat.simulators.effects.effect import TorqueContext
+from cyclofeat.simulators.simulation import settling_time
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.slow  # a benchmark is no part of the package

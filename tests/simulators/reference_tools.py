@@ -17,10 +17,9 @@ from cyclofeat.simulators import (
     simulate,
 )
 from cyclofeat.simulators import _kernels as kernels  # tests of the kernels take them from here
-from cyclofeat.simulators.contact import stiffness_factor
 from cyclofeat.simulators.gearbox import RPM
 from cyclofeat.simulators.reference import ReferenceGearbox
-from cyclofeat.simulators.tables import kernel_input, rest_state
+from cyclofeat.simulators.tables import kernel_input, rest_state, stiffness_factor
 
 SPEED = 500 * RPM
 PIT = math.pi / 15

@@ -15,10 +15,8 @@ import pytest
 from cyclofeat.simulators import (
     Courses,
     CycloidalGearbox,
-    GearboxLocked,
     LobeDefects,
     Rig,
-    SimulationDiverged,
     SimulationRun,
     Solver,
     many,
@@ -31,7 +29,7 @@ from cyclofeat.simulators.batch import runs as batch
 from cyclofeat.simulators.courses import drive_and_load
 from cyclofeat.simulators.many import simulate_each
 from cyclofeat.simulators.sampling import sample_runs
-from cyclofeat.simulators.simulation import Integration
+from cyclofeat.simulators.simulation import GearboxLocked, Integration, SimulationDiverged
 from cyclofeat.simulators.tables import kernel_input, rest_state
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="vectors exist in compiled functions only")

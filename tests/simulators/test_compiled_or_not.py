@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from reference_tools import Kernel, kernel_state, random_state, reference_of
 
-from cyclofeat.simulators import CycloidalGearbox, LobeDefects, SimulationDiverged, simulate
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects, simulate
+from cyclofeat.simulators.simulation import SimulationDiverged
 
 pytestmark = pytest.mark.nojit
 

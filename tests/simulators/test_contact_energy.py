@@ -7,7 +7,7 @@ import pytest
 from reference_tools import PIT, Kernel, pose_with_sleeve_0_at, sweep
 
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects
-from cyclofeat.simulators.contact import stiffness_factor
+from cyclofeat.simulators.tables import stiffness_factor
 
 STEEL = CycloidalGearbox.steel()
 CONSERVATIVE = CycloidalGearbox.steel(contact_law="conservative", contact_damping=0.0)

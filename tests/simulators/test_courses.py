@@ -15,14 +15,12 @@ from cyclofeat.simulators import (
     CycloidalGearbox,
     LobeDefects,
     SimulationRun,
-    _lines,
     simulate,
 )
-from cyclofeat.simulators.contact import pin_centres
-from cyclofeat.simulators.courses import DriveAndLoad, drive_and_load
+from cyclofeat.simulators.courses import DriveAndLoad, drive_and_load, on_grid, on_lines
 from cyclofeat.simulators.many import simulate_each
 from cyclofeat.simulators.simulation import Integration, contact_points, relax
-from cyclofeat.simulators.tables import kernel_input, rest_state
+from cyclofeat.simulators.tables import kernel_input, pin_centres, rest_state
 
 STEEL = CycloidalGearbox.steel()
 HEALTHY = LobeDefects.healthy()
@@ -90,16 +88,14 @@ def test_lines_are_those_of_numpy_to_the_last_bit() -> None:
     knots, values = np.cumsum(rng.exponential(size=200)), rng.normal(size=200)
     within = rng.uniform(knots[0] - 5, knots[-1] + 5, 3000)
     for at in (np.sort(within), within, knots, knots[:1], knots[-1:], np.array([-np.inf, np.inf])):
-        np.testing.assert_array_equal(_lines.on_lines(at, knots, values), np.interp(at, knots, values))
-    np.testing.assert_array_equal(_lines.on_lines(within, knots[:1], values[:1]), np.full(3000, values[0]))
+        np.testing.assert_array_equal(on_lines(at, knots, values), np.interp(at, knots, values))
+    np.testing.assert_array_equal(on_lines(within, knots[:1], values[:1]), np.full(3000, values[0]))
     for step in (5e-6, 1 / 25_600, 0.1):
         at = step * np.r_[rng.uniform(-3, 203, 3000), np.arange(203), np.nextafter(np.arange(203), 0)]
         points = np.arange(values.size) * step
-        np.testing.assert_array_equal(_lines.on_grid(at, step, values), np.interp(at, points, values))
+        np.testing.assert_array_equal(on_grid(at, step, values), np.interp(at, points, values))
         some = at[(at >= points[20]) & (at < points[70])]
-        np.testing.assert_array_equal(
-            _lines.on_grid(some, step, values[20:71], 20), np.interp(some, points, values)
-        )
+        np.testing.assert_array_equal(on_grid(some, step, values[20:71], 20), np.interp(some, points, values))
 
 
 @pytest.mark.parametrize(

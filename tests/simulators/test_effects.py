@@ -14,7 +14,6 @@ from sklearn.base import clone
 
 from cyclofeat import simulators
 from cyclofeat.simulators import CycloidalGearbox, simulate
-from cyclofeat.simulators.contact import stiffness_factor
 from cyclofeat.simulators.effects import (
     BearingFriction,
     BrakeRotor,
@@ -46,6 +45,7 @@ from cyclofeat.simulators.effects import (
 )
 from cyclofeat.simulators.effects.effect import PLACES, TorqueContext
 from cyclofeat.simulators.effects.library import look_alikes
+from cyclofeat.simulators.tables import stiffness_factor
 
 FS = 25_600.0
 STEEL = CycloidalGearbox.steel()

@@ -20,10 +20,9 @@ from cyclofeat.simulators import (
     simulate,
 )
 from cyclofeat.simulators import _outline as rows
-from cyclofeat.simulators.contact import pin_centres
 from cyclofeat.simulators.courses import drive_and_load
 from cyclofeat.simulators.simulation import Integrated, Integration
-from cyclofeat.simulators.tables import kernel_input, rest_state
+from cyclofeat.simulators.tables import kernel_input, pin_centres, rest_state
 
 STEEL = CycloidalGearbox.steel()
 CONSERVATIVE = STEEL.replace(contact_law="conservative")

@@ -8,15 +8,8 @@ import numpy as np
 import pytest
 from reference_tools import simulate_with
 
-from cyclofeat.simulators import (
-    CycloidalGearbox,
-    LobeDefects,
-    PinErrors,
-    Rig,
-    SimulationDiverged,
-    SimulationRun,
-    simulate,
-)
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects, PinErrors, Rig, SimulationRun, simulate
+from cyclofeat.simulators.simulation import SimulationDiverged
 
 STEEL = CycloidalGearbox.steel()
 STEP_RATE = 100_000

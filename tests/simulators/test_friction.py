@@ -13,8 +13,8 @@ import pytest
 from reference_tools import SPEED, Kernel, State, kernel_state, random_lobes, reference_of, simulate_with
 from rubbing_gearbox import RubbingGearbox
 
-from cyclofeat.simulators import CycloidalGearbox, GearboxLocked, LobeDefects, SimulationRun, Solver, simulate
-from cyclofeat.simulators.simulation import friction_rates
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects, SimulationRun, Solver, simulate
+from cyclofeat.simulators.simulation import GearboxLocked, friction_rates
 
 STEEL = CycloidalGearbox.steel()
 CONSERVATIVE = STEEL.replace(contact_law="conservative")

@@ -9,11 +9,11 @@ import re
 import numpy as np
 import pytest
 
-from cyclofeat.simulators import CycloidalGearbox, CycloidalProfile, LobeDefects
-from cyclofeat.simulators.contact import joint_effective_radius, stiffness_factor
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects
 from cyclofeat.simulators.defects import machine
+from cyclofeat.simulators.geometry import CycloidalProfile
 from cyclofeat.simulators.reference import ReferenceGearbox
-from cyclofeat.simulators.tables import kernel_input
+from cyclofeat.simulators.tables import joint_effective_radius, kernel_input, stiffness_factor
 
 STEEL = CycloidalGearbox.steel()
 

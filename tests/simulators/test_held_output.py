@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cyclofeat.simulators import CycloidalGearbox, LobeDefects, SimulationDiverged, torque_deflection
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects, torque_deflection
+from cyclofeat.simulators.simulation import SimulationDiverged
 
 STEEL = CycloidalGearbox.steel()
 CONSERVATIVE = CycloidalGearbox.steel(contact_law="conservative")

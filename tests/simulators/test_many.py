@@ -6,14 +6,8 @@ import joblib
 import numpy as np
 import pytest
 
-from cyclofeat.simulators import (
-    CycloidalGearbox,
-    LobeDefects,
-    SimulationDiverged,
-    SimulationRun,
-    simulate,
-    simulate_many,
-)
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects, SimulationRun, simulate, simulate_many
+from cyclofeat.simulators.simulation import SimulationDiverged
 
 DEFECTS = [LobeDefects.worn(n) for n in (3, 0, 7, 1)]
 STIFF = CycloidalGearbox.steel(stiffness_scale=1.0, ramp_time=0.0)

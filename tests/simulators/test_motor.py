@@ -13,8 +13,6 @@ import pytest
 
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import (
-    Cogging,
-    CurrentSensor,
     CycloidalGearbox,
     LobeDefects,
     Motor,
@@ -28,10 +26,10 @@ from cyclofeat.simulators import (
     simulate,
 )
 from cyclofeat.simulators import _kernels as kernels
-from cyclofeat.simulators._driven import drive_run
-from cyclofeat.simulators._settling import torsion
 from cyclofeat.simulators.courses import drive_and_load
-from cyclofeat.simulators.simulation import Integration
+from cyclofeat.simulators.effects.motor import Cogging, CurrentSensor
+from cyclofeat.simulators.motor import drive_run
+from cyclofeat.simulators.simulation import Integration, torsion
 from cyclofeat.simulators.tables import kernel_input, rest_state
 
 RATE, DT = 25_600.0, 1e-5

@@ -31,9 +31,9 @@ from cyclofeat.simulators import (
     Scale,
     TorqueMeterLowPass,
     known_effects,
-    settling_time,
     simulate,
 )
+from cyclofeat.simulators.simulation import settling_time
 
 PRESETS = [Rig.r0(), Rig.r1(), Rig.r2()]
 by_name = pytest.mark.parametrize("preset", PRESETS, ids=lambda preset: preset.name)

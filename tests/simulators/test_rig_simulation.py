@@ -28,11 +28,11 @@ from cyclofeat.simulators import (
     SpeedWander,
     TorqueMeterLowPass,
     known_effects,
-    settling_time,
     simulate,
 )
 from cyclofeat.simulators.effects import Effect
 from cyclofeat.simulators.effects.effect import PLACES, TorqueContext
+from cyclofeat.simulators.simulation import settling_time
 
 STEEL = CycloidalGearbox.steel()
 FS = 12_800.0

@@ -12,8 +12,8 @@ from reference_tools import Kernel
 from scipy.optimize import root
 
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects
-from cyclofeat.simulators.contact import pin_centres, sleeve_centres
 from cyclofeat.simulators.simulation import contact_points
+from cyclofeat.simulators.tables import pin_centres, sleeve_centres
 
 STEEL = CycloidalGearbox.steel()
 CONSERVATIVE = STEEL.replace(contact_law="conservative")
