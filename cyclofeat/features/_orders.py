@@ -12,15 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 from cyclofeat._base.sklearn_private import Interval, StrOptions
 from cyclofeat.features.base import SPEED_CONSTRAINTS, WindowTransformer
 from cyclofeat.features.registry import REGISTRY
-from cyclofeat.signal.orders import (
-    COMBS,
-    FOLDS,
-    comb_lines,
-    estimate_input_speed,
-    lines_per_input_turn,
-    order_lines,
-)
+from cyclofeat.signal.orders import COMBS, comb_lines, estimate_input_speed, order_lines
 from cyclofeat.signal.windows import Float
+
+# Around a mesh line: with 15 lobes the 15th is an input turn, the 16th a lobe away.
+_N_SIDEBANDS = 16
 
 
 @dataclass(eq=False, repr=False)
@@ -35,16 +31,12 @@ class OrderSpectrum(WindowTransformer):
     ----------
     sampling_rate, input_speed_hz, n_lobes, speed_tolerance
         As for :class:`LobeMap`.
-    fold_by : {"output", "input", "lobe"}, default="output"
-        Which turn the lines belong to, as for :func:`cyclofeat.signal.order_lines`.
     n_lines : int, default=48
         Number of lines from the first on.
     n_mesh_lines : int, default=2
-        Number of mesh lines (multiples of order z_s + 1) that are kept with their sidebands.
-    n_sidebands : int, default=16
-        Sidebands on each side of a mesh line. Those of the output turn: 15 is an input turn, 16 a lobe away.
+        Number of mesh lines (multiples of order z_s + 1) that are kept with 16 sidebands on each side.
     comb : {"lobe", "mesh"}, default="lobe"
-        Lines by which the speed is found: all lobe lines, or the mesh lines alone.
+        Lines by which the speed is found, as for :func:`cyclofeat.signal.orders.estimate_input_speed`.
 
     Notes
     -----
@@ -71,34 +63,29 @@ class OrderSpectrum(WindowTransformer):
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
         **WindowTransformer._parameter_constraints,
         **SPEED_CONSTRAINTS,
-        "fold_by": [StrOptions(set(FOLDS))],
         "n_lines": [Interval(Integral, 1, None, closed="left")],
         "n_mesh_lines": [Interval(Integral, 0, None, closed="left")],
-        "n_sidebands": [Interval(Integral, 0, None, closed="left")],
         "comb": [StrOptions(set(COMBS))],
     }
 
     input_speed_hz: float = 500 / 60
-    fold_by: str = "output"
     n_lines: int = 48
     n_mesh_lines: int = 2
-    n_sidebands: int = 16
     n_lobes: int = 15
     speed_tolerance: float = 0.015
     comb: str = "lobe"
 
     def _line_numbers(self) -> NDArray[np.intp]:
         """Numbers of the lines that are features."""
-        mesh = round((self.n_lobes + 1) / lines_per_input_turn(self.fold_by, self.n_lobes))
-        aside = np.arange(-self.n_sidebands, self.n_sidebands + 1)
+        mesh = self.n_lobes * (self.n_lobes + 1)
+        aside = np.arange(-_N_SIDEBANDS, _N_SIDEBANDS + 1)
         around = np.add.outer(mesh * np.arange(1, self.n_mesh_lines + 1), aside).ravel()
         lines = np.union1d(np.arange(1, self.n_lines + 1), around)
         return lines[lines > 0]
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         last = int(self._line_numbers()[-1])
-        first_order = lines_per_input_turn(self.fold_by, self.n_lobes)
-        highest = last * first_order * self.input_speed_hz * (1 + self.speed_tolerance)
+        highest = last / self.n_lobes * self.input_speed_hz * (1 + self.speed_tolerance)
         if highest > self.sampling_rate / 2:
             raise ValueError(
                 f"sampling_rate={self.sampling_rate:g} holds frequencies up to {self.sampling_rate / 2:g}, "
@@ -111,7 +98,7 @@ class OrderSpectrum(WindowTransformer):
     def _feature_names(self) -> list[str]:
         lines = self._line_numbers()
         digits = len(str(lines[-1]))
-        return [REGISTRY["order_amplitude"].column(self.fold_by, f"k{line:0{digits}d}") for line in lines]
+        return [REGISTRY["order_amplitude"].column("output", f"k{line:0{digits}d}") for line in lines]
 
     def _compute_features(self, X: NDArray[Any]) -> Float:
         speeds = estimate_input_speed(
@@ -122,5 +109,5 @@ class OrderSpectrum(WindowTransformer):
     def _from_speed(self, X: NDArray[Any], speeds: Float) -> Float:
         """Features, shape (n_windows, n_features), of windows whose input speeds are known."""
         lines = self._line_numbers()
-        amplitudes = order_lines(X, self.sampling_rate, speeds, int(lines[-1]), self.fold_by, self.n_lobes)
+        amplitudes = order_lines(X, self.sampling_rate, speeds, int(lines[-1]), self.n_lobes)
         return np.abs(amplitudes[:, lines - 1])

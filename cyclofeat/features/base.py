@@ -81,11 +81,9 @@ class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
         y : array-like, shape (n_windows,), optional
             Labels; ignored by transformers that learn nothing.
 
-        Raises
-        ------
-        ValueError
-            If a parameter is out of its range, does not fit the windows (a band beyond half of the sampling
-            rate) or ``X`` is not two-dimensional, real and finite.
+        Returns
+        -------
+        self
         """
         windows = validate_data(self, X, dtype=[np.float64, np.float32])
         self._fit_windows(windows, y)
@@ -103,13 +101,6 @@ class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
         -------
         ndarray, shape (n_windows, n_features), or a data frame after ``set_output``
             Features in the order of ``get_feature_names_out``, float64.
-
-        Raises
-        ------
-        NotFittedError
-            If ``fit`` was not called.
-        ValueError
-            If ``X`` is not two-dimensional, real and finite, or its windows have another length.
         """
         check_is_fitted(self)
         windows = validate_data(self, X, reset=False, dtype=[np.float64, np.float32])

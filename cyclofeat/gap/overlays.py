@@ -158,5 +158,5 @@ def _n_lines(kinematics: Kinematics) -> int:
 def _line_amplitudes(X: Float, kinematics: Kinematics, n_lines: int) -> Float:
     rate, nominal, n_lobes = kinematics.sampling_rate, kinematics.input_speed_hz, kinematics.n_lobes
     speeds = estimate_input_speed(X, rate, nominal, SPEED_TOLERANCE, comb="mesh", n_lobes=n_lobes)
-    lines = np.abs(order_lines(X, rate, speeds, n_lines, "output", n_lobes))
+    lines = np.abs(order_lines(X, rate, speeds, n_lines, n_lobes))
     return np.asarray(np.hypot(lines, 2 * RESOLUTION_NM / np.sqrt(X.shape[1])))

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from cyclofeat._base.checks import series
 from cyclofeat.plotting.drawing import Display, axes_for, stated_speed
 from cyclofeat.recordings import Recording
-from cyclofeat.signal.orders import lines_per_input_turn, order_lines
+from cyclofeat.signal.orders import order_lines
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -83,7 +83,7 @@ class OrderDisplay(Display):
         self.n_lobes = n_lobes
         self.unit = unit
         lines = np.arange(1, self.amplitudes.size + 1)
-        self.orders = lines * lines_per_input_turn("output", n_lobes)
+        self.orders = lines * (1 / n_lobes)
         of_lobes, of_input = lines % (n_lobes + 1) == 0, lines % n_lobes == 0
         self.kinds = np.select(
             [of_lobes & of_input, of_lobes, of_input], ["mesh", "lobe", "input"], default="other"
@@ -124,7 +124,7 @@ class OrderDisplay(Display):
         if input_speed_hz is None:
             nominal = first.mean_input_speed(n_lobes) or nominal
         highest = min(_HIGHEST_ORDER * n_lobes, int(rate / 2 / nominal * n_lobes))
-        lines = order_lines(first.torque[np.newaxis], rate, [nominal], highest, "output", n_lobes)
+        lines = order_lines(first.torque[np.newaxis], rate, [nominal], highest, n_lobes)
         return cls(amplitudes=np.abs(lines[0]), n_lobes=n_lobes, unit=recording.unit)
 
     def plot(self, ax: Axes | None = None) -> Self:

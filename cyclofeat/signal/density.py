@@ -11,8 +11,7 @@ from scipy.special import entr
 
 from cyclofeat.signal.windows import Float, check_sampling_rate, ratio
 
-EPSILON = float(np.finfo(np.float64).eps)
-"""Assumed epsilon of paper A eq. 5: MATLAB's ``eps``, 2^-52. The paper gives no value."""
+_EPSILON = float(np.finfo(np.float64).eps)  # assumed in paper A eq. 5: MATLAB's eps
 
 
 def band_mask(frequencies: ArrayLike, band: tuple[float, float]) -> NDArray[np.bool_]:
@@ -127,35 +126,30 @@ def shannon_entropy(
 
 
 def normalized_entropy(
-    psd: ArrayLike,
-    frequencies: ArrayLike | None = None,
-    band: tuple[float, float] | None = None,
-    epsilon: float = EPSILON,
+    psd: ArrayLike, frequencies: ArrayLike | None = None, band: tuple[float, float] | None = None
 ) -> Float:
     r"""Spectral entropy as a share of the largest possible (paper A eq. 4-7).
 
     .. math:: E = \frac{-\sum_i p_i \log_2 (p_i + \epsilon)}{\log_2 N}, \qquad p_i = P(f_i) / \sum_k P(f_k)
 
-    with the N lines in the band.
+    with the N lines in the band. **Assumption**: the paper gives no epsilon; MATLAB's ``eps`` (2^-52) changes
+    nothing beyond rounding.
 
     Parameters
     ----------
     psd, frequencies, band
         As for :func:`shannon_entropy`.
-    epsilon : float, default=EPSILON
-        Small positive constant. **Assumption**: the paper gives no value; MATLAB's ``eps`` (2^-52) changes
-        nothing beyond rounding.
 
     Returns
     -------
     ndarray, shape (...)
-        Normalized entropy from 0 to 1, without unit; with the default epsilon it can pass these limits by
-        rounding (1e-15). 0 where there is no power at all and where the band holds a single line.
+        Normalized entropy from 0 to 1, without unit; it can pass these limits by rounding (1e-15). 0
+        where there is no power at all and where the band holds a single line.
 
     Raises
     ------
     ValueError
-        As for :func:`shannon_entropy`, or if epsilon is not positive.
+        As for :func:`shannon_entropy`.
 
     Examples
     --------
@@ -163,13 +157,11 @@ def normalized_entropy(
     >>> print(normalized_entropy([1.0, 1.0, 0.0, 0.0]).round(12))
     0.5
     """
-    if not 0 < epsilon < np.inf:
-        raise ValueError(f"epsilon must be positive and finite, got {epsilon!r}")
     share = _power_share(psd, frequencies, band)
     n_lines = share.shape[-1]
     if n_lines == 1:
         return np.zeros(share.shape[:-1])
-    entropy = -(share * np.log2(share + epsilon)).sum(axis=-1)
+    entropy = -(share * np.log2(share + _EPSILON)).sum(axis=-1)
     return np.asarray(entropy / np.log2(n_lines))
 
 

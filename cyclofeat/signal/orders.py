@@ -208,19 +208,6 @@ def _checked_series(torque: ArrayLike, angle: ArrayLike) -> tuple[Float, Float]:
     return torque, angle
 
 
-FOLDS = ("output", "input", "lobe")
-"""Periods that torque is folded by: turns of the output or the input, passages of a lobe."""
-
-
-def lines_per_input_turn(fold_by: str, n_lobes: int = 15) -> float:
-    """Return how often the fold repeats per input turn: the order of its first line.
-
-    1/z_s for the output turn, 1 for the input turn, (z_s + 1)/z_s for the passage of lobes.
-    """
-    one_of("fold_by", fold_by, FOLDS)
-    return {"output": 1 / n_lobes, "input": 1.0, "lobe": (n_lobes + 1) / n_lobes}[fold_by]
-
-
 COMBS = ("lobe", "mesh")
 """Combs of lines that give the input speed."""
 
@@ -325,17 +312,16 @@ def order_lines(
     sampling_rate: float,
     input_speed_hz: ArrayLike,
     n_lines: int,
-    fold_by: str = "output",
     n_lobes: int = 15,
 ) -> Complex:
-    r"""Compute complex amplitudes of the torque at the lines of a turn.
+    r"""Compute complex amplitudes of the torque at the lines of the output turn.
 
     .. math:: c_k = \frac{2}{L} \sum_{n=0}^{L-1} (x_n - \bar x) e^{-2 \pi j k f n / f_s}
 
-    with f = the input speed times the order of the first line (:func:`lines_per_input_turn`: the order lines
-    of the output turn are k/15 for 15 lobes) and the L samples of the largest whole number of turns in the
-    window. Over whole turns the lines do not disturb each other, and what does not repeat with the turn
-    averages out: these are the lines of the torque's synchronous average, however high its resolution.
+    with f = the input speed over z_s (line k is order k/15 for 15 lobes) and the L samples of the largest
+    whole number of output turns in the window. Over whole turns the lines do not disturb each other, and what
+    does not repeat with the turn averages out: these are the lines of the torque's synchronous average,
+    however high its resolution.
 
     Parameters
     ----------
@@ -348,10 +334,8 @@ def order_lines(
         Input speed of each window in turns per second, as from :func:`estimate_input_speed`.
     n_lines : int
         Number of lines.
-    fold_by : {"output", "input", "lobe"}, default="output"
-        Which turn the lines belong to.
     n_lobes : int, default=15
-        Number of lobes z_s of a disc.
+        Number of lobes z_s of a disc; 1 gives the lines of the input turn.
 
     Returns
     -------
@@ -387,7 +371,7 @@ def order_lines(
             "X must have the shape (n_windows, n_samples) and input_speed_hz (n_windows,), "
             f"got {X.shape} and {speeds.shape}"
         )
-    first = speeds * lines_per_input_turn(fold_by, n_lobes)
+    first = speeds * (1 / n_lobes)
     if not (speeds > 0).all():
         raise ValueError(f"input_speed_hz must be positive, got {speeds[~(speeds > 0)][0]}")
     if not n_lines >= 1:

@@ -11,10 +11,8 @@ from cyclofeat.features import LobeMap, OrderSpectrum
 from cyclofeat.signal.lobes import lobe_frequency
 from cyclofeat.signal.orders import (
     COMBS,
-    FOLDS,
     comb_lines,
     estimate_input_speed,
-    lines_per_input_turn,
     order_lines,
     samples_at,
     synchronous_average,
@@ -92,31 +90,31 @@ def test_bad_arguments_of_the_speed(arguments, message):
 # Order lines
 
 
-@pytest.mark.parametrize("fold_by", FOLDS)
+@pytest.mark.parametrize("n_lobes", [15, 1])
 @pytest.mark.parametrize("n_samples", [1, 2, 7, 60, 150, 301])
-def test_lines_against_brute_force(fold_by, n_samples):
-    # 200 samples an output turn: what fits is 0, 1 or 1.5 turns of it, and many of the others.
+def test_lines_against_brute_force(n_lobes, n_samples):
+    # 200 samples an output turn: what fits is 0, 1 or 1.5 turns of 15 lobes, and many of one.
     X = 22 + np.random.default_rng(2).normal(size=(3, n_samples))
     speeds = np.array([0.98, 1.0, 1.015])
     rate = 200 / 15
-    n_lines = 50 if fold_by == "output" else 5  # so many that nothing is thinned out
-    lines = order_lines(X, rate, speeds, n_lines, fold_by)
+    n_lines = 50 if n_lobes == 15 else 5  # so many that nothing is thinned out
+    lines = order_lines(X, rate, speeds, n_lines, n_lobes)
     for x, speed, row in zip(X, speeds, lines, strict=True):
-        step = 2 * np.pi * speed * lines_per_input_turn(fold_by) / rate
+        step = 2 * np.pi * speed / n_lobes / rate
         assert_allclose(row, naive.order_lines(x.tolist(), step, n_lines), atol=1e-10)
 
 
-@pytest.mark.parametrize("fold_by", FOLDS)
-def test_thinning_out_changes_nothing(fold_by):
+@pytest.mark.parametrize("n_lobes", [15, 1])
+def test_thinning_out_changes_nothing(n_lobes):
     """Lines read at a reduced rate are those of an explicit sum over all samples, to 100 dB and rounding."""
     x = 22 + np.random.default_rng(3).normal(size=N_SAMPLES)
     speed, n_lines = 8.4, 30
-    step = 2 * np.pi * speed * lines_per_input_turn(fold_by) / RATE
+    step = 2 * np.pi * speed / n_lobes / RATE
     turns = round(N_SAMPLES * step / (2 * np.pi))
     length = min(N_SAMPLES, round(turns * 2 * np.pi / step))
     kernel = np.exp(-1j * step * np.outer(np.arange(1, n_lines + 1), np.arange(length)))
     explicit = 2 / length * kernel @ (x[:length] - x[:length].mean())
-    lines = order_lines(x[np.newaxis], RATE, [speed], n_lines, fold_by)[0]
+    lines = order_lines(x[np.newaxis], RATE, [speed], n_lines, n_lobes)[0]
     assert_allclose(lines, explicit, atol=1e-4 * np.abs(explicit).max())
 
 
@@ -132,8 +130,8 @@ def test_lines_of_whole_turns_do_not_disturb_each_other():
 def test_what_does_not_repeat_with_the_turn_averages_out():
     """Run-out repeats with the input turn, a lobe's passage does not: two output turns tell them apart."""
     torque = orders({1: 1.0, 16 / 15: 1.0}, n_samples=2 * N_SAMPLES)[np.newaxis]
-    for fold_by, line in (("input", 1), ("lobe", 1), ("output", 15)):
-        lines = np.abs(order_lines(torque, RATE, [SPEED], 2 * line, fold_by)[0])
+    for speed, n_lobes, line in ((SPEED, 1, 1), (SPEED * 16 / 15, 1, 1), (SPEED, 15, 15)):
+        lines = np.abs(order_lines(torque, RATE, [speed], 2 * line, n_lobes)[0])
         assert lines[line - 1] == pytest.approx(1, abs=0.01)
         assert lines[2 * line - 1] == pytest.approx(0, abs=0.01)
 
@@ -141,7 +139,6 @@ def test_what_does_not_repeat_with_the_turn_averages_out():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"fold_by": "pin"}, "fold_by must be one of 'output', 'input', 'lobe', got 'pin'"),
         ({"input_speed_hz": [1.0, 2.0]}, r"got \(1, 100\) and \(2,\)"),
         ({"input_speed_hz": [0.0]}, "input_speed_hz must be positive, got 0.0"),
         ({"input_speed_hz": [np.nan]}, "got nan"),
@@ -167,7 +164,7 @@ def test_synchronous_average_is_the_mean_over_turns():
     # 128 samples an input turn; band-limited to half of them, the average is that of brute force
     rate, n_points = 128 * SPEED, 128
     x = 22 + np.random.default_rng(4).normal(size=12 * 128 + 5)
-    average = synchronous_average(order_lines(x[np.newaxis], rate, [SPEED], 63, "input"), n_points)[0]
+    average = synchronous_average(order_lines(x[np.newaxis], rate, [SPEED], 63, n_lobes=1), n_points)[0]
     expected = np.array(naive.synchronous_average(x.tolist(), 128))
     spectrum = np.fft.rfft(expected - x[: 12 * 128].mean())
     spectrum[-1] = 0
@@ -199,11 +196,9 @@ def test_lines_kept():
         return [int(name.split(";k")[1].split(";")[0]) for name in names]
 
     assert kept(n_lines=3, n_mesh_lines=0) == [1, 2, 3]
-    assert kept(n_lines=1, n_mesh_lines=2, n_sidebands=1) == [1, 239, 240, 241, 479, 480, 481]
-    assert kept(n_lines=1, n_mesh_lines=1, n_sidebands=1, fold_by="input") == [1, 15, 16, 17]
-    assert kept(n_lines=15, n_mesh_lines=1, n_sidebands=1, fold_by="lobe") == list(range(1, 17))
-    assert kept(n_lines=1, n_mesh_lines=1, n_sidebands=20, fold_by="lobe") == list(range(1, 36))
-    assert kept(n_lines=1, n_mesh_lines=1, n_sidebands=0, n_lobes=13) == [1, 14 * 13]
+    assert kept(n_lines=1) == [1, *range(224, 257), *range(464, 497)]
+    assert kept(n_lines=1, n_mesh_lines=1, n_lobes=13) == [1, *range(14 * 13 - 16, 14 * 13 + 17)]
+    assert kept(n_lines=1, n_mesh_lines=1, n_lobes=3) == list(range(1, 29))  # sidebands begin at line 1
 
 
 def test_equal_steps_of_the_angle():
@@ -223,7 +218,6 @@ def test_equal_steps_of_the_angle():
             "sampling_rate=500 holds frequencies up to 250, but line 496 .* reaches 279",
         ),
         ({"sampling_rate": 30.0, "n_lines": 3, "n_mesh_lines": 0}, "sampling_rate=30 is too low"),
-        ({"fold_by": "pin"}, "'fold_by' parameter of OrderSpectrum .* Got 'pin' instead"),
         ({"n_lines": 0}, "'n_lines' parameter .* Got 0 instead"),
     ],
 )
