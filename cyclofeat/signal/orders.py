@@ -437,7 +437,7 @@ def synchronous_average(lines: Complex, n_points: int) -> Float:
     Parameters
     ----------
     lines : ndarray of complex, shape (n_windows, n_lines)
-        As from :func:`order_lines`, which chooses the turn by ``fold_by``.
+        As from :func:`order_lines`.
     n_points : int
         Points of the result, evenly spread over the turn.
 
