@@ -189,7 +189,7 @@ def test_once_counts_what_is_there_and_remembers(capsys, tmp_path, model_file):
     healthy, worn = out.splitlines()
     assert "healthy.npz: 0 worn lobes (probability" in healthy
     assert "worn.npz: 3 worn lobes (probability" in worn
-    assert worn.endswith("1 window")
+    assert worn.endswith("1 window; note: the file states no unit of the angle: rad assumed")
     assert err == "cyclofeat: done: 2 counted, 0 could not be\n"
     (tmp_path / "garbage.npz").write_bytes(b"PK\3\4" + bytes(100))
     (tmp_path / "empty.csv").touch()
