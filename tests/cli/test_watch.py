@@ -37,7 +37,7 @@ def model_file(tmp_path_factory):
 
 
 def put(path, n, tachometer=True):
-    """A recording that appears at once; a healthy disc shows no lobe lines, so its speed needs a tachometer."""
+    """A recording that appears at once; the speed of a healthy disc is confirmed by a tachometer alone."""
     part = path.with_name(f".{path.name}.part.npz")
     known = {"angle": 2 * np.pi * 500 / 60 * np.arange(46_080) / RATE} if tachometer else {}
     np.savez(part, torque=torque(n, 99), sampling_rate=float(RATE), **known)
