@@ -375,7 +375,7 @@ def _wear_of(lobes: str, wheels: str | Sequence[int], wear_um: Any, radial_share
     from cyclofeat.simulators.sampling import Wear
 
     checks.one_of("lobes", lobes, ("consecutive", "random", "mixed"))
-    worn_wheels = checks.wheels(wheels)
+    worn_wheels = checks.wheel_numbers(wheels)
     if not 0 < checks.number("radial_share", radial_share, "a share") <= 1:
         raise ValueError(f"radial_share must be above 0 and at most 1, got {radial_share!r}")
     if wear_um is None:
@@ -384,7 +384,7 @@ def _wear_of(lobes: str, wheels: str | Sequence[int], wear_um: Any, radial_share
                 f"radial_share needs wear_um, the depth of the wear, got {radial_share!r} without"
             )
         return Wear(lobes=lobes, wheels=worn_wheels)
-    low, high = checks.ends("wear_um", wear_um, "a number of um")
+    low, high = checks.range_ends("wear_um", wear_um, "a number of um")
     if not 0 <= low <= high <= MOST_WEAR_UM:
         raise ValueError(
             f"wear_um must be a number of um or a range (low, high) within 0 to {MOST_WEAR_UM:g}, "
@@ -396,7 +396,7 @@ def _wear_of(lobes: str, wheels: str | Sequence[int], wear_um: Any, radial_share
 def _positive_range(name: str, given: Any, unit: str) -> tuple[float, float] | None:
     if given is None:
         return None
-    low, high = checks.ends(name, given, f"a number of {unit}")
+    low, high = checks.range_ends(name, given, f"a number of {unit}")
     checks.positive(name, low)
     if low > high:
         raise ValueError(f"{name} must be a range (low, high) with low <= high, got {given!r}")

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from cyclofeat._base.checks import number, short
+from cyclofeat._base.checks import number, repr_of
 from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.effects import Effect
 from cyclofeat.simulators.effects._parameter import suggest_key, to_plain
@@ -65,9 +65,9 @@ def rig_from_dict(content: Any) -> dict[str, Any]:
     reject_unknown(given, ["format", "note", "name", "gearbox", "effects", "variants", "simulator"])
     note, form = given.pop("note", ""), given.pop("format", FORMAT)
     if not isinstance(note, str):
-        raise TypeError(f"note must be text, got {short(note)}")
+        raise TypeError(f"note must be text, got {repr_of(note)}")
     if form != FORMAT:
-        raise ValueError(f"format must be {FORMAT!r}, got {short(form)}")
+        raise ValueError(f"format must be {FORMAT!r}, got {repr_of(form)}")
     if "gearbox" in given:
         given["gearbox"] = _read_gearbox(given["gearbox"])
     if "effects" in given:
@@ -114,7 +114,7 @@ def reject_unknown(given: Mapping[str, Any], known: Iterable[str], prefix: str =
     for key, value in given.items():
         if key not in names:
             right = suggest_key(key, names, prefix)
-            raise ValueError(f"unknown key {prefix + key!r} with value {short(value)}: {right}")
+            raise ValueError(f"unknown key {prefix + key!r} with value {repr_of(value)}: {right}")
 
 
 def _plain_value(value: Any) -> Any:
@@ -139,7 +139,7 @@ def _check_field(default: Any, name: str, value: Any) -> Any:
     """Return the value if it is of the kind of the default."""
     if isinstance(default, tuple):
         if not isinstance(value, list):
-            raise TypeError(f"{name} must be a list of numbers, or of pairs [re, im], got {short(value)}")
+            raise TypeError(f"{name} must be a list of numbers, or of pairs [re, im], got {repr_of(value)}")
         return tuple(
             complex(*(number(name, part) for part in one))
             if isinstance(one, list) and len(one) == 2
@@ -150,13 +150,13 @@ def _check_field(default: Any, name: str, value: Any) -> Any:
         return number(name, value, "a number")
     kind, what = (int, "a whole number") if isinstance(default, int) else (str, "text")
     if not isinstance(value, kind) or isinstance(value, bool):
-        raise TypeError(f"{name} must be {what}, got {short(value)}")
+        raise TypeError(f"{name} must be {what}, got {repr_of(value)}")
     return value
 
 
 def _check_object(name: str, content: Any) -> Mapping[str, Any]:
     if not isinstance(content, dict):
-        raise TypeError(f"{name} must hold a JSON object {{...}}, got {short(content)}")
+        raise TypeError(f"{name} must hold a JSON object {{...}}, got {repr_of(content)}")
     return content
 
 
@@ -172,8 +172,8 @@ def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     for key, value in pairs:
         if key in distinct:
             raise ValueError(
-                f"key {key!r} must stand only once in its object, got it with {short(distinct[key])} and "
-                f"with {short(value)}"
+                f"key {key!r} must stand only once in its object, got it with {repr_of(distinct[key])} and "
+                f"with {repr_of(value)}"
             )
         distinct[key] = value
     return distinct

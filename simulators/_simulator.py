@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat._base.checks import is_number, short
+from cyclofeat._base.checks import is_number, repr_of
 from cyclofeat.simulators.defects import LobeDefects
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
@@ -104,7 +104,7 @@ class Simulator(ABC):
         for name, value in self.to_dict().items():
             if not (isinstance(value, str | bool) or (is_number(value) and math.isfinite(value))):
                 what = f"{name} of {type(self).__name__}"
-                raise TypeError(f"{what} must be a finite number, text, True or False, got {short(value)}")
+                raise TypeError(f"{what} must be a finite number, text, True or False, got {repr_of(value)}")
         return self
 
     def to_dict(self) -> dict[str, Any]:
@@ -129,7 +129,7 @@ class Simulator(ABC):
         known = cls._known.get(name, {})
         if not known:
             raise ValueError(
-                f"simulator must be of a class that is defined, got {short(name)}: define or import it first"
+                f"simulator must be of a defined class, got {repr_of(name)}: define or import it first"
             )
         if len(known) > 1:
             modules = " and ".join(sorted(known))

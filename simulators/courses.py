@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat._base.checks import short
+from cyclofeat._base.checks import repr_of
 from cyclofeat.simulators._jit import njit
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
@@ -214,7 +214,7 @@ def _as_floats(name: str, values: ArrayLike) -> Float:
     except (TypeError, ValueError):
         raise TypeError(
             f"{name} must be a number, an array or a function of time, and hold or return numbers, "
-            f"got {short(values)}"
+            f"got {repr_of(values)}"
         ) from None
 
 

@@ -14,10 +14,10 @@ from cyclofeat._base.checks import (
     check_type,
     is_number,
     is_whole,
-    members,
+    list_members,
     number,
     positive,
-    short,
+    repr_of,
     whole,
 )
 from cyclofeat.simulators.gearbox import CycloidalGearbox
@@ -81,7 +81,7 @@ class LobeDefects:
         worn_lobes = self.worn_lobes  # in the order of wear_um
         for name in ("worn_lobes", "removed_lobes"):
             given = getattr(self, name)
-            lobes = members(given)
+            lobes = list_members(given)
             if lobes is None or not all(map(_is_index, lobes)) or len(set(lobes)) != len(lobes):
                 raise ValueError(f"{name} must be distinct whole numbers from 0, got {given!r}")
             object.__setattr__(self, name, tuple(sorted(int(lobe) for lobe in lobes)))
@@ -289,7 +289,7 @@ def machine(
 def _lobe_indices(lobes: int | Iterable[int]) -> tuple[int, ...]:
     if _is_index(lobes):
         return tuple(range(int(lobes)))  # type: ignore[arg-type]
-    given = members(lobes)
+    given = list_members(lobes)
     if given is None:
         raise ValueError(f"lobes must be a number of lobes from 0, or their indices, got {lobes!r}")
     return given
@@ -303,10 +303,10 @@ def _wear_of_lobes(wear_um: Any, lobes: tuple[int, ...]) -> float | tuple[float,
     """Return the checked radial wear; one for each lobe in the order of the sorted lobes."""
     if wear_um is None:
         return None
-    values = (wear_um,) if is_number(wear_um) else members(wear_um)
+    values = (wear_um,) if is_number(wear_um) else list_members(wear_um)
     what = "a number of um, or one for each worn lobe"
     if values is None:
-        raise TypeError(f"wear_um must be {what}, got {short(wear_um)}")
+        raise TypeError(f"wear_um must be {what}, got {repr_of(wear_um)}")
     for value in values:
         if not 0 <= number("wear_um", value, what) <= MOST_WEAR_UM:
             raise ValueError(f"wear_um must lie between 0 and {MOST_WEAR_UM:g} um, got {value!r}")
@@ -318,7 +318,7 @@ def _wear_of_lobes(wear_um: Any, lobes: tuple[int, ...]) -> float | tuple[float,
 
 
 def _wheel_indices(wheels: Iterable[int]) -> tuple[int, ...]:
-    given = members(wheels) or ()
+    given = list_members(wheels) or ()
     indices = tuple(sorted(int(wheel) for wheel in given)) if all(map(is_whole, given)) else ()
     if indices not in ((0,), (1,), (0, 1)):
         raise ValueError(f"wheels must be (0,), (1,) or (0, 1), got {wheels!r}")

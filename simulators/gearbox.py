@@ -12,11 +12,11 @@ import numpy as np
 
 from cyclofeat._base.checks import (
     check_number,
-    members,
+    list_members,
     not_negative,
     number,
     one_of,
-    short,
+    repr_of,
 )
 from cyclofeat.simulators.geometry import CycloidalProfile
 
@@ -196,13 +196,13 @@ class CycloidalGearbox:
             value = getattr(self, field.name)
             if isinstance(field.default, tuple):
                 # Errors of pins, lobes, wheels or cams as a tuple of numbers.
-                given = members(value)
+                given = list_members(value)
                 what, kinds = ("complex numbers", _PLANE) if field.name in _COMPLEX else ("numbers", _REAL)
                 if given is None or not all(
                     isinstance(one, kinds) and not isinstance(one, bool) for one in given
                 ):
                     raise TypeError(
-                        f"{field.name} must be a sequence of {what} (m), or empty, got {short(value)}"
+                        f"{field.name} must be a sequence of {what} (m), or empty, got {repr_of(value)}"
                     )
                 error_tuple = (
                     tuple(np.asarray(value).tolist()) if isinstance(value, (list, np.ndarray)) else given

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import joblib
 
-from cyclofeat._base.checks import members, number, one_of, short
+from cyclofeat._base.checks import list_members, number, one_of, repr_of
 from cyclofeat._base.checks import n_jobs as check_n_jobs
 from cyclofeat._base.progress import stopped_quietly
 from cyclofeat.simulators.defects import LobeDefects
@@ -194,10 +194,10 @@ def _one_each(name: str, values: Any, one: type | None) -> list[Any] | None:
     """Return the values of an argument given run by run; None for one value for all runs."""
     if values is None or (one is not None and isinstance(values, one)):
         return None
-    given = None if isinstance(values, str) else members(values)
+    given = None if isinstance(values, str) else list_members(values)
     if given is None:
         what = "numbers of rad" if one is None else f"a {one.__name__} or several"
-        raise TypeError(f"{name} must be {what}, one for each run, got {short(values)}")
+        raise TypeError(f"{name} must be {what}, one for each run, got {repr_of(values)}")
     return list(given) if one is not None else [number(name, angle, "numbers of rad") for angle in given]
 
 

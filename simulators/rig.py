@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import rayleigh, uniform
 
 from cyclofeat._base import displays
-from cyclofeat._base.checks import check_type, is_number, one_of, positive, short
+from cyclofeat._base.checks import check_type, is_number, one_of, positive, repr_of
 from cyclofeat._base.displays import html_card
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import QUANTITIES
@@ -612,7 +612,11 @@ def _format_value(value: Any) -> str:
     if isinstance(value, tuple) and len(value) == 2 and all(map(is_number, value)):
         return f"{value[0]:.4g} to {value[1]:.4g}"
     return (
-        f"{value:.4g}" if is_number(value) else value_text(value) if is_distribution(value) else short(value)
+        f"{value:.4g}"
+        if is_number(value)
+        else value_text(value)
+        if is_distribution(value)
+        else repr_of(value)
     )
 
 

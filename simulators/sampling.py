@@ -240,7 +240,7 @@ def _scale_range(value: Any, factor: float) -> Any:
     """Return a parameter's number or range times a factor."""
     if factor == 1:
         return value
-    ends = checks.members(value)
+    ends = checks.list_members(value)
     if ends is not None:
         return tuple(factor * end for end in ends)
     if not checks.is_number(value):

@@ -12,7 +12,7 @@ class ArgumentError(ValueError):
 
     The message names arguments as Python does (``give sampling_rate= (Hz)``). A caller that offers the same
     arguments under other names, such as the command line with its options, translates them with
-    :meth:`spelled`.
+    :meth:`format_message`.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class ArgumentError(ValueError):
     >>> error = ArgumentError("{file}: give {sampling_rate:=} (Hz)", file="a.csv")
     >>> str(error)
     'a.csv: give sampling_rate= (Hz)'
-    >>> error.spelled(lambda name, rest: "--" + name.replace("_", "-"))
+    >>> error.format_message(lambda name, rest: "--" + name.replace("_", "-"))
     'a.csv: give --sampling-rate (Hz)'
     >>> str(ArgumentError("{argument} must be positive, got {value!r}", argument="speed_rpm", value=-1))
     'speed_rpm must be positive, got -1'
@@ -37,13 +37,13 @@ class ArgumentError(ValueError):
 
     def __init__(self, template: str, **details: object) -> None:
         self.template, self.details = template, details
-        super().__init__(self.spelled(str.__add__))
+        super().__init__(self.format_message(str.__add__))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle template and details, from which the message follows."""
         return partial(type(self), self.template, **self.details), ()
 
-    def spelled(self, spell: Callable[[str, str], str]) -> str:
+    def format_message(self, spell: Callable[[str, str], str]) -> str:
         """Return the message with every argument named by ``spell(name, what follows it in Python)``."""
         return self.template.format_map(_Fields(self.details, spell))
 
@@ -68,7 +68,7 @@ class _Fields(dict[str, object]):
     def __getitem__(self, field: str) -> object:
         value = self.get(field, _Name(field, self.spell))
         if isinstance(value, ArgumentError):
-            return value.spelled(self.spell)
+            return value.format_message(self.spell)
         return _Name(str(value), self.spell) if field == "argument" else value
 
 

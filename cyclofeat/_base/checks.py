@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cyclofeat._base.arguments import ArgumentError
 
 
-def short(value: Any) -> str:
+def repr_of(value: Any) -> str:
     """Return ``repr(value)`` in one line of at most 60 characters, for error messages."""
     text = " ".join(repr(value).split())
     return text if len(text) <= 60 else text[:57] + "..."
@@ -34,11 +34,11 @@ def is_number(value: Any) -> bool:
 def check_number(name: str, value: Any, what: str = "a number") -> None:
     """Raise TypeError unless ``value`` is ``what``, and ValueError if it is too large for a float."""
     if not is_number(value):
-        raise TypeError(f"{name} must be {what}, got {short(value)}")
+        raise TypeError(f"{name} must be {what}, got {repr_of(value)}")
     try:
         float(value)
     except OverflowError:
-        raise ValueError(f"{name} must be finite, got {short(value)}") from None
+        raise ValueError(f"{name} must be finite, got {repr_of(value)}") from None
 
 
 def number(name: str, value: Any, what: str = "a number") -> float:
@@ -46,22 +46,22 @@ def number(name: str, value: Any, what: str = "a number") -> float:
     if type(value) is float and math.isfinite(value):  # by far the most often
         return value
     check_number(name, value, what)
-    return _checked(math.isfinite(value), name, value, "finite")
+    return _require_float(math.isfinite(value), name, value, "finite")
 
 
 def positive(name: str, value: Any, what: str = "a number") -> float:
     """Return a finite number above 0 as a float."""
     check_number(name, value, what)
-    return _checked(math.isfinite(value) and value > 0, name, value, "positive and finite")
+    return _require_float(math.isfinite(value) and value > 0, name, value, "positive and finite")
 
 
 def not_negative(name: str, value: Any) -> float:
     """Return a finite number of at least 0 as a float."""
     check_number(name, value)
-    return _checked(math.isfinite(value) and value >= 0, name, value, "finite and not negative")
+    return _require_float(math.isfinite(value) and value >= 0, name, value, "finite and not negative")
 
 
-def _checked(right: bool, name: str, value: Any, what: str) -> float:
+def _require_float(right: bool, name: str, value: Any, what: str) -> float:
     if not right:
         raise ArgumentError("{argument} must be {what}, got {value!r}", argument=name, what=what, value=value)
     return float(value)
@@ -70,7 +70,7 @@ def _checked(right: bool, name: str, value: Any, what: str) -> float:
 def whole(name: str, value: Any, least: int | None = None, most: int | None = None) -> int:
     """Return a whole number from ``least`` to ``most`` (no limit where None) as an int."""
     if not is_whole(value):
-        raise TypeError(f"{name} must be a whole number, got {short(value)}")
+        raise TypeError(f"{name} must be a whole number, got {repr_of(value)}")
     if least is not None and value < least:
         raise ArgumentError(
             "{argument} must be at least {least}, got {value!r}", argument=name, least=least, value=value
@@ -90,25 +90,25 @@ def seed_number(random_state: Any) -> int:
 def n_jobs(value: Any) -> int:
     """Return a number of workers as joblib takes it: any whole number except 0."""
     if not is_whole(value) or value == 0:
-        raise ValueError(f"n_jobs must be a whole number of workers, or -1 for all, got {short(value)}")
+        raise ValueError(f"n_jobs must be a whole number of workers, or -1 for all, got {repr_of(value)}")
     return int(value)
 
 
-def pair(name: str, value: Any, what: str = "a pair of numbers (low, high)") -> tuple[float, float]:
+def number_pair(name: str, value: Any, what: str = "a pair of numbers (low, high)") -> tuple[float, float]:
     """Return two finite numbers as floats."""
     if not isinstance(value, (tuple, list, np.ndarray)):
-        raise TypeError(f"{name} must be {what}, got {short(value)}")
+        raise TypeError(f"{name} must be {what}, got {repr_of(value)}")
     if len(value) != 2:
-        raise ValueError(f"{name} must be {what}, got {len(value)} values {short(value)}")
+        raise ValueError(f"{name} must be {what}, got {len(value)} values {repr_of(value)}")
     return number(name, value[0], what), number(name, value[1], what)
 
 
-def ends(name: str, value: Any, what: str = "a number") -> tuple[float, float]:
+def range_ends(name: str, value: Any, what: str = "a number") -> tuple[float, float]:
     """Return the ends of a range of ``what``; a number is a range of its own."""
-    return pair(name, (value, value) if is_number(value) else value, f"{what} or a range (low, high)")
+    return number_pair(name, (value, value) if is_number(value) else value, f"{what} or a range (low, high)")
 
 
-def series(name: str, values: Any, least: int = 1, kinds: str = "iuf") -> NDArray[np.float64]:
+def number_series(name: str, values: Any, least: int = 1, kinds: str = "iuf") -> NDArray[np.float64]:
     """Return at least ``least`` finite numbers, of dtypes of these kinds, as a 1-D array of floats."""
     array = np.asarray(values)
     if array.dtype.kind not in kinds:
@@ -126,10 +126,10 @@ def series(name: str, values: Any, least: int = 1, kinds: str = "iuf") -> NDArra
     return array
 
 
-def flag(name: str, value: Any) -> bool:
+def truth_value(name: str, value: Any) -> bool:
     """Return True or False, also from a NumPy truth value."""
     if not isinstance(value, (bool, np.bool_)):
-        raise TypeError(f"{name} must be True or False, got {short(value)}")
+        raise TypeError(f"{name} must be True or False, got {repr_of(value)}")
     return bool(value)
 
 
@@ -138,11 +138,11 @@ def one_of(name: str, value: Any, options: Iterable[str]) -> str:
     known = tuple(options)
     if not isinstance(value, str) or value not in known:
         text = " or ".join(map(repr, known)) if len(known) < 3 else f"one of {', '.join(map(repr, known))}"
-        raise ValueError(f"{name} must be {text}, got {short(value)}")
+        raise ValueError(f"{name} must be {text}, got {repr_of(value)}")
     return value
 
 
-def members(values: Any) -> tuple[Any, ...] | None:
+def list_members(values: Any) -> tuple[Any, ...] | None:
     """Return the members of an iterable, or None if ``values`` is not iterable."""
     try:
         return tuple(values)
@@ -153,7 +153,7 @@ def members(values: Any) -> tuple[Any, ...] | None:
 def check_type(name: str, value: Any, kind: type) -> None:
     """Raise TypeError unless ``value`` is an instance of ``kind``."""
     if not isinstance(value, kind):
-        raise TypeError(f"{name} must be of type {kind.__name__}, got {short(value)}")
+        raise TypeError(f"{name} must be of type {kind.__name__}, got {repr_of(value)}")
 
 
 def defect_counts(values: Any, n_lobes: int) -> tuple[int, ...]:
@@ -166,11 +166,11 @@ def defect_counts(values: Any, n_lobes: int) -> tuple[int, ...]:
     return counts
 
 
-def wheels(value: Any) -> tuple[int, ...] | None:
+def wheel_numbers(value: Any) -> tuple[int, ...] | None:
     """Return the wheels that carry the wear, in order, or None for "random"."""
     if isinstance(value, str) and value == "random":
         return None
-    given = members(value)
+    given = list_members(value)
     for known in ((0,), (1,), (0, 1)):
         if given is not None and sorted(given, key=str) == list(known):
             return known

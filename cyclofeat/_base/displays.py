@@ -116,12 +116,12 @@ def draw_curves(drawn: Sequence[Curve], label: str) -> str:
     parts = []
     for curve in drawn:
         x, y = thin_samples(np.linspace(1, _WIDTH - 1, curve.values.size), curve.values - low, _POINTS)
-        points = _points(x, _HEIGHT - 2 - scale * y)
+        points = _points_text(x, _HEIGHT - 2 - scale * y)
         parts.append(
             f'<polyline points="{points}" fill="none" stroke="{curve.colour}" stroke-width="{curve.width:g}" '
             f'stroke-dasharray="{curve.dashes}"/>'
         )
-    return _svg(parts, _WIDTH, _HEIGHT, label)
+    return _svg_figure(parts, _WIDTH, _HEIGHT, label)
 
 
 def draw_columns(
@@ -139,8 +139,8 @@ def draw_columns(
             f'height="{height:.1f}" {look}><title>{html.escape(str(name))}: {value:.3g}</title></rect>'
         )
         if step >= 7 * len(str(name)):
-            parts.append(_text((k + 0.5) * step, _HEIGHT - 3, str(name)))
-    return _svg(parts, width, _HEIGHT, label)
+            parts.append(_text_element((k + 0.5) * step, _HEIGHT - 3, str(name)))
+    return _svg_figure(parts, width, _HEIGHT, label)
 
 
 def draw_confusion(table: NDArray[Any], names: Sequence[object]) -> str:
@@ -157,10 +157,10 @@ def draw_confusion(table: NDArray[Any], names: Sequence[object]) -> str:
             f"<title>{shares[row, column]:.3g}</title></rect>"
         )
     for k, name in enumerate(map(str, names)):
-        parts.append(_text(edge / 2, (k + 0.5) * side + 4, name))
-        parts.append(_text(edge + (k + 0.5) * side, len(names) * side + 12, name))
+        parts.append(_text_element(edge / 2, (k + 0.5) * side + 4, name))
+        parts.append(_text_element(edge + (k + 0.5) * side, len(names) * side + 12, name))
     size = edge + len(names) * side
-    return _svg(parts, size, size, label)
+    return _svg_figure(parts, size, size, label)
 
 
 def draw_disc(shares: Sequence[float], counted: Collection[int], label: str) -> str:
@@ -174,13 +174,13 @@ def draw_disc(shares: Sequence[float], counted: Collection[int], label: str) -> 
         look = f'stroke="{ACCENT}" stroke-width="2"' if worn else f'stroke="{_INK}" stroke-opacity=".3"'
         parts.insert(
             len(parts) if worn else 0,
-            f'<polygon points="{_points(corners.real, corners.imag)}" fill="{ACCENT}" '
+            f'<polygon points="{_points_text(corners.real, corners.imag)}" fill="{ACCENT}" '
             f'fill-opacity="{shares[lobe]:.2f}" {look}><title>lobe {lobe + 1}: {shares[lobe]:.3g}</title>'
             "</polygon>",
         )
         middle = 60 * (1 + 1j) + 27.5 * np.exp(-2j * np.pi * lobe / n)
-        parts.append(_text(middle.real, middle.imag + 3, str(lobe + 1), bold=worn))
-    return _svg(parts, 120, 120, label)
+        parts.append(_text_element(middle.real, middle.imag + 3, str(lobe + 1), bold=worn))
+    return _svg_figure(parts, 120, 120, label)
 
 
 def draw_outlines(shapes: Sequence[NDArray[np.complex128]], label: str) -> str:
@@ -190,15 +190,15 @@ def draw_outlines(shapes: Sequence[NDArray[np.complex128]], label: str) -> str:
     for k, shape in enumerate(shapes):
         drawn = 60 * (1 + 1j) + 58 / reach * np.conj(shape)
         look = f'stroke="{_INK}" stroke-opacity=".6"' if k else f'stroke="{ACCENT}"'
-        parts.append(f'<polygon points="{_points(drawn.real, drawn.imag)}" fill="none" {look}/>')
-    return _svg(parts, 120, 120, label)
+        parts.append(f'<polygon points="{_points_text(drawn.real, drawn.imag)}" fill="none" {look}/>')
+    return _svg_figure(parts, 120, 120, label)
 
 
-def _points(x: NDArray[Any], y: NDArray[Any]) -> str:
+def _points_text(x: NDArray[Any], y: NDArray[Any]) -> str:
     return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))
 
 
-def _text(x: float, y: float, text: str, *, bold: bool = False) -> str:
+def _text_element(x: float, y: float, text: str, *, bold: bool = False) -> str:
     weight = ' font-weight="bold"' if bold else ""
     return (
         f'<text x="{x:.1f}" y="{y:.1f}" font-size="8.5"{weight} text-anchor="middle" fill="{_INK}">'
@@ -206,7 +206,7 @@ def _text(x: float, y: float, text: str, *, bold: bool = False) -> str:
     )
 
 
-def _svg(parts: Iterable[str], width: float, height: float, label: str) -> str:
+def _svg_figure(parts: Iterable[str], width: float, height: float, label: str) -> str:
     """Return a picture with its label below it."""
     return (
         f'<figure style="margin:0;width:{max(width, 150):g}px;max-width:100%"><svg aria-hidden="true" '

@@ -23,7 +23,7 @@ def check_parent(path: Path, of: str = "") -> None:
 
 
 @contextmanager
-def naming(path: str | Path, part: Path | None = None) -> Iterator[None]:
+def name_in_errors(path: str | Path, part: Path | None = None) -> Iterator[None]:
     """Name the file in errors of writing it: of a full disk the system names none, or the one beside it."""
     try:
         yield
@@ -44,7 +44,7 @@ def write_whole(path: Path, write: Callable[[IO[bytes]], object], *, durable: bo
     check_parent(path)
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
-        with naming(path, part):
+        with name_in_errors(path, part):
             with part.open("xb") as file:
                 write(file)
                 if durable:

@@ -19,12 +19,12 @@ def load_with(load: Callable[[], object]) -> None:
     _LOADERS[:] = [load]
 
 
-def register(name: str, kinds: Mapping[str, Draw]) -> None:
+def register_plots(name: str, kinds: Mapping[str, Draw]) -> None:
     """Let objects of a class, by its name, be drawn in some kinds of pictures."""
     _KINDS[name] = kinds
 
 
-def draw(drawn: object, kind: str, ax: Any, **options: Any) -> Any:
+def draw_plot(drawn: object, kind: str, ax: Any, **options: Any) -> Any:
     """Draw an object on axes or, where ``ax`` is None, on new ones, and return the display."""
     for load in _LOADERS:
         load()

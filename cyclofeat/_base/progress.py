@@ -42,7 +42,7 @@ def is_hidden() -> bool:
 def erase_progress() -> None:
     """Take the line off the terminal, to print something else; the next report brings it back."""
     if _open_line is not None:
-        _open_line.erase()
+        _open_line.erase_line()
 
 
 class Progress:
@@ -87,7 +87,7 @@ class Progress:
             if made > 0 and now - began >= _TRUSTED_S:
                 end = now + (now - began) / made * (self._total - self._done)
                 self._end = end if self._end is None else self._end + _SMOOTHING * (end - self._end)
-            self._show(now, finished=done >= total)
+            self._write_line(now, finished=done >= total)
 
     def __enter__(self) -> Self:
         if self._terminal and not self._hidden:
@@ -98,18 +98,18 @@ class Progress:
         self._stop.set()
         with self._lock:
             if kind is not None:
-                self.erase()
-            elif not self._finished:
+                self.erase_line()
+            elif not self._is_finished:
                 self._done = self._total
-                self._show(time.monotonic(), finished=True)
+                self._write_line(time.monotonic(), finished=True)
 
-    def tick(self) -> None:
+    def show_time(self) -> None:
         """Show the time that has passed."""
         with self._lock:
-            if not self._finished:
-                self._show(time.monotonic())
+            if not self._is_finished:
+                self._write_line(time.monotonic())
 
-    def erase(self) -> None:
+    def erase_line(self) -> None:
         """Take the line off the terminal."""
         global _open_line
         with self._lock:
@@ -120,13 +120,13 @@ class Progress:
 
     def _keep_going(self) -> None:
         while not self._stop.wait(self.tick_s):
-            self.tick()
+            self.show_time()
 
     @property
-    def _finished(self) -> bool:
+    def _is_finished(self) -> bool:
         return 0 < self._total <= self._done
 
-    def _show(self, now: float, *, finished: bool = False) -> None:
+    def _write_line(self, now: float, *, finished: bool = False) -> None:
         global _open_line
         elapsed = now - self._began
         period = _TERMINAL_PERIOD_S if self._terminal else _LOG_PERIOD_S

@@ -33,11 +33,11 @@ class ShardStore:
     def __init__(self, folder: str | os.PathLike[str], description: str = "") -> None:
         self.folder, self.description = Path(folder), description
 
-    def path(self, name: str) -> Path:
+    def path_of(self, name: str) -> Path:
         """Return the path of a file."""
         return self.folder / name
 
-    def begin(self, content: Mapping[str, Any]) -> None:
+    def begin_work(self, content: Mapping[str, Any]) -> None:
         """Make the folder, remove unfinished files, and write the description unless there is one."""
         self.folder.mkdir(parents=True, exist_ok=True)
         for part in self.folder.glob(".*.part"):
@@ -47,11 +47,11 @@ class ShardStore:
 
     def read_description(self) -> dict[str, Any] | None:
         """Return the description; None if there is none."""
-        return self.read_json(self.description) if self.path(self.description).exists() else None
+        return self.read_json(self.description) if self.path_of(self.description).exists() else None
 
     def read_json(self, name: str) -> dict[str, Any]:
         """Return the content of a JSON file; raise ValueError if it is none."""
-        path = self.path(name)
+        path = self.path_of(name)
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
         except (json.JSONDecodeError, UnicodeDecodeError) as error:
@@ -62,33 +62,33 @@ class ShardStore:
 
     def write_json(self, name: str, content: Any) -> None:
         """Write a JSON file, to read and to edit."""
-        self.write(name, lambda file: file.write(json_bytes(content)))
+        self.write_file(name, lambda file: file.write(json_bytes(content)))
 
-    def write(self, name: str, write: Callable[[IO[bytes]], object]) -> Path:
+    def write_file(self, name: str, write: Callable[[IO[bytes]], object]) -> Path:
         """Write a file through to the disk, and return its path; ``write`` is given the open binary file."""
-        return write_whole(self.path(name), write, durable=True)
+        return write_whole(self.path_of(name), write, durable=True)
 
-    def missing(self, names: Iterable[str]) -> list[str]:
+    def missing_names(self, names: Iterable[str]) -> list[str]:
         """Return the names of the files that are not finished."""
-        return [name for name in names if not self.path(name).exists()]
+        return [name for name in names if not self.path_of(name).exists()]
 
-    def remember(self, name: str, call: Callable[[], T]) -> T:
+    def load_or_compute(self, name: str, call: Callable[[], T]) -> T:
         """Return the result of ``call`` from a file; compute and write it if no such file can be read."""
         result: T
-        if self.path(name).exists():
+        if self.path_of(name).exists():
             with contextlib.suppress(Exception):  # whatever a damaged pickle raises
-                result = joblib.load(self.path(name))
+                result = joblib.load(self.path_of(name))
                 return result
         result = call()
         self.folder.mkdir(parents=True, exist_ok=True)
-        self.write(name, lambda file: joblib.dump(result, file))
+        self.write_file(name, lambda file: joblib.dump(result, file))
         return result
 
     @contextlib.contextmanager
     def hold_lock(self, work: str) -> Iterator[None]:
         """Lock the folder, until the end of this process at most; errors name the ``work``."""
         try:
-            held = self._lock()
+            held = self._lock_folder()
         except (BlockingIOError, FileExistsError):
             raise BlockingIOError(
                 errno.EWOULDBLOCK,
@@ -99,10 +99,10 @@ class ShardStore:
         finally:
             os.close(held)
 
-    def _lock(self) -> int:
+    def _lock_folder(self) -> int:
         """Return a descriptor that locks the folder until it is closed."""
         if sys.platform == "win32":  # folders cannot be opened; the system removes the file with its process
-            return os.open(self.path(".lock"), os.O_CREAT | os.O_EXCL | os.O_TEMPORARY)
+            return os.open(self.path_of(".lock"), os.O_CREAT | os.O_EXCL | os.O_TEMPORARY)
         import fcntl
 
         held = os.open(self.folder, os.O_RDONLY)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def libraries() -> tuple[Any, Any, Any]:
+def import_jax() -> tuple[Any, Any, Any]:
     """Return ``jax``, ``jax.numpy`` and ``optax``, or raise ImportError with what to install."""
     try:
         import jax
@@ -36,22 +36,22 @@ def first_weights(
     return weights
 
 
-def dropout(share: float, keys: Iterator[Any]) -> Callable[[Any], Any]:
+def make_dropout(share: float, keys: Iterator[Any]) -> Callable[[Any], Any]:
     """Return dropout of this share of a layer's units (Srivastava et al. 2014); each call takes one key.
 
     Of a sample (first axis) the same units are dropped at all places (axes between the first and the last).
     """
-    jax, _, _ = libraries()
+    jax, _, _ = import_jax()
 
-    def thinned(layer: Any) -> Any:
+    def drop_units(layer: Any) -> Any:
         n_samples, *places, n_units = layer.shape
         kept = jax.random.bernoulli(next(keys), 1 - share, (n_samples, *(1 for _ in places), n_units))
         return layer * kept / (1 - share)
 
-    return thinned
+    return drop_units
 
 
-def descent(
+def make_descent(
     loss: Callable[[Any, Any, Any], Any], n_steps: int, rate: float, decay: float
 ) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Return the optimiser's first state and one step of training, as functions.
@@ -67,19 +67,19 @@ def descent(
     rate, decay : float
         Largest learning rate, and decay of the weights.
     """
-    jax, _, optax = libraries()
+    jax, _, optax = import_jax()
 
-    def decaying(weights: Any) -> dict[str, bool]:
+    def select_decaying(weights: Any) -> dict[str, bool]:
         return {name: not name.endswith("_bias") for name in weights}
 
     schedule = optax.cosine_onecycle_schedule(n_steps, rate)
     optimiser = optax.chain(
-        optax.clip_by_global_norm(1.0), optax.adamw(schedule, weight_decay=decay, mask=decaying)
+        optax.clip_by_global_norm(1.0), optax.adamw(schedule, weight_decay=decay, mask=select_decaying)
     )
 
     @jax.jit
-    def step(weights: Any, state: Any, batch: Any, key: Any) -> Any:
+    def train_step(weights: Any, state: Any, batch: Any, key: Any) -> Any:
         change, state = optimiser.update(jax.grad(loss)(weights, batch, key), state, weights)
         return optax.apply_updates(weights, change), state
 
-    return optimiser.init, step
+    return optimiser.init, train_step

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable
 
 
-def number(n: int, thing: str) -> str:
+def number_of(n: int, thing: str) -> str:
     """Return ``1 lobe``, ``2 lobes``."""
     return f"{n} {thing}" if n == 1 else f"{n} {thing}s"
 
@@ -21,7 +21,7 @@ def lobes_text(lobes: Iterable[int] | None) -> str:
     return ", ".join(map(str, from_1(sorted(lobes or ()))))
 
 
-def beyond(below: float, above: float, text: Callable[[float], str] = "{:.3g}".format) -> str:
+def beyond_text(below: float, above: float, text: Callable[[float], str] = "{:.3g}".format) -> str:
     """Return ``below 0.1 or above 2``; a NaN is no end, and two of them give an empty text."""
     ends = (("below", below), ("above", above))
     return " or ".join(f"{word} {text(end)}" for word, end in ends if not math.isnan(end))

@@ -255,7 +255,7 @@ def error_text(error: Exception, typed: Collection[str] = ()) -> str:
 
     A message that begins with an argument of a function means the option, of those typed, that sets it.
     """
-    message = error.spelled(option_of) if isinstance(error, ArgumentError) else str(error)
+    message = error.format_message(option_of) if isinstance(error, ArgumentError) else str(error)
     if isinstance(error, MemoryError):
         message = f"not enough memory: {error}"
     message = message.replace("n_splits=", "--folds ").replace("n_splits", "--folds")  # no other means these

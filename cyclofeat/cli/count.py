@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from cyclofeat._base.files import naming
+from cyclofeat._base.files import name_in_errors
 from cyclofeat._base.progress import Progress
-from cyclofeat._base.words import lobes_text, number
+from cyclofeat._base.words import lobes_text, number_of
 from cyclofeat.cli._options import (
     FILES,
     FileResult,
@@ -121,7 +121,7 @@ def count_table(path: str | None) -> Callable[[FileResult[Any], LobeCount | None
     def write_row(mode: str, row: dict[str, Any]) -> None:
         # Opened for each row: what is counted stays, whatever comes. The mark at the beginning tells
         # spreadsheets that the file is UTF-8.
-        with naming(path), open(path, mode, encoding="utf-8-sig", newline="") as stream:
+        with name_in_errors(path), open(path, mode, encoding="utf-8-sig", newline="") as stream:
             csv.DictWriter(stream, COLUMNS, extrasaction="ignore").writerow(row)
 
     def add_count(result: FileResult[Any], count: LobeCount | None) -> None:
@@ -150,7 +150,7 @@ def format_result(arguments: argparse.Namespace, result: FileResult[Counted]) ->
     if count.wear_um is not None:
         lines.append(f"wear:       {count.wear_um}")
     length = f"one output turn ({window:.4g} s)"
-    lines.append(f"from {number(count.n_windows, 'window')} of {length}, {unused:.3g} s unused")
+    lines.append(f"from {number_of(count.n_windows, 'window')} of {length}, {unused:.3g} s unused")
     lines += [f"note: {warning}" for warning in count.warnings]
     facts = {**count.to_dict(), "model": model_name(arguments), "window_s": window, "unused_s": unused}
     facts["windows"] = [one.to_dict() for one in count.windows]

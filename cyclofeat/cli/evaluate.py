@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from cyclofeat._base.progress import Progress
 from cyclofeat._base.quantities import QUANTITIES
-from cyclofeat._base.words import number
+from cyclofeat._base.words import number_of
 from cyclofeat.cli._options import (
     add_idle,
     add_model_file,
@@ -148,7 +148,7 @@ def format_result(arguments: argparse.Namespace, results: dict[str, Evaluation])
     name, main = next(iter(results.items()))
     made = "tested as stored" if arguments.model else "folds by assembly"
     lines = [
-        f"{number(main.labels.size, 'recording')}, assemblies: {main.groups.size}, {made}; 95 % bootstrap "
+        f"{number_of(main.labels.size, 'recording')}, assemblies: {main.groups.size}, {made}; 95 % bootstrap "
         "intervals over assemblies"
     ]
     width = max(map(len, results))

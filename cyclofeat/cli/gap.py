@@ -16,7 +16,7 @@ from cyclofeat._base.arguments import ArgumentError, different_names
 from cyclofeat._base.checks import whole
 from cyclofeat._base.progress import Progress, Steps
 from cyclofeat._base.quantities import in_words
-from cyclofeat._base.words import beyond, number, unit_text
+from cyclofeat._base.words import beyond_text, number_of, unit_text
 from cyclofeat.cli._options import (
     READING,
     add_idle,
@@ -105,7 +105,7 @@ def _planned_conditions(n: int, posterior: EffectPosterior) -> list[Condition]:
 def format_check(result: GapCheck) -> Printed:
     """Return what is printed of a check."""
     score, at = result.score, dict.fromkeys(one.text for one in result.conditions)
-    recordings = number(len(result.conditions), "recording")
+    recordings = number_of(len(result.conditions), "recording")
     lines = [
         f"{score.n_rigs} simulated rigs with known effects, {recordings} of each at {'; '.join(at)}",
         f"sets of effects named exactly: {result.sets_right:.0%}, and but for look-alikes "
@@ -121,7 +121,7 @@ def format_check(result: GapCheck) -> Printed:
 
 
 def _check_line(one: CheckedEffect) -> str:
-    half, most = beyond(one.half_below, one.half_above), beyond(one.most_below, one.most_above)
+    half, most = beyond_text(one.half_below, one.half_above), beyond_text(one.most_below, one.most_above)
     unit = unit_text(one.unit)
     text = f"{one.effect}: found in {one.recall:.0%} of {one.n}"
     if half:
@@ -495,7 +495,7 @@ def _split_recordings(
     try:
         return hold_out(recordings, by, random_state=arguments.seed)
     except ArgumentError as error:
-        raise ValueError(error.spelled(_hold_out_option)) from None
+        raise ValueError(error.format_message(_hold_out_option)) from None
 
 
 def _hold_out_option(argument: str, rest: str) -> str:

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cyclofeat._base.words import number
+from cyclofeat._base.words import number_of
 from cyclofeat.cli._options import add_idle, add_target
 from cyclofeat.cli._printing import Printed, note
 
@@ -151,16 +151,16 @@ def run(arguments: argparse.Namespace) -> Iterator[GearboxState]:
 
 
 def format_result(arguments: argparse.Namespace, state: GearboxState) -> Printed:
-    from cyclofeat.history.alarm import when
+    from cyclofeat.history.alarm import time_text
 
-    count = "never counted" if state.defect_count is None else number(state.defect_count, "worn lobe")
+    count = "never counted" if state.defect_count is None else number_of(state.defect_count, "worn lobe")
     if state.wear_um is not None:
         count += f", {state.wear_um:.3g} um deep"
     refused = f", {state.n_refused} refused" if state.n_refused else ""
-    recordings = number(state.n_recordings, "recording")
+    recordings = number_of(state.n_recordings, "recording")
     lines = [
         f"{state.gearbox}: {count}",
-        f"  {recordings} from {when(state.first)} to {when(state.last)}{refused}",
+        f"  {recordings} from {time_text(state.first)} to {time_text(state.last)}{refused}",
         f"  {state}",
     ]
     if state.rates:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from cyclofeat._base.words import number
+from cyclofeat._base.words import number_of
 from cyclofeat.cli._options import (
     FILES,
     UNREADABLE,
@@ -44,7 +44,7 @@ def format_result(arguments: argparse.Namespace, result: FileResult[dict[str, An
         lines.append(f"channels:  {', '.join(others)}")
     lines.append(f"speed:     {_speed_text(facts)}")
     if facts["output_turns"] is not None:
-        turns = number(facts["whole_output_turns"], "whole output turn")
+        turns = number_of(facts["whole_output_turns"], "whole output turn")
         lines.append(f"length:    {turns}, {facts['unused_s']:.3g} s left over")
     lines.append(f"clipped:   {100 * facts['clipped_share']:.3g} %")
     lines.append(f"dropouts:  {100 * facts['dropout_share']:.3g} %")

@@ -6,7 +6,7 @@ import argparse
 import math
 from typing import TYPE_CHECKING
 
-from cyclofeat._base.words import number
+from cyclofeat._base.words import number_of
 from cyclofeat.cli._options import add_idle
 from cyclofeat.cli._printing import Printed
 from cyclofeat.cli._rigs import add_rig, rig_of
@@ -85,7 +85,7 @@ def _simulation_lines(plan: MeasurementPlan) -> list[str]:
     shares = ", ".join(f"{d:g} um: {p:.2f}" for d, p in zip(plan.depths_um, plan.probability, strict=True))
     at = f"{plan.noise_nm:g} Nm noise, {plan.speed_rpm:g} RPM, {plan.load_nm:g} Nm"
     return [
-        f"{shows} with {plan.confidence:g}, {number(plan.worn, 'worn lobe')} or none: {at}, "
+        f"{shows} with {plan.confidence:g}, {number_of(plan.worn, 'worn lobe')} or none: {at}, "
         f"{_format_length(plan.turns, plan.seconds)}",
         f"  probability of telling worn from healthy: {shares}",
         f"  by the lobe lines of {plan.assemblies} simulated assemblies of rig {plan.rig}, healthy and worn",
@@ -120,4 +120,4 @@ def _table_lines(plan: MeasurementPlan) -> list[str]:
 def _format_length(turns: int | None, seconds: float | None) -> str:
     assert turns is not None
     assert seconds is not None
-    return f"{number(turns, 'output turn')} ({seconds:.3g} s)"
+    return f"{number_of(turns, 'output turn')} ({seconds:.3g} s)"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from cyclofeat._base.checks import whole
 from cyclofeat._base.progress import Progress, Steps
-from cyclofeat._base.training import libraries
+from cyclofeat._base.training import import_jax
 from cyclofeat.cli._options import READING, add_idle, add_reading_options, add_target, read_all
 from cyclofeat.cli._printing import Printed
 from cyclofeat.cli._rigs import add_rig, rig_of
@@ -133,7 +133,7 @@ def untrained_model(arguments: argparse.Namespace) -> LobeModel:
     from cyclofeat.recordings.windower import lobe_windower
 
     if arguments.counter == "rows":
-        libraries()  # or an error before the work
+        import_jax()  # or an error before the work
         if arguments.epochs is not None:
             whole("epochs", arguments.epochs, 1)
     elif arguments.samples_per_turn > _PER_TURN:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cyclofeat._base.files import check_parent
-from cyclofeat._base.words import lobes_text, number
+from cyclofeat._base.words import lobes_text, number_of
 from cyclofeat.cli._options import (
     UNREADABLE,
     FileResult,
@@ -343,7 +343,7 @@ def _count_arrivals(
 def _write_done(watch: FolderWatch, writer: HistoryWriter | None, unwritten: _Trouble) -> None:
     """Write the list of files that are done, unless counts of them are not in the history yet."""
     with unwritten:
-        if writer is None or not writer.history.pending:
+        if writer is None or not writer.history.n_pending:
             watch.done.write()
 
 
@@ -389,12 +389,12 @@ def format_result(arguments: argparse.Namespace, result: FileResult[Watched]) ->
         return Printed("", facts | {"error": result.error}, result.error, failed=arguments.once)
     count, state = result.value
     probability = count.probability[count.defect_count]
-    line = f"{number(count.defect_count, 'worn lobe')} (probability {probability:.2f})"
+    line = f"{number_of(count.defect_count, 'worn lobe')} (probability {probability:.2f})"
     if count.refused:
         line = f"refused: {count.reason}; would be {line}"
     elif count.lobes:
         line += f" at {lobes_text(count.lobes)}{'' if count.absolute else ' (relative)'}"
-    line += f", {number(count.n_windows, 'window')}"
+    line += f", {number_of(count.n_windows, 'window')}"
     line += "".join(f"; note: {warning}" for warning in count.warnings)
     facts |= {**count.to_dict(), "model": model_name(arguments)}
     if state is not None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base import checks
-from cyclofeat._base.checks import flag, is_number, one_of, positive, whole
+from cyclofeat._base.checks import is_number, one_of, positive, truth_value, whole
 from cyclofeat._base.checks import n_jobs as checked_jobs
 from cyclofeat._base.quantities import TORQUES
 from cyclofeat.gap.simulations import (
@@ -116,8 +116,8 @@ class Comparison:
             "rig": as_rig(self.rig),
             "quantity": one_of("quantity", self.quantity, TORQUES),
             "defect_counts": _checked_counts(self.defect_counts),
-            "tachometer": flag("tachometer", self.tachometer),
-            "one_assembly": flag("one_assembly", self.one_assembly),
+            "tachometer": truth_value("tachometer", self.tachometer),
+            "one_assembly": truth_value("one_assembly", self.one_assembly),
             "random_state": whole("random_state", self.random_state, 0),
             "n_bank": whole("n_bank", self.n_bank, 10),
             "n_jobs": checked_jobs(self.n_jobs),

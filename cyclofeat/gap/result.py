@@ -11,7 +11,7 @@ import numpy as np
 
 from cyclofeat._base import displays, plots
 from cyclofeat._base.displays import data_frame, html_card
-from cyclofeat._base.words import beyond, number, unit_text
+from cyclofeat._base.words import beyond_text, number_of, unit_text
 from cyclofeat.gap.measured import Condition
 from cyclofeat.gap.overlays import Overlay
 from cyclofeat.gap.posterior.answers import UNSEEN
@@ -71,7 +71,7 @@ class VisibleFrom:
     above: float
 
     def __str__(self) -> str:
-        return f"{self.name} {beyond(self.below, self.above)}{unit_text(self.unit)}"
+        return f"{self.name} {beyond_text(self.below, self.above)}{unit_text(self.unit)}"
 
 
 @dataclass(frozen=True)
@@ -353,7 +353,7 @@ class GapResult(EffectRows[FoundEffect]):
         ValueError
             If there is no such kind or condition, or the result holds nothing of the kind.
         """
-        return plots.draw(self, kind, ax, **options)
+        return plots.draw_plot(self, kind, ax, **options)
 
     def _repr_html_(self) -> str:
         rows = {
@@ -371,7 +371,7 @@ class GapResult(EffectRows[FoundEffect]):
             at = "" if proof.condition is None else f" at {proof.condition.text}"
             rows[f"gap closed{at}"] = f"{proof.result.grr:.0%}"
         return html_card(
-            f"Gap: {number(len(self.named), 'effect')} named" if self.effects else f"Gap: {self.verdict}",
+            f"Gap: {number_of(len(self.named), 'effect')} named" if self.effects else f"Gap: {self.verdict}",
             rows, pictures=[_overlay_curves(overlay) for overlay in self.overlays[:1]], notes=self.warnings,
             code='result.to_frame("sizes")' if self.named else 'result.to_frame("where")',
         )  # fmt: skip

@@ -265,7 +265,7 @@ class Memory:
         name = str(joblib.hash((kind, key, versions(*code))))
         if name not in self._results:
             store = None if self._folder is None else ShardStore(Path(self._folder) / kind)
-            self._results[name] = call() if store is None else store.remember(f"{name}.joblib", call)
+            self._results[name] = call() if store is None else store.load_or_compute(f"{name}.joblib", call)
         result: T = self._results[name]
         return result
 

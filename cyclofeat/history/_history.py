@@ -147,18 +147,18 @@ class History:
                 raise ValueError(f"{self.path} is no history: it is empty")
         check_parent(self.path, "the history")
         self._pending: list[tuple[tuple[Any, ...], tuple[Any, ...]]] = []
-        with self._errors():
+        with self._name_errors():
             # Not as a name alone: SQLite takes some for a database in memory.
             place = self.path.absolute()
             self._connection = sqlite3.connect(place, timeout=_WAIT_S, isolation_level=None)
         try:
-            with self._errors():
+            with self._name_errors():
                 # Make the tables in a new file, and check those of an old one.
                 execute = self._connection.execute
                 if self._is_new():
                     # Before the first transaction: this setting belongs to the file.
                     execute("PRAGMA journal_mode = WAL")
-                    with self._transaction():
+                    with self._write_transaction():
                         if self._is_new():  # no other process has been faster
                             for statement in _TABLES.split(";")[:-1]:
                                 execute(statement)
@@ -190,7 +190,7 @@ class History:
         self._connection.close()
 
     @property
-    def pending(self) -> int:
+    def n_pending(self) -> int:
         """Rows that were added and are not written."""
         return len(self._pending)
 
@@ -236,19 +236,21 @@ class History:
         """Write the rows added since the last call; after an OSError the next call tries again."""
         if not self._pending:
             return
-        with self._errors(), self._transaction():
+        with self._name_errors(), self._write_transaction():
             self._connection.executemany(_ADD_MODEL, [model for model, _ in self._pending])
             self._connection.executemany(_ADD, [row for _, row in self._pending])
         self._pending.clear()
 
     def gearboxes(self) -> list[str]:
         """Return the names of all gearboxes, sorted."""
-        return [name for (name,) in self._select("SELECT DISTINCT gearbox FROM recording ORDER BY gearbox")]
+        return [
+            name for (name,) in self._select_rows("SELECT DISTINCT gearbox FROM recording ORDER BY gearbox")
+        ]
 
     def rows(self, gearbox: str, last: int | None = None) -> list[HistoryRow]:
         """Return the recordings of a gearbox in the order of time: all, or the last ones."""
         columns = [column.name for column in fields(HistoryRow)]
-        found = self._select(
+        found = self._select_rows(
             f"SELECT {', '.join(columns)} FROM recording WHERE gearbox = ? "
             "ORDER BY time DESC, id DESC LIMIT ?",
             (gearbox, -1 if last is None else last),
@@ -308,7 +310,7 @@ class History:
         ValueError
             If there is no recording of this gearbox, or a number is not positive.
         """
-        model = self._select(
+        model = self._select_rows(
             "SELECT m.id, m.scores FROM recording r JOIN model m ON m.id = r.model WHERE r.gearbox = ? "
             "ORDER BY r.time DESC, r.id DESC LIMIT 1",
             (gearbox,),
@@ -317,7 +319,7 @@ class History:
             known = ", ".join(self.gearboxes()) or "none"
             raise ValueError(f"gearbox must be one of the history, {known}, got {gearbox!r}")
         ((model_id, scores),) = model
-        points = self._select(
+        points = self._select_rows(
             "SELECT time, defect_count, json_extract(answer, '$.wear_um'), "
             "json_extract(answer, '$.wear_um_low'), json_extract(answer, '$.wear_um_high'), "
             "json_extract(answer, '$.wear_um_coverage') FROM recording "
@@ -332,12 +334,12 @@ class History:
     def _is_new(self) -> bool:
         return not self._connection.execute("SELECT count(*) FROM sqlite_schema").fetchone()[0]
 
-    def _select(self, statement: str, values: Sequence[Any] = ()) -> list[Any]:
-        with self._errors():
+    def _select_rows(self, statement: str, values: Sequence[Any] = ()) -> list[Any]:
+        with self._name_errors():
             return self._connection.execute(statement, values).fetchall()
 
     @contextmanager
-    def _transaction(self) -> Iterator[None]:
+    def _write_transaction(self) -> Iterator[None]:
         """Write all or nothing, after other processes that write."""
         self._connection.execute("BEGIN IMMEDIATE")
         try:
@@ -348,7 +350,7 @@ class History:
             raise
 
     @contextmanager
-    def _errors(self) -> Iterator[None]:
+    def _name_errors(self) -> Iterator[None]:
         """Raise errors of SQLite as OSError, and ValueError for a file that is no database."""
         try:
             yield

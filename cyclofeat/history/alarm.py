@@ -211,7 +211,7 @@ class Point(NamedTuple):
     high_um: float | None = None
     coverage: float | None = None
 
-    def exceeds(self, baseline: int, baseline_um: float | None) -> bool:
+    def exceeds_baseline(self, baseline: int, baseline_um: float | None) -> bool:
         """Return whether count or depth exceed the baseline."""
         deeper = baseline_um is not None and self.low_um is not None and self.low_um > baseline_um
         return deeper or (self.defect_count is not None and self.defect_count > baseline)
@@ -273,24 +273,26 @@ class GearboxState:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the state in plain types, for JSON; times as text in UTC."""
-        stated = dataclasses.asdict(self) | {"first": _iso(self.first), "last": _iso(self.last)}
+        stated = dataclasses.asdict(self) | {"first": _iso_time(self.first), "last": _iso_time(self.last)}
         del stated["alarms"]
-        return stated | {"alarm_since": _iso(self.alarms[-1][0]) if self.alarm else None}
+        return stated | {"alarm_since": _iso_time(self.alarms[-1][0]) if self.alarm else None}
 
     def __str__(self) -> str:
         if self.rule is None:
             return f"no alarm possible: {self.no_rule}"
         return (
-            f"ALARM since {when(self.alarms[-1][0])}: {self.rule}" if self.alarm else f"no alarm: {self.rule}"
+            f"ALARM since {time_text(self.alarms[-1][0])}: {self.rule}"
+            if self.alarm
+            else f"no alarm: {self.rule}"
         )
 
 
-def when(time: float) -> str:
+def time_text(time: float) -> str:
     """Return a time in s since 1970 as people read it, to the minute, in UTC."""
     return datetime.fromtimestamp(time, UTC).strftime("%Y-%m-%d %H:%M UTC")
 
 
-def _iso(time: float) -> str:
+def _iso_time(time: float) -> str:
     return datetime.fromtimestamp(time, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
@@ -320,7 +322,7 @@ def state_of(
         frequent = Counter(counts[:N_BASELINE])
         baseline = min(frequent, key=lambda count: (-frequent[count], count))
         baseline_um, depth_error = _usual_depth(usual)
-        exceeds = [point.exceeds(baseline, baseline_um) for point in counted]
+        exceeds = [point.exceeds_baseline(baseline, baseline_um) for point in counted]
     if baseline is None:
         no_rule = f"{len(counted)} of the {N_BASELINE} counts that make a baseline"
     elif scores is None:

@@ -25,7 +25,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from cyclofeat._base.plots import Draw, register
+from cyclofeat._base.plots import Draw, register_plots
 from cyclofeat.plotting._gap import GapDisplay
 from cyclofeat.plotting._gap_correction import GapOverlayDisplay, GapReductionDisplay
 from cyclofeat.plotting._lobe_map import LobeMapDisplay, LobeMarks
@@ -69,7 +69,7 @@ def _each(draw: Callable[..., Any], *kinds: str) -> dict[str, Draw]:
 
 
 # The pictures behind the ``plot`` methods of recordings and results, by the name of the class.
-register(
+register_plots(
     "Recording",
     {
         "torque": _of_recording(TorqueDisplay),
@@ -78,9 +78,9 @@ register(
         "lobes": _of_recording(LobeMapDisplay),
     },
 )
-register("LobeCount", _each(_of_result(CountDisplay), "counts", "lobes"))
-register("Evaluation", _each(_of_result(EvaluationDisplay), "confusion", "calibration"))
-register(
+register_plots("LobeCount", _each(_of_result(CountDisplay), "counts", "lobes"))
+register_plots("Evaluation", _each(_of_result(EvaluationDisplay), "confusion", "calibration"))
+register_plots(
     "GapResult",
     {
         **_each(_of_gap, "spectrum", "orders", "distribution"),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cyclofeat._base.checks import series
+from cyclofeat._base.checks import number_series
 from cyclofeat.plotting.drawing import Display, axes_for, stated_speed
 from cyclofeat.recordings import Recording
 from cyclofeat.signal.orders import order_lines
@@ -77,7 +77,7 @@ class OrderDisplay(Display):
     def __init__(self, *, amplitudes: ArrayLike, n_lobes: int = 15, unit: str = "Nm") -> None:
         if n_lobes < 2:
             raise ValueError(f"n_lobes must be at least 2, got {n_lobes!r}")
-        self.amplitudes = series("amplitudes", amplitudes, least=2)
+        self.amplitudes = number_series("amplitudes", amplitudes, least=2)
         if self.amplitudes.min() < 0:
             raise ValueError(f"amplitudes must not be negative ({unit}), got {self.amplitudes.min():g}")
         self.n_lobes = n_lobes

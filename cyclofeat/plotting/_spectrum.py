@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import periodogram
 
-from cyclofeat._base.checks import series
+from cyclofeat._base.checks import number_series
 from cyclofeat.plotting.drawing import Display, Float, axes_for
 from cyclofeat.recordings import Recording
 from cyclofeat.signal import welch_psd
@@ -89,8 +89,8 @@ class SpectrumDisplay(Display):
             raise ValueError(f"input_speed_hz must be positive and finite, got {input_speed_hz!r}")
         if n_lobes < 2:
             raise ValueError(f"n_lobes must be at least 2, got {n_lobes!r}")
-        self.frequencies = series("frequencies", frequencies, least=2)
-        self.values = series("values", values, least=2)
+        self.frequencies = number_series("frequencies", frequencies, least=2)
+        self.values = number_series("values", values, least=2)
         if self.values.size != self.frequencies.size or self.values.min() < 0:
             raise ValueError(
                 f"values must hold one number, not negative, for each of the {self.frequencies.size} "

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cyclofeat._base.checks import series
+from cyclofeat._base.checks import number_series
 from cyclofeat._base.displays import thin_samples
 from cyclofeat._base.quantities import in_words
 from cyclofeat.plotting.drawing import Display, axes_for
@@ -58,8 +58,8 @@ class TorqueDisplay(Display):
     def __init__(
         self, *, time: ArrayLike, torque: ArrayLike, quantity: str = "output torque", unit: str = "Nm"
     ) -> None:
-        self.time = series("time", time, least=2)
-        self.torque = series("torque", torque, least=2)
+        self.time = number_series("time", time, least=2)
+        self.torque = number_series("torque", torque, least=2)
         self.quantity = quantity
         self.unit = unit
         if self.time.size != self.torque.size:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.words import number
+from cyclofeat._base.words import number_of
 from cyclofeat.recordings import Recording
 
 if TYPE_CHECKING:
@@ -61,7 +61,9 @@ def legend_above(ax: Axes, ncols: int = 2, **options: Any) -> None:
 def one_of_result(name: str, parts: Sequence[T], condition: int) -> T:
     """Return the part of a result at a condition."""
     if not 0 <= condition < len(parts):
-        raise ValueError(f"result has {name} at {number(len(parts), 'condition')}, got condition={condition}")
+        raise ValueError(
+            f"result has {name} at {number_of(len(parts), 'condition')}, got condition={condition}"
+        )
     return parts[condition]
 
 

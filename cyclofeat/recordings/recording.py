@@ -12,7 +12,7 @@ import numpy as np
 
 from cyclofeat._base import displays, plots
 from cyclofeat._base.arguments import ArgumentError
-from cyclofeat._base.checks import flag, is_whole, number, one_of, positive, series, whole
+from cyclofeat._base.checks import is_whole, number, number_series, one_of, positive, truth_value, whole
 from cyclofeat._base.displays import html_card
 from cyclofeat._base.quantities import CHANNELS, QUANTITIES, QUANTITY_UNITS, in_words
 from cyclofeat._base.words import from_1, lobes_text
@@ -111,7 +111,7 @@ class Recording:
             "torque": _checked_samples("torque", self.torque),
             "sampling_rate": positive("sampling_rate", self.sampling_rate, "a number (Hz)"),
             "quantity": one_of("quantity", self.quantity, QUANTITIES),
-            "angle_is_absolute": flag("angle_is_absolute", self.angle_is_absolute),
+            "angle_is_absolute": truth_value("angle_is_absolute", self.angle_is_absolute),
             "assembly": _checked_label("assembly", self.assembly),
             "run": _checked_label("run", self.run),
             "n_lobes": whole("n_lobes", self.n_lobes, 2),
@@ -359,7 +359,7 @@ class Recording:
         ValueError
             If there is no such kind, or it needs a speed and the recording states none.
         """
-        return plots.draw(self, kind, ax, **options)
+        return plots.draw_plot(self, kind, ax, **options)
 
     def _repr_html_(self) -> str:
         known, name = "not known", in_words(self.quantity)
@@ -441,7 +441,7 @@ def common_speed(recordings: Sequence[Recording]) -> float | None:
 
 def _checked_samples(name: str, values: Any) -> Float:
     given = np.asarray(values)
-    array = series(name, given, least=2)
+    array = number_series(name, given, least=2)
     # What was checked must not change afterwards: a copy, except of what nobody writes to.
     if array is given and (array.flags.writeable or not array.flags.owndata):
         array = array.copy()

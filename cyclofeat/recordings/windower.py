@@ -11,7 +11,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.checks import flag, number, positive, whole
+from cyclofeat._base.checks import number, positive, truth_value, whole
 from cyclofeat.recordings._angle_grid import AngleGrid, mean_density
 from cyclofeat.recordings.recording import Recording, common_n_lobes, common_quantity
 from cyclofeat.signal.orders import samples_at
@@ -180,7 +180,7 @@ class Windower:
             raise ValueError(f"remainder must be 'drop', 'error' or 'shift', got {self.remainder!r}")
         if self.samples_per_turn is not None:
             whole("samples_per_turn", self.samples_per_turn, 2)
-        flag("remove_mean", self.remove_mean)
+        truth_value("remove_mean", self.remove_mean)
         if self.duration is not None:
             if self.output_turns != 1:
                 raise ValueError(

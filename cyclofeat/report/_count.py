@@ -12,7 +12,7 @@ import numpy as np
 
 from cyclofeat import __version__
 from cyclofeat._base.quantities import in_words
-from cyclofeat._base.words import number
+from cyclofeat._base.words import number_of
 from cyclofeat.plotting.drawing import require_matplotlib
 from cyclofeat.plotting.kinds import feature_of, words_of
 from cyclofeat.report._page import (
@@ -251,7 +251,7 @@ def _recording_section(model: LobeModel, item: CountedRecording, most_samples: i
         "speed_known": _speed_known(item),
         "warnings": list(dict.fromkeys([*count.warnings, *of_record])),
         "shares": [{"count": c, "value": p, "text": probability_text(p)} for c, p in shares],
-        "windows": f"{number(count.n_windows, 'window')} of one output turn "
+        "windows": f"{number_of(count.n_windows, 'window')} of one output turn "
         f"({count.windows[0].stop_s - count.windows[0].start_s:.4g} s)",
         "stated_text": ""
         if recording.defect_count is None

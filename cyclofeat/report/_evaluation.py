@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cyclofeat import __version__
-from cyclofeat._base.words import number
+from cyclofeat._base.words import number_of
 from cyclofeat.plotting.drawing import require_matplotlib
 from cyclofeat.report._page import check_page_path, describe_origin, versions_line, write_page
 
@@ -242,7 +242,7 @@ def _wrong_assemblies(result: Evaluation) -> list[dict[str, Any]]:
         rows.append({
             "assembly": str(result.groups[k]),
             "true": ", ".join(str(count) for count in np.unique(result.labels[rows_of_group])),
-            "said": ", ".join(f"{count} ({number(n, unit)})" for count, n in answers.most_common()),
+            "said": ", ".join(f"{count} ({number_of(n, unit)})" for count, n in answers.most_common()),
             "accuracy": f"{result.group_accuracy[k]:.2f}",
         })  # fmt: skip
     return rows

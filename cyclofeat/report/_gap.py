@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from cyclofeat import __version__
 from cyclofeat._base.quantities import in_words
-from cyclofeat._base.words import number
+from cyclofeat._base.words import number_of
 from cyclofeat.plotting import GapOverlayDisplay
 from cyclofeat.plotting.drawing import require_matplotlib
 from cyclofeat.plotting.gap_words import p_words
@@ -126,7 +126,7 @@ def summarise_gap(
     n = sum(where.n_recordings for where in result.where)
     if n < _FEW and not any("recordings" in text for text in given):
         given.append(
-            f"Only {number(n, 'recording')}: with fewer than {_FEW}, only large differences can be shown."
+            f"Only {number_of(n, 'recording')}: with fewer than {_FEW}, only large differences can be shown."
         )
     collect_warnings = list(dict.fromkeys(given))
     return {

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from cyclofeat._base.words import beyond, number
+from cyclofeat._base.words import beyond_text, number_of
 from cyclofeat.plotting import GapReductionDisplay
 from cyclofeat.plotting.gap_words import (
     CONDITIONS,
@@ -47,7 +47,7 @@ def the_answer(result: GapResult, word: str) -> dict[str, Any]:
         "sentences": _answer_sentences(result, word),
         "rows": rows,
         "rest": [_describe_rest(found) for found in rest],
-        "rest_heading": f"{number(len(rest), 'other effect')} not missing, or too small to be seen"
+        "rest_heading": f"{number_of(len(rest), 'other effect')} not missing, or too small to be seen"
         if rest
         else "",
         "tiles": _answer_tiles(result) if result.effects else [],
@@ -94,9 +94,11 @@ def _answer_heading(result: GapResult, word: str) -> str:
     answers = [result.effect(effect.effect_id).answer for effect in result.named]
     sure = answers.count("present")
     likely = len(answers) - sure
-    parts = [f"{number(sure, 'effect')} {'is' if sure == 1 else 'are'} missing in the model"] if sure else []
+    parts = (
+        [f"{number_of(sure, 'effect')} {'is' if sure == 1 else 'are'} missing in the model"] if sure else []
+    )
     if likely:
-        parts.append(f"{likely} more probably" if sure else f"{number(likely, 'effect')} probably missing")
+        parts.append(f"{likely} more probably" if sure else f"{number_of(likely, 'effect')} probably missing")
     unexplained = result.remainder is not None and result.remainder.unexplained
     if parts and unexplained:
         parts.append("and something unknown")
@@ -119,18 +121,18 @@ def _answer_sentences(result: GapResult, word: str) -> list[str]:
         texts = [
             f"Model and {word} disagree: if the model were right, differences this clear would arise by "
             f"chance in at most 1 of {rounded_text(1 / max(result.p, 1e-9))} such comparisons "
-            f"({keep_together(p_words(result.p))}, {number(n, 'recording')}{at})."
+            f"({keep_together(p_words(result.p))}, {number_of(n, 'recording')}{at})."
         ]
     elif result.verdict == "equivalent":
-        texts = [f"All numbers compared agree within the margins ({number(n, 'recording')}{at})."]
+        texts = [f"All numbers compared agree within the margins ({number_of(n, 'recording')}{at})."]
     elif result.named:
         texts = [
-            f"One by one, no number differs clearly ({number(n, 'recording')}{at}); all of them together "
+            f"One by one, no number differs clearly ({number_of(n, 'recording')}{at}); all of them together "
             "show the effects above."
         ]
     else:
         texts = [
-            f"No single difference is clear, but {number(n, 'recording')}{at} "
+            f"No single difference is clear, but {number_of(n, 'recording')}{at} "
             f"{'is' if n == 1 else 'are'} too few to show agreement."
         ]
     if result.named and result.remainder is not None:
@@ -162,7 +164,7 @@ def _describe_rest(found: FoundEffect) -> str:
     """An effect that is not missing: its probability, and the size that would have been seen."""
     text, seen = probability_text(found.probability), found.visible_from
     if seen is not None:
-        text += f"; seen {beyond(seen.below, seen.above, lambda end: quantity_text([end], seen.unit))}"
+        text += f"; seen {beyond_text(seen.below, seen.above, lambda end: quantity_text([end], seen.unit))}"
     return f"{effect_name(found.effect)} ({text})"
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cyclofeat._base.words import number, unit_text
+from cyclofeat._base.words import number_of, unit_text
 from cyclofeat.plotting import GapDisplay
 from cyclofeat.plotting.gap_words import (
     cell_name,
@@ -55,7 +55,7 @@ def _where_sentences(where: Where, flagged: Sequence[WhereRow]) -> list[str]:
         families = list(dict.fromkeys(row.cell.family for row in flagged))
         names = "; ".join(family_name(family) for family in families)
         verb = "is" if len(flagged) == 1 else "are"
-        return [f"{number(len(flagged), 'difference')} {verb} larger than chance explains, in: {names}."]
+        return [f"{number_of(len(flagged), 'difference')} {verb} larger than chance explains, in: {names}."]
     if where.verdict == "disagree":
         return ["No single number differs by more than chance explains; all of them together do."]
     if where.verdict == "equivalent":

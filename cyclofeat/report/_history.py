@@ -11,7 +11,7 @@ import numpy as np
 
 from cyclofeat import __version__
 from cyclofeat.history import GearboxState, History, HistoryRow
-from cyclofeat.history.alarm import when
+from cyclofeat.history.alarm import time_text
 from cyclofeat.plotting.drawing import require_matplotlib
 from cyclofeat.report._page import (
     check_page_path,
@@ -95,7 +95,7 @@ def summarise_history(history: History, *, states: Sequence[GearboxState] | None
             bool(alarmed),
         ),
         summary_tile("Recordings", str(total), f"{refused} refused"),
-        summary_tile("Last recording", when(max(state.last for state in shown))[:10], "day, UTC"),
+        summary_tile("Last recording", time_text(max(state.last for state in shown))[:10], "day, UTC"),
     ]
     if unguarded:
         tiles.append(summary_tile("No alarm possible", str(len(unguarded)), ", ".join(unguarded), True))
@@ -112,7 +112,7 @@ def summarise_history(history: History, *, states: Sequence[GearboxState] | None
 
 def _gearbox_section(history: History, state: GearboxState) -> dict[str, Any]:
     rows = history.rows(state.gearbox, _MOST_ROWS)
-    rule, period = state.rule, f"from {when(state.first)} to {when(state.last)}"
+    rule, period = state.rule, f"from {time_text(state.first)} to {time_text(state.last)}"
     facts = {
         "recordings": f"{state.n_recordings} {period}, {state.n_refused} refused",
         "baseline": "none yet" if state.baseline is None else count_text(state.baseline, ()),
@@ -133,7 +133,8 @@ def _gearbox_section(history: History, state: GearboxState) -> dict[str, Any]:
         "n_more": state.n_recordings - len(rows) if len(rows) == _MOST_ROWS else 0,
         "pictures": _draw_history(state, rows),
         "alarms": [
-            {"from": when(begin), "to": "lasts" if end is None else when(end)} for begin, end in state.alarms
+            {"from": time_text(begin), "to": "lasts" if end is None else time_text(end)}
+            for begin, end in state.alarms
         ],
         "states_wear": any("wear_um" in row.answer for row in rows),
         "last": [_history_row(row) for row in reversed(rows[-_N_LAST:])],
@@ -144,7 +145,7 @@ def _history_row(row: HistoryRow) -> dict[str, Any]:
     refused = row.defect_count is None
     count = row.answer["refused_defect_count"] if refused else row.defect_count
     return {
-        "time": when(row.time),
+        "time": time_text(row.time),
         "file": Path(row.file).name,
         "count": "refused" if refused else str(count),
         "refused": refused,
@@ -163,11 +164,11 @@ def _draw_history(state: GearboxState, rows: Sequence[HistoryRow]) -> list[Pictu
         return []
     unit, name = (_DAY_S, "days") if last - first > 3 * _DAY_S else (_HOUR_S, "hours")
     at = np.array([row.time - first for row in rows]) / unit
-    axis = Axis(f"time since {when(first)}", name)
+    axis = Axis(f"time since {time_text(first)}", name)
     spans = [
         Span(
             max(0.0, (begin - first) / unit), ((last if end is None else end) - first) / unit, "alarm",
-            f"alarm from {when(begin)}{'' if end is None else f' to {when(end)}'}", amiss=True,
+            f"alarm from {time_text(begin)}{'' if end is None else f' to {time_text(end)}'}", amiss=True,
         )
         for begin, end in state.alarms
         if end is None or end > first

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from cyclofeat._base import words
 from cyclofeat._base.files import check_parent, package_versions, write_whole
-from cyclofeat._base.words import number
+from cyclofeat._base.words import number_of
 
 if TYPE_CHECKING:
     import os
@@ -77,7 +77,7 @@ def describe_origin(sources: Sequence[str | None]) -> tuple[str, dict[str, str] 
     """Name of the recordings, banner for surrogates, and a line on their origin."""
     n, n_made = len(sources), sum(source in SIMULATED for source in sources)
     if n and all(source == "measured" for source in sources):
-        return "measured", None, f"{number(n, 'recording')}, stated to be measured on a machine."
+        return "measured", None, f"{number_of(n, 'recording')}, stated to be measured on a machine."
     if n_made == n and n:
         text = "torque made by a simulator. No value in this report was recorded on a machine."
         return "surrogate", {"heading": "All recordings are SURROGATE:", "text": text}, ""
@@ -105,7 +105,7 @@ def keep_together(text: str) -> str:
 
 def count_text(count: int, lobes: Iterable[int] | None, absolute: bool = True) -> str:
     """Return the number of worn lobes, and which, in words."""
-    text = number(count, "worn lobe") if count else "no worn lobe"
+    text = number_of(count, "worn lobe") if count else "no worn lobe"
     numbers = lobes_text(lobes, absolute)
     return f"{text}: {numbers}" if numbers else text
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from cyclofeat import __version__
-from cyclofeat._base.checks import is_number, is_whole, short
+from cyclofeat._base.checks import is_number, is_whole, repr_of
 from cyclofeat.report._count import CountedRecording, summarise_count
 from cyclofeat.report._evaluation import summarise_evaluation
 from cyclofeat.report._figures import data_uri, draw_picture
@@ -76,7 +76,7 @@ class Report:
         if not hasattr(shown, "_repr_html_"):
             raise TypeError(
                 "shown must be a recording, a result or another object with _repr_html_, got "
-                f"{short(shown)}: text, figures and tables have add_text, add_figure and add_table"
+                f"{repr_of(shown)}: text, figures and tables have add_text, add_figure and add_table"
             )
         return self._add(card=shown._repr_html_())
 
@@ -115,7 +115,7 @@ class Report:
         if not hasattr(figure, "plot"):
             raise TypeError(
                 "figure must be a file, a matplotlib figure or an object with plot(ax=...), got "
-                f"{short(figure)}"
+                f"{repr_of(figure)}"
             )
         drawn_twice = draw_picture(lambda ax, _: figure.plot(ax=ax), size, str(caption))
         return self._add(picture=drawn_twice, caption=str(caption))
@@ -138,7 +138,7 @@ class Report:
         if hasattr(table, "to_dict") and hasattr(table, "index"):
             table = (table.reset_index() if table.index.name else table).to_dict("records")
         if not isinstance(table, Sequence) or not all(isinstance(row, Mapping) for row in table):
-            raise TypeError(f"table must be a data frame or a sequence of mappings, got {short(table)}")
+            raise TypeError(f"table must be a data frame or a sequence of mappings, got {repr_of(table)}")
         columns = list(dict.fromkeys(name for row in table for name in row))
         right = [all(_is_numeric(row.get(name)) for row in table) for name in columns]
         rows = [[_cell_text(row.get(name)) for name in columns] for row in table]

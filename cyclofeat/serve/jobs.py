@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from cyclofeat._base.words import number
+from cyclofeat._base.words import number_of
 from cyclofeat.datasets.readers import MANIFEST, folder_entries
 from cyclofeat.serve.store import Refused, Store
 
@@ -72,29 +72,22 @@ def make_order(asked: Mapping[str, Any], store: Store, model: list[str], folder:
     Refused
         If the page may not ask this.
     """
-    makers: dict[Any, Callable[[], Order]] = {
-        "simulate": lambda: _example_order(store),
-        "inspect": lambda: _recordings_order(asked, store, "inspect", [], ()),
-        "count": lambda: _count_order(asked, store, model, folder),
-        "gap": lambda: _gap_order(asked, store, folder),
-    }
-    command = asked.get("command")
-    if not isinstance(command, str) or command not in makers:
-        raise Refused(400, f"command must be one of {', '.join(makers)}, got {command!r}")
-    return makers[command]()
-
-
-def _example_order(store: Store) -> Order:
-    name = store.claim_name("example.csv")
-    worn = ["--worn-count", "3", "--rig", "r2", "--duration", "9"]
-    arguments = [*worn, "--out", name, "--force"]
-    return Order("simulate", "Simulation of an example with 3 worn lobes", arguments, (name,))
-
-
-def _count_order(asked: Mapping[str, Any], store: Store, model: list[str], folder: Path) -> Order:
-    page = "count.html"
-    arguments = [*model, "--report", str(folder / page)]
-    return _recordings_order(asked, store, "count", arguments, (page,), {"skip": "--skip"})
+    match asked.get("command"):
+        case "simulate":
+            name = store.claim_name("example.csv")
+            worn = ["--worn-count", "3", "--rig", "r2", "--duration", "9"]
+            arguments = [*worn, "--out", name, "--force"]
+            return Order("simulate", "Simulation of an example with 3 worn lobes", arguments, (name,))
+        case "inspect":
+            return _recordings_order(asked, store, "inspect", [], ())
+        case "count":
+            page = "count.html"
+            arguments = [*model, "--report", str(folder / page)]
+            return _recordings_order(asked, store, "count", arguments, (page,), {"skip": "--skip"})
+        case "gap":
+            return _gap_order(asked, store, folder)
+        case command:
+            raise Refused(400, f"command must be one of simulate, inspect, count, gap, got {command!r}")
 
 
 def _gap_order(asked: Mapping[str, Any], store: Store, folder: Path) -> Order:
@@ -123,9 +116,15 @@ def _recordings_order(
     more: Mapping[str, str] | None = None,
 ) -> Order:
     names = _recording_names(asked.get("recordings"), store)
-    spelled = _option_words(_filled_options(asked), _READING | dict(more or {}))
-    what = names[0] if len(names) == 1 else number(len(names), "recording")
-    return Order(command, f"{_TITLES[command]} of {what}", [*arguments, *spelled, *names], names, outputs)
+    options, known = _filled_options(asked), _READING | dict(more or {})
+    unknown = options.keys() - known.keys() - _SWITCHES.keys()
+    if unknown:
+        raise Refused(400, f"unknown option {min(unknown)!r}; known are {', '.join([*known, *_SWITCHES])}")
+    # A value never becomes an option of its own.
+    words = [f"{known[name]}={value}" for name, value in options.items() if name in known]
+    words += [_SWITCHES[name] for name in options if name in _SWITCHES]
+    what = names[0] if len(names) == 1 else number_of(len(names), "recording")
+    return Order(command, f"{_TITLES[command]} of {what}", [*arguments, *words, *names], names, outputs)
 
 
 def _filled_options(asked: Mapping[str, Any]) -> dict[str, str]:
@@ -137,15 +136,6 @@ def _filled_options(asked: Mapping[str, Any]) -> dict[str, str]:
         if not isinstance(value, str) or len(value) > _LONGEST_VALUE or not value.isprintable():
             raise Refused(400, f"{name} must be a text of up to {_LONGEST_VALUE} printable characters")
     return {name: value.strip() for name, value in options.items() if value.strip()}
-
-
-def _option_words(options: Mapping[str, str], known: Mapping[str, str]) -> list[str]:
-    """Return options as a command takes them; a value never becomes an option of its own."""
-    unknown = options.keys() - known.keys() - _SWITCHES.keys()
-    if unknown:
-        raise Refused(400, f"unknown option {min(unknown)!r}; known are {', '.join([*known, *_SWITCHES])}")
-    spelled = [f"{known[name]}={value}" for name, value in options.items() if name in known]
-    return spelled + [_SWITCHES[name] for name in options if name in _SWITCHES]
 
 
 def _recording_names(asked: Any, store: Store) -> tuple[str, ...]:
@@ -254,7 +244,7 @@ class Jobs:
         self._started += 1
         self.jobs[job.number] = job
         self._tasks[job.number] = asyncio.get_running_loop().create_task(self._run_job(job))
-        for old in [one for one in self.jobs.values() if one.state != "running"][:-_N_KEPT]:
+        for old in [ended for ended in self.jobs.values() if ended.state != "running"][:-_N_KEPT]:
             del self.jobs[old.number]
         return job
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cyclofeat import __version__
-from cyclofeat._base.words import number
+from cyclofeat._base.words import number_of
 from cyclofeat.counting import score_text
 from cyclofeat.models import ModelFileError
 from cyclofeat.models.card import read_card
@@ -29,7 +29,14 @@ def render_page() -> str:
 def render_parts(session: Session) -> dict[str, Any]:
     """Return what changes on the page: HTML by the id of its element, and what the script needs to know."""
     facts, present = session.inspected_facts(), session.store.present_names()
-    recordings = [_describe_recording(name, session.store.items[name], facts) for name in present]
+    recordings: list[dict[str, Any]] = [
+        {
+            "name": name,
+            "folder": session.store.items[name],
+            "files": [_describe_file(row) for file, row in facts.items() if Path(file).parts[0] == name],
+        }
+        for name in present
+    ]
     jobs = [
         _describe_job(job) for job in reversed(session.jobs.jobs.values()) if job.order.command != "inspect"
     ]
@@ -76,12 +83,6 @@ def _describe_model(session: Session) -> dict[str, str] | None:
     return {"name": name, "text": text, "error": ""}
 
 
-def _describe_recording(name: str, is_folder: bool, facts: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
-    """Describe an uploaded recording, or the recordings of a folder, by what was found in them."""
-    files = [_describe_file(row) for file, row in facts.items() if Path(file).parts[0] == name]
-    return {"name": name, "folder": is_folder, "files": files}
-
-
 def _describe_file(row: Mapping[str, Any]) -> dict[str, Any]:
     if "error" in row:
         return {"name": row["file"], "error": row["error"]}
@@ -89,7 +90,8 @@ def _describe_file(row: Mapping[str, Any]) -> dict[str, Any]:
     cells = [
         f"{row['channel']} ({row['unit']})",
         f"{row['sampling_rate']:g} Hz",
-        f"{row['duration_s']:.4g} s" + ("" if turns is None else f", {number(turns, 'whole output turn')}"),
+        f"{row['duration_s']:.4g} s"
+        + ("" if turns is None else f", {number_of(turns, 'whole output turn')}"),
         _speed_text(row["speed_rpm"]),
         _speed_text(row["speed_measured_rpm"]),
     ]
@@ -144,7 +146,7 @@ def _describe_count(row: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "name": row["file"],
         "error": "",
-        "count": number(count, "worn lobe") if count else "no worn lobe",
+        "count": number_of(count, "worn lobe") if count else "no worn lobe",
         "probability": f"{probability:.2f}",
         "positions": positions,
         "refused": row["reason"] if row["refused"] else "",
@@ -196,5 +198,5 @@ def _outcome_text(job: Job) -> str:
         f"{row['name']}: {'refused' if row['refused'] else row['count']}" for row in rows if not row["error"]
     ]
     if len(rows) > 1:
-        return f"{len(answers)} of {number(len(rows), 'recording')} counted"
+        return f"{len(answers)} of {number_of(len(rows), 'recording')} counted"
     return answers[0] if answers else f"{job.order.title}: done"

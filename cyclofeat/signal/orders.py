@@ -16,7 +16,7 @@ from scipy.fft import fft, ifft, next_fast_len
 from scipy.interpolate import CubicSpline
 from scipy.signal import firwin, kaiser_beta, kaiserord, upfirdn
 
-from cyclofeat._base.checks import one_of, series, whole
+from cyclofeat._base.checks import number_series, one_of, whole
 from cyclofeat.signal import lobes
 from cyclofeat.signal.windows import Complex, Float, as_windows, check_sampling_rate
 
@@ -195,7 +195,7 @@ def _order_filter(fine: int) -> Float:
 
 
 def _checked_series(torque: ArrayLike, angle: ArrayLike) -> tuple[Float, Float]:
-    torque, angle = series("torque", torque, least=2), series("angle", angle, least=2)
+    torque, angle = number_series("torque", torque, least=2), number_series("angle", angle, least=2)
     if torque.size != angle.size:
         raise ValueError(f"angle must have the length of torque, {torque.size}, got {angle.size}")
     steps = np.diff(angle)

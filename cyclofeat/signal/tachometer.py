@@ -53,7 +53,7 @@ def angle_from_pulses(signal: ArrayLike, pulses_per_turn: int) -> Float:
         if there are fewer than four samples per pulse.
     """
     per_turn = checks.whole("pulses_per_turn", pulses_per_turn, 1)
-    values = checks.series("signal", signal, kinds="biuf")
+    values = checks.number_series("signal", signal, kinds="biuf")
     low, high = float(values.min()), float(values.max())
     if low == high:
         raise ValueError(f"signal must hold pulses, got {low:g} throughout")
@@ -136,7 +136,7 @@ def continuous_angle(angle: ArrayLike) -> Float:
     ValueError
         If the angle is not finite, does neither, or steps by more than a quarter of a turn.
     """
-    values = checks.series("angle", angle)
+    values = checks.number_series("angle", angle)
     steps = np.diff(values)
     if np.all(steps > 0) or np.all(steps < 0):
         return values

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cyclofeat._base.quantities import in_words
-from cyclofeat._base.words import from_1, lobes_text, number
+from cyclofeat._base.words import from_1, lobes_text, number_of
 from cyclofeat.datasets.readers._labels import WORN, samples_name
 from cyclofeat.recordings import Recording
 from cyclofeat.recordings.windower import SAMPLES_PER_TURN
@@ -325,7 +325,7 @@ def one_line(recording: Recording) -> str:
     if facts["defect_count"] is not None:
         lobes = lobes_text(recording.worn_lobes)
         count = facts["defect_count"]
-        parts.append(number(count, "worn lobe") + (f" ({lobes})" if lobes else ""))
+        parts.append(number_of(count, "worn lobe") + (f" ({lobes})" if lobes else ""))
     if facts["source"]:
         parts.append(facts["source"])
     return f"{name}: {', '.join(parts)}" if name else ", ".join(parts)

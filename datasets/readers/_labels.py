@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from cyclofeat._base.checks import is_whole, one_of, short
+from cyclofeat._base.checks import is_whole, one_of, repr_of
 from cyclofeat._base.quantities import QUANTITIES
 from cyclofeat._base.words import from_1
 from cyclofeat.recordings import Recording
@@ -62,7 +62,7 @@ def check_no_bare_lobes(file: str, names: Iterable[str]) -> None:
 def lobes_from_1(called: str, numbers: Any) -> tuple[int, ...]:
     """Return lobes counted from 0; raise ``ValueError`` unless ``numbers`` count them from 1."""
     if not isinstance(numbers, (list, tuple)) or not all(is_whole(one) and one > 0 for one in numbers):
-        raise ValueError(f"{called} must be lobes counted from 1, like [1, 5], got {short(numbers)}")
+        raise ValueError(f"{called} must be lobes counted from 1, like [1, 5], got {repr_of(numbers)}")
     return tuple(one - 1 for one in numbers)
 
 

@@ -154,7 +154,7 @@ class Campaign:
         checks.one_of("design", self.design, ("sobol", "random"))
         checks.one_of("kernel", self.kernel, ("exact", "batch", "auto"))
         Solver(integrator=self.integrator)
-        keep(self, "wheels", checks.wheels(self.wheels) or "random")
+        keep(self, "wheels", checks.wheel_numbers(self.wheels) or "random")
         keep(self, "duration", checks.positive("duration", self.duration, "a number of s"))
         keep(self, "sampling_rate", checks.positive("sampling_rate", self.sampling_rate, "a number of Hz"))
         if self.n_samples < 2:
@@ -351,10 +351,10 @@ class Campaign:
     def from_dict(cls, content: Any, *, preset: Callable[[str], Rig] | None = None) -> Campaign:
         """Return the design that a JSON file holds, as :meth:`from_json`."""
         if not isinstance(content, dict):
-            raise TypeError(f"the file must hold a JSON object {{...}}, got {checks.short(content)}")
+            raise TypeError(f"the file must hold a JSON object {{...}}, got {checks.repr_of(content)}")
         form = content.get("format", FORMAT)
         if form != FORMAT:
-            raise ValueError(f"format must be {FORMAT!r}, got {checks.short(form)}")
+            raise ValueError(f"format must be {FORMAT!r}, got {checks.repr_of(form)}")
         given = settings_of_file(content)
         reject_unknown(given, [*(item.name for item in dataclasses.fields(cls)), *_REMARKS])
         for name in _REMARKS:
@@ -375,12 +375,12 @@ def _rig_of(rig: Any) -> Rig:
         return _PRESETS[rig.upper()]()
     raise ValueError(
         f"rig must be one of {tuple(_PRESETS)} or a Rig (cyclofeat.datasets.rig_preset makes others), "
-        f"got {checks.short(rig)}"
+        f"got {checks.repr_of(rig)}"
     )
 
 
 def _check_severity(name: str, value: Any, most: float, words: str) -> float | tuple[float, float]:
-    low, high = checks.ends(name, value)
+    low, high = checks.range_ends(name, value)
     if not 0 < low <= high <= most:
         raise ValueError(
             f"{name} must lie above 0 and up to {words}, or be a range (low, high), got {value!r}"

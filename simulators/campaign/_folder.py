@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from cyclofeat._base.checks import n_jobs as check_n_jobs
-from cyclofeat._base.checks import short
+from cyclofeat._base.checks import repr_of
 from cyclofeat._base.displays import data_frame
 from cyclofeat._base.shards import ShardStore
 from cyclofeat.simulators.campaign._design import FORMAT, Campaign, RunPlan
@@ -336,7 +336,7 @@ def complete_campaign(
     check_middle(campaign)
     folder.mkdir(parents=True, exist_ok=True)
     with store.hold_lock("campaign"):
-        store.begin({"format": FORMAT, "made_with": versions, **campaign.to_dict()})
+        store.begin_work({"format": FORMAT, "made_with": versions, **campaign.to_dict()})
         digests = {shard: _digests_if_whole(folder, shard) for shard in range(campaign.n_shards)}
         missing = [shard for shard, names in digests.items() if not names]
         done = campaign.n_runs - sum(map(campaign.shard_size, missing))
@@ -386,7 +386,7 @@ def _find_differences(stored: Any, given: Any, key: str = "") -> Iterator[str]:
             path = f"{key}.{name}" if key else name
             yield from _find_differences(stored.get(name), given.get(name), path)
     elif stored != given:
-        yield f"{key} is {short(stored)} there and {short(given)} here"
+        yield f"{key} is {repr_of(stored)} there and {repr_of(given)} here"
 
 
 def file_sha256(path: Path) -> str:
@@ -474,11 +474,11 @@ def _write_shard(
         file.write(block.data)
 
     names = [shard_file(shard, kind) for kind in _KINDS]
-    store.write(names[0], write_torque)
-    store.write(names[1], lambda file: tables.write_table(table, file))
-    digests = {name: file_sha256(store.path(name)) for name in names[:2]}
-    store.write(names[2], lambda file: file.write(_digest_lines(digests)))
-    return digests | {names[2]: file_sha256(store.path(names[2]))}
+    store.write_file(names[0], write_torque)
+    store.write_file(names[1], lambda file: tables.write_table(table, file))
+    digests = {name: file_sha256(store.path_of(name)) for name in names[:2]}
+    store.write_file(names[2], lambda file: file.write(_digest_lines(digests)))
+    return digests | {names[2]: file_sha256(store.path_of(names[2]))}
 
 
 def _digest_lines(digests: Mapping[str, str]) -> bytes:
@@ -530,7 +530,7 @@ def _write_manifest(
                 parts = [tables.read_table(folder / shard_file(shard, "parquet")) for shard in group]
                 writer.write_table(pyarrow.concat_tables(parts).combine_chunks())
 
-    store.write(PARAMETERS, write)
+    store.write_file(PARAMETERS, write)
     status = tables.read_table(folder / PARAMETERS, columns=["status"]).column("status")
     counts = {item["values"]: item["counts"] for item in status.value_counts().to_pylist()}
     files = {name: file_sha256(folder / name) for name in (DESIGN, PARAMETERS)}

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import Generator
 from scipy.stats import loguniform, norm
 
-from cyclofeat._base.checks import members, one_of, short
+from cyclofeat._base.checks import list_members, one_of, repr_of
 from cyclofeat.simulators.effects._parameter import EffectParameter, suggest_key
 from cyclofeat.simulators.effects.effect import Effect, Of
 from cyclofeat.simulators.gearbox import CycloidalGearbox
@@ -100,10 +100,10 @@ class RunOut(Effect):
     separated_by = "the folded torque over whole output turns"
 
     def check_settings(self) -> None:
-        given = members(self.wheels)
+        given = list_members(self.wheels)
         if given is None or given not in ((0,), (1,), (0, 1)):
             raise ValueError(
-                f"wheels of {self.effect_id} must be (0,), (1,) or (0, 1), got {short(self.wheels)}"
+                f"wheels of {self.effect_id} must be (0,), (1,) or (0, 1), got {repr_of(self.wheels)}"
             )
 
     def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
@@ -436,7 +436,7 @@ class GearboxParameter(Effect):
         if not isinstance(self.parameter, str) or self.parameter not in GEARBOX_NUMBERS:
             raise ValueError(
                 f"parameter of {self.effect_id} must be a numeric field of the gearbox, got "
-                f"{short(self.parameter)}: {suggest_key(str(self.parameter), GEARBOX_NUMBERS)}"
+                f"{repr_of(self.parameter)}: {suggest_key(str(self.parameter), GEARBOX_NUMBERS)}"
             )
 
     def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from cyclofeat._base.checks import is_number, short
+from cyclofeat._base.checks import is_number, repr_of
 from cyclofeat._base.words import from_1
 
 # Distributions of scipy that rigs and files may contain.
@@ -153,7 +153,7 @@ class EffectParameter:
                 )
             return
         unit = "" if self.unit == "1" else f" of {self.unit}"
-        wrong = f"{where} must be a number{unit}, a range (low, high) or a distribution, got {short(value)}"
+        wrong = f"{where} must be a number{unit}, a range (low, high) or a distribution, got {repr_of(value)}"
         ends: Sequence[Any] = value if is_range(value) else (value,)
         if is_range(value) and len(ends) != 2:
             raise ValueError(wrong)
@@ -210,7 +210,7 @@ def from_plain(value: Any) -> Any:
     if name not in _DISTRIBUTIONS:
         raise ValueError(
             f'must be a number, [low, high] or {{"distribution": NAME, ...}} with one of '
-            f"{', '.join(_DISTRIBUTIONS)}, got {short(value)}"
+            f"{', '.join(_DISTRIBUTIONS)}, got {repr_of(value)}"
         )
     distribution = getattr(stats, name)
     shapes = _shapes(distribution)
@@ -218,12 +218,12 @@ def from_plain(value: Any) -> Any:
     for key, number in given.items():
         if key not in known:
             raise ValueError(
-                f"unknown key {key!r} of {name} with value {short(number)}: {suggest_key(key, known)}"
+                f"unknown key {key!r} of {name} with value {repr_of(number)}: {suggest_key(key, known)}"
             )
         if not is_number(number):
-            raise TypeError(f"{key} of {name} must be a number, got {short(number)}")
+            raise TypeError(f"{key} of {name} must be a number, got {repr_of(number)}")
     if missing := [key for key in shapes if key not in given]:
-        raise ValueError(f"{name} needs {', '.join(missing)}, got {short(value)}")
+        raise ValueError(f"{name} needs {', '.join(missing)}, got {repr_of(value)}")
     return distribution(**given)
 
 
@@ -275,7 +275,7 @@ def settings_of_file(settings: Mapping[str, Any]) -> dict[str, Any]:
         value = given.pop(_WHEELS)
         if not isinstance(value, str):
             if value not in ([1], [2], [1, 2]):
-                raise ValueError(f"{_WHEELS} must be [1], [2] or [1, 2], got {short(value)}")
+                raise ValueError(f"{_WHEELS} must be [1], [2] or [1, 2], got {repr_of(value)}")
             value = tuple(wheel - 1 for wheel in value)
         given["wheels"] = value
     return given

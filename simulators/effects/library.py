@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from cyclofeat._base.checks import short
+from cyclofeat._base.checks import repr_of
 from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.effects import _drive, _gearbox, _meter, motor
 from cyclofeat.simulators.effects._parameter import (
@@ -149,7 +149,7 @@ def register_effect(kind: Kind, *, replace: bool = False) -> Kind:
     >>> unregister_effect("cube")
     """
     if not (inspect.isclass(kind) and issubclass(kind, Effect)) or kind is Effect:
-        raise TypeError(f"register_effect needs a subclass of Effect, got {short(kind)}")
+        raise TypeError(f"register_effect needs a subclass of Effect, got {repr_of(kind)}")
     effect = _default_effect(kind)
     name = effect.effect_id
     taken = type(_KNOWN[name]) if name in _KNOWN else kind
@@ -202,7 +202,7 @@ def _default_effect(kind: type[Effect]) -> Effect:
         if not isinstance(parameter, EffectParameter):
             raise ValueError(
                 f"parameters of {name} must be a mapping from names to EffectParameter, got "
-                f"{short(parameter)} for {key!r}"
+                f"{repr_of(parameter)} for {key!r}"
             )
         if not parameter.low < parameter.high:
             raise ValueError(
@@ -243,7 +243,7 @@ def checked_effects(effects: Any) -> tuple[Effect, ...]:
 def read_variants(content: Any, read: Callable[[Any], tuple[Effect, ...]]) -> tuple[tuple[Effect, ...], ...]:
     """Return the sets of effects that ``read`` makes of each item of a sequence."""
     if not isinstance(content, Sequence) or isinstance(content, str):
-        raise TypeError(f"variants must be a list of lists of effects, got {short(content)}")
+        raise TypeError(f"variants must be a list of lists of effects, got {repr_of(content)}")
     variants = []
     for index, item in enumerate(content):
         try:
@@ -296,7 +296,7 @@ def stream(seed: np.random.SeedSequence, *key: int) -> np.random.Generator:
 def effects_from_list(content: Any) -> tuple[Effect, ...]:
     """Return effects from a list of objects, as :meth:`Effect.to_dict` writes them."""
     if not isinstance(content, list):
-        raise TypeError(f'effects must be a list of objects like {{"effect": "hum"}}, got {short(content)}')
+        raise TypeError(f'effects must be a list of objects like {{"effect": "hum"}}, got {repr_of(content)}')
     effects = []
     for index, item in enumerate(content):
         try:
@@ -309,18 +309,18 @@ def effects_from_list(content: Any) -> tuple[Effect, ...]:
 def effect_from_dict(content: Any) -> Effect:
     """Return the effect of an object as :meth:`Effect.to_dict` writes it; other keys keep their default."""
     if not isinstance(content, dict) or not isinstance(content.get("effect"), str):
-        raise TypeError(f'must be an object like {{"effect": "hum", ...}}, got {short(content)}')
+        raise TypeError(f'must be an object like {{"effect": "hum", ...}}, got {repr_of(content)}')
     name = content["effect"]
     effect = _KNOWN.get(name)
     if effect is None:
-        raise ValueError(f"unknown effect {short(name)}: {suggest_key(name, _KNOWN)}")
+        raise ValueError(f"unknown effect {repr_of(name)}: {suggest_key(name, _KNOWN)}")
     keys, values = effect.file_keys(), {}
     for key, value in settings_of_file(content).items():
         if key == "effect":
             continue
         if key not in keys:
             raise ValueError(
-                f"unknown key {key!r} of {name} with value {short(value)}: {suggest_key(key, keys)}"
+                f"unknown key {key!r} of {name} with value {repr_of(value)}: {suggest_key(key, keys)}"
             )
         try:
             value = from_plain(value)

@@ -15,22 +15,22 @@ def test_a_caller_names_arguments_in_its_own_words():
     error = ArgumentError("{file}: give {sampling_rate:=} (Hz), or {angle:=False}", file="a.csv")
     assert isinstance(error, ValueError)
     assert str(error) == "a.csv: give sampling_rate= (Hz), or angle=False"
-    assert error.spelled(option) == "a.csv: give --sampling_rate (Hz), or --angle False"
+    assert error.format_message(option) == "a.csv: give --sampling_rate (Hz), or --angle False"
 
 
 def test_values_may_hold_braces_and_the_names_of_arguments():
     error = ArgumentError("{file}: {argument: = {value!r}}", file="{scale}.csv", argument="unit", value="{x}")
     assert str(error) == "{scale}.csv: unit = '{x}'"
-    assert error.spelled(option) == "{scale}.csv: --unit   '{x}'"
+    assert error.format_message(option) == "{scale}.csv: --unit   '{x}'"
 
 
 def test_an_error_within_an_error_is_translated_too():
     inner = ArgumentError("{argument} must be positive, got {value}", argument="speed", value=-1)
     outer = ArgumentError("a.csv: {error}", error=inner)
     assert str(outer) == "a.csv: speed must be positive, got -1"
-    assert outer.spelled(option) == "a.csv: --speed must be positive, got -1"
+    assert outer.format_message(option) == "a.csv: --speed must be positive, got -1"
     again = pickle.loads(pickle.dumps(outer))
-    assert (str(again), again.spelled(option)) == (str(outer), outer.spelled(option))
+    assert (str(again), again.format_message(option)) == (str(outer), outer.format_message(option))
 
 
 @pytest.mark.parametrize(("names", "got"), [([], "none"), (["a", "a"], "a, a"), (["x"], "x")])

@@ -15,8 +15,8 @@ from cyclofeat._base import checks
         (checks.positive, 2, 2.0),
         (checks.not_negative, 0, 0.0),
         (checks.whole, np.int64(3), 3),
-        (checks.pair, [1, 2.5], (1.0, 2.5)),
-        (checks.flag, np.True_, True),
+        (checks.number_pair, [1, 2.5], (1.0, 2.5)),
+        (checks.truth_value, np.True_, True),
     ],
 )
 def test_values_come_back_in_plain_types(check, value, result):
@@ -40,8 +40,8 @@ def test_values_come_back_in_plain_types(check, value, result):
         (lambda: checks.whole("x", 0, 1), ValueError, "x must be at least 1, got 0"),
         (lambda: checks.whole("x", 3, 1, 2), ValueError, "x must be at most 2, got 3"),
         (lambda: checks.n_jobs(0), ValueError, "n_jobs must be a whole number of workers, .* got 0"),
-        (lambda: checks.pair("x", [1, 2, 3]), ValueError, "x must be a pair .* got 3 values"),
-        (lambda: checks.flag("x", 1), TypeError, "x must be True or False, got 1"),
+        (lambda: checks.number_pair("x", [1, 2, 3]), ValueError, "x must be a pair .* got 3 values"),
+        (lambda: checks.truth_value("x", 1), TypeError, "x must be True or False, got 1"),
         (lambda: checks.one_of("x", "c", ("a", "b")), ValueError, "x must be 'a' or 'b', got 'c'"),
         (lambda: checks.one_of("x", ["a"], ("a",)), ValueError, "x must be 'a', got .'a'."),
         (lambda: checks.check_type("x", 1, str), TypeError, "x must be of type str, got 1"),
@@ -53,4 +53,4 @@ def test_errors_name_the_argument_and_the_value(call, error, message):
 
 
 def test_long_values_are_shortened():
-    assert checks.short(list(range(100))) == "[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16..."
+    assert checks.repr_of(list(range(100))) == "[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16..."

@@ -83,9 +83,9 @@ def test_finished_work_is_read_again_and_a_damaged_file_is_made_anew(tmp_path):
         return {"torque": np.arange(3)}
 
     for n_calls in (1, 1):
-        np.testing.assert_array_equal(store.remember("a.joblib", work)["torque"], np.arange(3))
+        np.testing.assert_array_equal(store.load_or_compute("a.joblib", work)["torque"], np.arange(3))
         assert len(calls) == n_calls
-    store.path("a.joblib").write_bytes(b"half of it")
-    store.remember("a.joblib", work)
+    store.path_of("a.joblib").write_bytes(b"half of it")
+    store.load_or_compute("a.joblib", work)
     assert len(calls) == 2
     assert [path.name for path in store.folder.iterdir()] == ["a.joblib"]

@@ -128,10 +128,10 @@ def test_between_reports_the_time_goes_on(clock):
         progress(done, 4)
     assert stream[-1].endswith("2 of 4, 11 s, about 20 s left")
     clock.now = 16.0
-    progress.tick()
+    progress.show_time()
     assert stream[-1].endswith("2 of 4, 16 s, about 15 s left")
     clock.now = 99.0
-    progress.tick()
+    progress.show_time()
     assert stream[-1].endswith("2 of 4, 99 s, about 0 s left")
 
 
@@ -139,13 +139,13 @@ def test_work_that_reports_nothing_has_a_line_that_ends_with_its_time(clock):
     stream = Stream()
     with Progress("training", stream) as progress:
         clock.now = 5.0
-        progress.tick()
+        progress.show_time()
         clock.now = 8.0
     assert stream == [f"{ERASE}training: 5 s", f"{ERASE}training: 8 s\n"]
     stream.clear()
     with contextlib.suppress(KeyboardInterrupt), Progress("training", stream) as progress:
         clock.now = 12.0
-        progress.tick()
+        progress.show_time()
         raise KeyboardInterrupt
     assert stream == [f"{ERASE}training: 4 s", ERASE]
 
@@ -204,7 +204,7 @@ def test_steps_are_lines_of_a_log_or_a_line_of_progress_each(clock):
             step("comparing")
             clock.now += 5.0
             if step._step:
-                step._step.tick()
+                step._step.show_time()
             step("confirming")
             clock.now += 1.0
     assert log == ["cyclofeat gap: comparing\n", "cyclofeat gap: confirming\n"]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from cyclofeat._base.training import dropout, libraries
+from cyclofeat._base.training import import_jax, make_dropout
 
 
 def test_dropout_takes_the_same_units_at_all_places_of_a_sample_and_keeps_the_mean() -> None:
-    jax, _, _ = libraries()
+    jax, _, _ = import_jax()
     keys = iter(jax.random.split(jax.random.PRNGKey(0), 2))
-    thinned = dropout(0.25, keys)
+    thinned = make_dropout(0.25, keys)
     of_places = np.asarray(thinned(np.ones((400, 7, 50), dtype=np.float32)))
     of_samples = np.asarray(thinned(np.ones((400, 50), dtype=np.float32)))
     np.testing.assert_array_equal(of_places, np.repeat(of_places[:, :1], 7, axis=1))

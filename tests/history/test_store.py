@@ -38,7 +38,7 @@ def filled(path, counts, card=CARD, gearbox="press", start=0.0):
 def test_rows_come_back(tmp_path):
     with filled(tmp_path / "a.sqlite", [0, None]) as history:
         history.add("lathe", "b.csv", 5.0, count(1), RECORDING, CARD)
-        assert history.pending == 1
+        assert history.n_pending == 1
         assert history.gearboxes() == ["press"]
         history.write()
     with History(tmp_path / "a.sqlite", create=False) as history:
@@ -248,7 +248,7 @@ def test_what_cannot_be_written_is_written_later(tmp_path):
         history.add("press", "1.csv", HOUR, count(1), RECORDING, CARD)
         with pytest.raises(OSError, match="no such table"):
             history.write()
-        assert history.pending == 1
+        assert history.n_pending == 1
         other.execute("ALTER TABLE away RENAME TO recording")
         other.close()
         history.write()

@@ -142,7 +142,7 @@ def test_rigs_and_worlds_come_back_from_json(misaligned, tmp_path) -> None:  # t
     assert World.from_dict(json.loads(json.dumps(world.to_dict()))) == world
     assert "simulator" not in Rig().to_dict()
     changed = rig.to_dict() | {"simulator": {"class": "Unheard", "depth": 1.0}}
-    with pytest.raises(ValueError, match="simulator must be of a class that is defined, got 'Unheard'"):
+    with pytest.raises(ValueError, match="simulator must be of a defined class, got 'Unheard'"):
         Rig.from_dict(changed)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.training import descent, dropout, first_weights, libraries
+from cyclofeat._base.training import first_weights, import_jax, make_descent, make_dropout
 from cyclofeat.counting.evaluation.assembly_folds import Float, Int
 from cyclofeat.signal.windows import Complex
 
@@ -135,7 +135,7 @@ def train_network(
         Weights, in half precision: their errors are far below those of the network, and files are half as
         large.
     """
-    jax, _, _ = libraries()
+    jax, _, _ = import_jax()
     n, n_lines = lines.shape
     random = np.random.default_rng(random_state)
     places = place_turns(n_lobes, n_lines, PLACES)
@@ -162,7 +162,7 @@ def train_network(
 @lru_cache(maxsize=4)
 def _optimiser(n_lines: int, n_lobes: int, n_steps: int) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Return the optimiser's first state and one step of training, as functions."""
-    jax, jnp, _ = libraries()
+    jax, jnp, _ = import_jax()
     turns = place_turns(n_lobes, n_lines, PLACES)
     at = np.arange(len(turns)) / len(turns)
     numbers = np.arange(1, n_lines + 1)
@@ -202,11 +202,11 @@ def _optimiser(n_lines: int, n_lobes: int, n_steps: int) -> tuple[Callable[..., 
         turned = jax.random.uniform(next(keys), (len(lines), 1))
         seen = vary(lines, turned, keys)
         seen += disturbance(seen, keys)
-        rows, sound = log_odds(jnp, weights, seen, turns, dropout(_DROPPED, keys))
+        rows, sound = log_odds(jnp, weights, seen, turns, make_dropout(_DROPPED, keys))
         beside = jnp.abs((at - begins[:, None] + turned + 0.5) % 1 - 0.5) * n_lobes
         of_length = jnp.take_along_axis(rows, jnp.maximum(length, 0)[:, None, None], axis=2)[:, :, 0]
         right = jax.nn.logsumexp(of_length + jnp.where(beside <= _NEAR, 0.0, _NEVER), axis=1)
         every = jnp.concatenate([sound[:, None], rows.reshape(len(lines), -1)], axis=1)
         return (jax.nn.logsumexp(every, axis=1) - jnp.where(length < 0, sound, right)).mean()
 
-    return descent(loss, n_steps, _RATE, _DECAY)
+    return make_descent(loss, n_steps, _RATE, _DECAY)

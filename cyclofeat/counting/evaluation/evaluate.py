@@ -14,7 +14,7 @@ from sklearn.base import BaseEstimator
 from sklearn.model_selection import StratifiedGroupKFold
 from sklearn.utils import check_array, check_consistent_length
 
-from cyclofeat._base.checks import one_of, short
+from cyclofeat._base.checks import one_of, repr_of
 from cyclofeat.counting.evaluation.assembly_folds import (
     Float,
     Folds,
@@ -218,7 +218,7 @@ class LabelledData:
         if lobes is None:
             return cls(given, labels, assemblies)
         if not isinstance(lobes, tuple) or len(lobes) != 2:
-            raise ValueError(f"lobes must be a tuple (worn, passage), got {short(lobes)}")
+            raise ValueError(f"lobes must be a tuple (worn, passage), got {repr_of(lobes)}")
         worn, passage = lobes
         marks = np.asarray(worn, dtype=bool)
         if marks.ndim != 2 or len(marks) != len(given):

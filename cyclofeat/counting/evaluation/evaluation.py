@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cyclofeat._base import displays, plots
 from cyclofeat._base.displays import data_frame, html_card
-from cyclofeat._base.words import number
+from cyclofeat._base.words import number_of
 from cyclofeat.counting.evaluation.assembly_folds import Float, Int
 from cyclofeat.counting.evaluation.scores import (
     N_BINS,
@@ -252,11 +252,11 @@ class Evaluation:
         ValueError
             If there is no such kind, or the counter gave no probabilities.
         """
-        return plots.draw(self, kind, ax, **options)
+        return plots.draw_plot(self, kind, ax, **options)
 
     def _repr_html_(self) -> str:
         rows = {
-            "held out": f"{self.groups.size} assemblies, {number(self.predictions.size, 'window')} "
+            "held out": f"{self.groups.size} assemblies, {number_of(self.predictions.size, 'window')} "
             f"({self.protocol})",
             "macro F1": _score_with_interval(self.macro_f1, self.macro_f1_interval),
             "mean absolute error": _score_with_interval(

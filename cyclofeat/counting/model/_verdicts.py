@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.words import number
+from cyclofeat._base.words import number_of
 from cyclofeat.recordings import Recording, WindowSet
 from cyclofeat.signal import faults
 from cyclofeat.signal.lobes import N_LINES, lobe_frequency
@@ -132,7 +132,7 @@ def _of_noise(torque: Float, sampling_rate: float, n_parts: int) -> str:
     if beyond.size > 3 * spikes:
         return f"{_JUMPS}, first {beyond[0] / sampling_rate:.3g} s after the window's start"
     if spikes > _MOST_SPIKES:
-        return f"the torque has {number(spikes, 'spike')}"
+        return f"the torque has {number_of(spikes, 'spike')}"
     if (change := faults.noise_change(torque, n_parts)) > _NOISE_CHANGE:
         return f"the noise changes by a factor of {change:.2g} within the window"
     mean = abs(float(torque.mean()))

@@ -10,7 +10,7 @@ import numpy as np
 
 from cyclofeat._base import displays, plots
 from cyclofeat._base.displays import data_frame, html_card
-from cyclofeat._base.words import from_1, lobes_text, number
+from cyclofeat._base.words import from_1, lobes_text, number_of
 from cyclofeat.counting.model.radial_wear import WearDepth
 
 if TYPE_CHECKING:
@@ -147,17 +147,17 @@ class LobeCount:
         ValueError
             If there is no such kind, or the model located no lobes.
         """
-        return plots.draw(self, kind, ax, **options)
+        return plots.draw_plot(self, kind, ax, **options)
 
     def _repr_html_(self) -> str:
-        answer = number(self.defect_count, "worn lobe") if self.defect_count else "No worn lobe"
+        answer = number_of(self.defect_count, "worn lobe") if self.defect_count else "No worn lobe"
         numbered = "as on the disc, from 1" if self.absolute else "from 1, the lobe under load at the start"
         distance = None if np.isnan(self.distance) else f"{self.distance:.2f} (1: edge of the training)"
         rows = {
             "probability": f"{self.probability[self.defect_count]:.3f}",
             "lobes": f"{lobes_text(self.lobes)} (numbered {numbered})" if self.lobes else None,
             "depth of wear": None if self.wear_um is None else str(self.wear_um),
-            "combined": number(self.n_windows, "window"),
+            "combined": number_of(self.n_windows, "window"),
             "distance": distance,
             "refused": self.reason,
         }

@@ -20,7 +20,7 @@ from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.displays import html_card
 from cyclofeat._base.files import MODEL_PACKAGES, package_versions
 from cyclofeat._base.quantities import TORQUES, factor_to_output
-from cyclofeat._base.words import number
+from cyclofeat._base.words import number_of
 from cyclofeat.counting.calibration.pooling import combine_proba
 from cyclofeat.counting.calibration.training_domain import TrainingDomain, features_seen
 from cyclofeat.counting.estimators._counter import PoorOnArbitraryData
@@ -648,14 +648,14 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         if self.wear_ is not None and runs is not None:
             probability = self.wear_.probability(runs)
         elif self.wear_ is not None and not reason:
-            turns = number(self.wear_.n_windows, "output turn")
+            turns = number_of(self.wear_.n_windows, "output turn")
             notes.append(
                 f"no depth of wear, and a less accurate count: {turns} in a row of one recording are needed"
             )
         count = int(classes[probability.argmax()])
         n_windows = len(answered)
         if any(answered.faults) and not reason:
-            left_out = f"{sum(map(bool, answered.faults))} of {number(n_windows, 'window')} left out"
+            left_out = f"{sum(map(bool, answered.faults))} of {number_of(n_windows, 'window')} left out"
             notes.append(f"{left_out}: {most_frequent(answered.faults)}")
         if n_outside:
             notes.append(

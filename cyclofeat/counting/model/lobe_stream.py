@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base import checks
-from cyclofeat._base.words import number
+from cyclofeat._base.words import number_of
 from cyclofeat.counting.model._verdicts import window_faults
 from cyclofeat.counting.model._window_answers import AnsweredWindows, PreparedWindows
 from cyclofeat.counting.model.lobe_count import LobeCount, WindowCount
@@ -77,7 +77,7 @@ class LobeStream:
         self.model = model
         self.sampling_rate = checks.positive("sampling_rate", sampling_rate, "a number (Hz)")
         self.speed_rpm = speed_rpm
-        self.angle_is_absolute = checks.flag("angle_is_absolute", angle_is_absolute)
+        self.angle_is_absolute = checks.truth_value("angle_is_absolute", angle_is_absolute)
         self.block_turns = None if block_turns is None else checks.whole("block_turns", block_turns, 1)
         self._labels: dict[str, Any] = {
             "speed_rpm": speed_rpm,
@@ -141,7 +141,7 @@ class LobeStream:
         TypeError
             If samples or angles are no real numbers.
         """
-        torque = checks.series("samples", samples, least=0)
+        torque = checks.number_series("samples", samples, least=0)
         if self.block_turns is not None:
             if angle is not None:
                 raise ValueError("angle has no effect with block_turns: leave one of them out")
@@ -153,7 +153,7 @@ class LobeStream:
                 "angle must be given (input shaft, rad); for a rig without a tachometer open the stream with "
                 "block_turns and speed_rpm"
             )
-        angles = checks.series("angle", angle, least=0)
+        angles = checks.number_series("angle", angle, least=0)
         if angles.size != torque.size:
             raise ValueError(f"angle must have the length of samples, {torque.size}, got {angles.size}")
         if not torque.size:
@@ -197,7 +197,7 @@ class LobeStream:
         else:  # behind one that raised an error
             self._count_blocks(np.empty(0))
         if not self._answers:
-            needed = number(self.block_turns or 1, "output turn")
+            needed = number_of(self.block_turns or 1, "output turn")
             raise ValueError(
                 f"the stream holds no complete window: {self._n_samples / self.sampling_rate:.4g} s have "
                 f"arrived, the first takes {needed}"
@@ -207,7 +207,7 @@ class LobeStream:
             doubt = self.model.untrained_speed(turns / (self._n_samples - 1) * self.sampling_rate)
         else:
             assert self.block_turns is not None
-            blocks = number(self.block_turns, "output turn")
+            blocks = number_of(self.block_turns, "output turn")
             notes.append(f"no tachometer: counted in blocks of {blocks}, without positions of lobes")
         answered = AnsweredWindows.join_parts(self._answers)
         count = self.model._count_of(answered, doubt, notes, absolute=self.angle_is_absolute)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.isotonic import IsotonicRegression
 
-from cyclofeat._base.checks import is_number, pair, short
-from cyclofeat._base.words import number
+from cyclofeat._base.checks import is_number, number_pair, repr_of
+from cyclofeat._base.words import number_of
 from cyclofeat.counting.calibration.conformal_regressor import ConformalRegressor
 from cyclofeat.counting.calibration.group_calibrated_counter import GroupCalibratedCounter
 from cyclofeat.counting.calibration.pooling import combine_proba
@@ -208,7 +208,7 @@ class RadialWear:
     def made_for(self) -> str:
         """Return in words which depths the model was trained for and which it sees."""
         low, high = self.range_um
-        made = f"{low:g} to {high:g} um in {number(self.n_windows, 'output turn')}"
+        made = f"{low:g} to {high:g} um in {number_of(self.n_windows, 'output turn')}"
         if self.limit_um is not None:
             made += f", seen in 9 of 10 assemblies from {self.limit_um:.3g} um on"
         if self.false_alarms is not None:
@@ -269,7 +269,7 @@ def stated_depths(recordings: Sequence[Recording], range_um: Any) -> tuple[Float
     TypeError, ValueError
         If the range is none, or a recording with worn lobes states no depth within it.
     """
-    low, high = pair("wear_um", range_um)
+    low, high = number_pair("wear_um", range_um)
     if not 0 < low < high:
         raise ValueError(f"wear_um must be a range (low, high) in um with 0 < low < high, got {range_um!r}")
     depths = np.ones(len(recordings))
@@ -280,7 +280,7 @@ def stated_depths(recordings: Sequence[Recording], range_um: Any) -> tuple[Float
         if depth is None or not is_number(depth) or not low <= depth <= high:
             raise ValueError(
                 f"recordings with worn lobes must state one depth from {low:g} to {high:g} um in "
-                f'meta["wear_um"], that of assembly {recording.assembly} is {short(depth)}'
+                f'meta["wear_um"], that of assembly {recording.assembly} is {repr_of(depth)}'
             )
         depths[k] = depth
     return depths, (low, high)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.training import descent, dropout, first_weights, libraries
+from cyclofeat._base.training import first_weights, import_jax, make_descent, make_dropout
 from cyclofeat.gap.posterior.inputs import Inputs, Recordings, Reference, assemble_inputs
 from cyclofeat.gap.world.machine import FEWEST_RECORDINGS
 
@@ -166,7 +166,7 @@ def train_network(
 
     It begins with random weights, or with those of ``start``.
     """
-    jax, jnp, _ = libraries()
+    jax, jnp, _ = import_jax()
     random = np.random.default_rng(random_state)
     weights = _first_weights(made, targets, reference, random) if start is None else dict(start)
     fixed = {name: jnp.asarray(weights.pop(name)) for name in FIXED}
@@ -195,7 +195,7 @@ def _compiled_steps(
     n_effects: int, n_steps: int, rate: float
 ) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Return the optimiser's first state and one step of training, as functions."""
-    jax, jnp, optax = libraries()
+    jax, jnp, optax = import_jax()
 
     def loss(weights: Any, batch: tuple[Any, ...], key: Any) -> Any:
         fixed, inputs, present, sizes, there = batch
@@ -204,14 +204,14 @@ def _compiled_steps(
         def blurred(pools: Any) -> Any:
             return pools + _BLURRED * jax.random.normal(next(keys), pools.shape)
 
-        thinned = dropout(_DROPPED, keys)
+        thinned = make_dropout(_DROPPED, keys)
         outputs = network_outputs(jnp, weights | fixed, **inputs, blurred=blurred, thinned=thinned)
         logits, mean, spread = split_outputs(jnp, outputs, n_effects)
         of_presence = optax.sigmoid_binary_cross_entropy(logits, present).sum(1).mean()
         squares = 0.5 * ((sizes - mean) * jnp.exp(-spread)) ** 2
         return of_presence + _OF_SIZES * (there * (spread + squares)).sum(1).mean()
 
-    return descent(loss, n_steps, rate, _DECAY)
+    return make_descent(loss, n_steps, rate, _DECAY)
 
 
 def random_inputs(made: Recordings, reference: Reference, random: np.random.Generator) -> Inputs:

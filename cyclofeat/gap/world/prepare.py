@@ -67,7 +67,7 @@ def prepare_world(
         "names": world.names, "size_names": world.size_names, "logarithmic": world.logarithmic,
         "cells": world.cells,
     }  # fmt: skip
-    store.begin(content)
+    store.begin_work(content)
     stated, wanted = store.read_json(store.description), json.loads(json.dumps(content))
     if stated != wanted:
         if stated.get("made_with") != wanted["made_with"]:
@@ -80,7 +80,7 @@ def prepare_world(
             f"{', '.join(different)}: name another folder, or remove this one"
         )
     shards = [f"shard-{shard:05d}.npz" for shard in range(n_shards)]
-    missing = store.missing(shards)
+    missing = store.missing_names(shards)
     calls = (joblib.delayed(_simulate_shard)(world, store, shards.index(name), name) for name in missing)
     results = joblib.Parallel(n_jobs=n_jobs, return_as="generator_unordered")(calls)
     with stopped_quietly(results):
@@ -89,7 +89,7 @@ def prepare_world(
                 progress(done, n_shards)
     parts = []
     for shard in shards:
-        with np.load(store.path(shard)) as columns_of_shard:
+        with np.load(store.path_of(shard)) as columns_of_shard:
             parts.append(dict(columns_of_shard))
     columns: dict[str, Any] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     simulated = np.isfinite(columns["values"][:, :, 0])
@@ -111,4 +111,4 @@ def _simulate_shard(world: World, store: ShardStore, shard: int, name: str) -> N
     columns: dict[str, Any] = {
         name: np.concatenate([machine[name] for machine in machines]) for name in machines[0]
     }
-    store.write(name, lambda stream: np.savez(stream, **columns))
+    store.write_file(name, lambda stream: np.savez(stream, **columns))

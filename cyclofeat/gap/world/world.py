@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.checks import one_of, pair, positive, whole
+from cyclofeat._base.checks import number_pair, one_of, positive, whole
 from cyclofeat._base.quantities import TORQUES
 from cyclofeat.gap.simulations import MAY_DIFFER
 from cyclofeat.gap.summaries.summarise import Cell, Kinematics
@@ -177,7 +177,7 @@ class World:
 
 
 def _check_increasing(name: str, value: Any) -> tuple[float, float]:
-    low, high = pair(name, value)
+    low, high = number_pair(name, value)
     if not 0 < low < high:
         raise ValueError(f"{name} must be a pair (low, high) with 0 < low < high, got {value!r}")
     return low, high
