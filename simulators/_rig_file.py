@@ -69,7 +69,14 @@ def rig_from_dict(content: Any) -> dict[str, Any]:
     if form != FORMAT:
         raise ValueError(f"format must be {FORMAT!r}, got {repr_of(form)}")
     if "gearbox" in given:
-        given["gearbox"] = _read_gearbox(given["gearbox"])
+        fields = _check_object("gearbox", given["gearbox"])
+        defaults = {item.name: item.default for item in dataclasses.fields(CycloidalGearbox)}
+        reject_unknown(fields, defaults, "gearbox.")
+        values = {key: _check_field(defaults[key], f"gearbox.{key}", value) for key, value in fields.items()}
+        try:
+            given["gearbox"] = CycloidalGearbox(**values)
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"gearbox: {error}") from None
     if "effects" in given:
         given["effects"] = effects_from_list(given["effects"])
     if "variants" in given:
@@ -122,17 +129,6 @@ def _plain_value(value: Any) -> Any:
     if isinstance(value, tuple):
         return [[one.real, one.imag] if isinstance(one, complex) else float(one) for one in value]
     return to_plain(value, is_parameter=False)
-
-
-def _read_gearbox(content: Any) -> CycloidalGearbox:
-    given = _check_object("gearbox", content)
-    defaults = {item.name: item.default for item in dataclasses.fields(CycloidalGearbox)}
-    reject_unknown(given, defaults, "gearbox.")
-    values = {key: _check_field(defaults[key], f"gearbox.{key}", value) for key, value in given.items()}
-    try:
-        return CycloidalGearbox(**values)
-    except (TypeError, ValueError) as error:
-        raise type(error)(f"gearbox: {error}") from None
 
 
 def _check_field(default: Any, name: str, value: Any) -> Any:

@@ -231,7 +231,7 @@ def _n_rising(gearbox: CycloidalGearbox, time: Float) -> int:
     return int(np.searchsorted(time, gearbox.ramp_time))
 
 
-def between(values: NDArray[Any], instants: NDArray[Any]) -> NDArray[Any]:
+def interpolate_rows(values: NDArray[Any], instants: NDArray[Any]) -> NDArray[Any]:
     """Return rows (n, ...) at instants in rows from 0 to n - 1, by straight lines."""
     before = np.minimum(np.floor(instants).astype(int), max(len(values) - 2, 0))
     after = np.minimum(before + 1, len(values) - 1)

@@ -137,7 +137,7 @@ class Machine:
                 totals[name] = _sum_of(acting)
         return Courses(**totals)
 
-    def measured(
+    def measure_channels(
         self,
         channels: dict[str, Float],
         sampling_rate: float,
@@ -186,9 +186,9 @@ class PlannedRun(_RunOfMachine):
 
         Raises ValueError if the motor does not hold the speed.
         """
-        return self.finished(simulate(**self.arguments))
+        return self.finish_run(simulate(**self.arguments))
 
-    def finished(self, run: SimulationRun) -> MachineRun:
+    def finish_run(self, run: SimulationRun) -> MachineRun:
         """Return the machine's run, made of its simulation."""
         own = {one.name: getattr(self, one.name) for one in dataclasses.fields(_RunOfMachine)}
         motor = self.machine.motor
@@ -242,7 +242,7 @@ class MachineRun(_RunOfMachine):
                 f"{(needed - ran) / rate:.3g} s longer"
             )
         channels = {name: values[:needed] for name, values in channels.items()}
-        measured = machine.measured(channels, rate, self.random_state, self.from_rest, self.quantity)
+        measured = machine.measure_channels(channels, rate, self.random_state, self.from_rest, self.quantity)
         changes: dict[str, Any] = {
             name: np.ascontiguousarray(values[: self.n_samples]) for name, values in measured.items()
         }

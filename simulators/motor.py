@@ -21,7 +21,7 @@ from scipy.signal import resample_poly
 
 from cyclofeat._base.checks import not_negative, positive, whole
 from cyclofeat.simulators._jit import inner_njit, njit
-from cyclofeat.simulators.courses import between
+from cyclofeat.simulators.courses import interpolate_rows
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.simulation import SimulationRun, anti_alias_filter, torsion
 
@@ -148,7 +148,7 @@ def drive_run(run: SimulationRun, motor: Motor, start: int, random: np.random.Ge
     n = run.input_angle.size
     at = np.arange(n * finer - finer + 1) / finer
     course = np.column_stack(
-        [between(values, at) for values in (run.input_angle, speed, np.gradient(speed, 1 / rate))]
+        [interpolate_rows(values, at) for values in (run.input_angle, speed, np.gradient(speed, 1 / rate))]
     )
     torques = np.column_stack(
         [_upsample_torque(one, finer)[: at.size] for one in (run.torque_in, run.torque_out)]
@@ -172,9 +172,9 @@ def drive_run(run: SimulationRun, motor: Motor, start: int, random: np.random.Ge
     new = {"torque_in": torque_in, "torque_out": torque_out, "input_angle": angle}
     for name, values in vars(run).items():
         if isinstance(values, np.ndarray) and name not in new:
-            new[name] = between(values, position)
+            new[name] = interpolate_rows(values, position)
     if run.output_speed is not None:
-        new["output_speed"] *= true_speed / between(speed, position)
+        new["output_speed"] *= true_speed / interpolate_rows(speed, position)
     channels: dict[str, Any] = {
         name: np.concatenate([getattr(run, name)[:start], values]) for name, values in new.items()
     }

@@ -169,7 +169,7 @@ def _finish_or_error(
     if isinstance(simulated, SimulationFailed):
         return simulated
     try:
-        return plan.finished(simulated)
+        return plan.finish_run(simulated)
     except ValueError as error:
         return error
 

@@ -177,7 +177,7 @@ class BatchIntegration:
         self._seen: list[tuple[int, Float, Float]] = []
 
     @property
-    def reached(self) -> NDArray[np.bool_]:
+    def has_reached_end(self) -> NDArray[np.bool_]:
         """True for the lanes that reached the end of their runs, shape (lanes,)."""
         step, reason = self._tables.ended
         reached: NDArray[np.bool_] = reason == rows.RUNNING
@@ -311,24 +311,18 @@ def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
     by_lane = [samples.by_lane(row) for row in range(rows.N_RESULTS)]
     runs: list[SimulationRun | None] = []
     for lane, (request, course) in enumerate(zip(requests, courses, strict=True)):
-        if not batch.reached[lane]:
+        if not batch.has_reached_end[lane]:
             runs.append(None)
             continue
-        if request.gearbox.has_friction:
-            _check_friction(request, batch.instants(lane))
+        # Warn of chatter as ``simulate`` does; a run that ends early may have no instants.
+        if request.gearbox.has_friction and (instants := batch.instants(lane)):
+            solver = request.solver
+            inputs, at_instants = (np.stack(parts) for parts in zip(*instants, strict=True))
+            nearby = np.repeat(inputs[:, :, np.newaxis], 3, axis=2)
+            nearby[:, 0] += nearby[:, 1] * [0.0, solver.dt / 2, solver.dt]
+            simulation.check_friction(request.gearbox, request.constants, solver, nearby, at_instants)
         runs.append(_lane_run(request, course, [None if row is None else row[lane] for row in by_lane]))
     return runs
-
-
-def _check_friction(request: Request, instants: Sequence[tuple[Float, Float]]) -> None:
-    """Warn of chatter as ``simulate`` does, by input and load, and state, at some steps."""
-    if not instants:  # unchecked, or the run ends before the first of them
-        return
-    solver = request.solver
-    inputs, states = (np.stack(parts) for parts in zip(*instants, strict=True))
-    nearby = np.repeat(inputs[:, :, np.newaxis], 3, axis=2)
-    nearby[:, 0] += nearby[:, 1] * [0.0, solver.dt / 2, solver.dt]
-    simulation.check_friction(request.gearbox, request.constants, solver, nearby, states)
 
 
 def _start_state(request: Request) -> Float:
@@ -361,7 +355,7 @@ def integrate_machines(
     """
     batch = BatchIntegration(machines, courses, states, solver, lanes=lanes, dtype=dtype)
     pieces = [results.copy() for _, results in batch.pieces()]
-    return np.concatenate(pieces), batch.reached
+    return np.concatenate(pieces), batch.has_reached_end
 
 
 def _lane_run(request: Request, course: SampledCourse, samples: Sequence[Float | None]) -> SimulationRun:

@@ -52,7 +52,7 @@ class RunPlan(NamedTuple):
 
     run: int  #: index in the campaign, from 0
     defect_count: int  #: number of worn lobes
-    values: dict[str, float]  #: explored values by name, as in :attr:`Campaign.explored`
+    values: dict[str, float]  #: explored values by name, as in :attr:`Campaign.explored_names`
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class Campaign:
     (8, 46080)
     >>> [plan.defect_count for plan in campaign.plans(0, 4)]
     [0, 3, 0, 3]
-    >>> campaign.explored[0]
+    >>> campaign.explored_names[0]
     'gearbox_parameter_load_torque.value'
     >>> all(15 <= plan.values["gearbox_parameter_load_torque.value"] <= 25 for plan in campaign.plans())
     True
@@ -194,7 +194,7 @@ class Campaign:
         return math.ceil(self.n_runs / self.shard_length)
 
     @property
-    def explored(self) -> tuple[str, ...]:
+    def explored_names(self) -> tuple[str, ...]:
         """Names of the explored parameters, as in :meth:`Rig.parameters`; those of the wear."""
         return tuple(self._quantile_functions())
 
@@ -270,20 +270,20 @@ class Campaign:
         eight consecutive points lies in a different eighth).
         """
         key = [self.random_state, *self.name.encode(), _DESIGN_KEY + count]
-        if not self.explored:
+        if not self.explored_names:
             return np.empty((n, 0))
         if self.design == "random":
             rows = (
                 np.random.default_rng(np.random.SeedSequence(key, spawn_key=(repeat,)))
                 for repeat in range(first, first + n)
             )
-            return np.array([row.random(len(self.explored)) for row in rows])
+            return np.array([row.random(len(self.explored_names)) for row in rows])
         from scipy.stats import qmc  # slow to import
 
         # scipy 1.15 renamed the argument.
         name = "rng" if "rng" in inspect.signature(qmc.Sobol).parameters else "seed"
         random = np.random.default_rng(np.random.SeedSequence(key))
-        engine = qmc.Sobol(len(self.explored), scramble=True, **{name: random})
+        engine = qmc.Sobol(len(self.explored_names), scramble=True, **{name: random})
         if first:
             engine.fast_forward(first)
         with warnings.catch_warnings():

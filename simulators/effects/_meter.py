@@ -14,7 +14,7 @@ from scipy.stats import loguniform, norm
 
 from cyclofeat._base.checks import is_number, one_of
 from cyclofeat.simulators._jit import njit
-from cyclofeat.simulators.courses import between
+from cyclofeat.simulators.courses import interpolate_rows
 from cyclofeat.simulators.effects._drive import check_order, check_phase, decay_time
 from cyclofeat.simulators.effects._parameter import EffectParameter
 from cyclofeat.simulators.effects.effect import Effect, Float, Of, TorqueContext
@@ -325,7 +325,7 @@ class ClockError(Effect):
     def resample(self, values: Float, sampling_rate: float) -> Float:
         if self.relative == 0:
             return values
-        return between(values, self._instants(len(values)))
+        return interpolate_rows(values, self._instants(len(values)))
 
 
 @functools.cache

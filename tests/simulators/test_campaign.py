@@ -153,7 +153,7 @@ def test_a_run_is_what_the_simulator_gives_for_its_values() -> None:
     plan = list(campaign.plans())[1]
     ((torque, row),) = _run.simulate_runs(campaign, [plan])
     values = plan.values
-    assert tuple(values) == campaign.explored
+    assert tuple(values) == campaign.explored_names
     numbers = (
         GearboxParameter("load_torque", values[LOAD]), PinErrors(values["pin_errors.rms"]),
         Clearance(values["clearance.clearance"]), BrakeRotor(values["brake_rotor.inertia"], 1e4, 0.02),

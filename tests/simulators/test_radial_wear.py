@@ -201,7 +201,7 @@ def test_a_share_of_the_recordings_has_radial_wear_and_the_others_the_chord() ->
 def test_campaigns_explore_the_wear() -> None:
     campaign = Campaign(rig="R0", defect_counts=(0, 2), repeats=1, wear_um=(20, 100), duration=0.02)
     plans = list(campaign.plans())
-    assert "wear_um" in campaign.explored
+    assert "wear_um" in campaign.explored_names
     assert 20 <= plans[1].values["wear_um"] <= 100
     rows = [result.row for result in _run.simulate_runs(campaign.replace(kernel="exact"), plans)]
     assert [row["wear_um"] for row in rows] == [0.0, plans[1].values["wear_um"]]
