@@ -182,7 +182,10 @@ class TorqueFeatures(WindowTransformer):
 
     def _compute_features(self, X: NDArray[Any]) -> Float:
         results = self._from_spectra(X)
-        lines = self._lobe_lines(X)
+        # The lobe lines of LobeMap serve other parts too; windows of less than two lobe periods have none.
+        lobe_map = self.parts_.get("LobeMap")
+        period = self.sampling_rate / lobes.lobe_frequency(self.input_speed_hz, self.n_lobes)
+        lines = lobe_map.lines(X) if isinstance(lobe_map, LobeMap) and X.shape[1] >= 2 * period else None
         depth = max(
             (p._deepest_level() for p in self.parts_.values() if isinstance(p, WaveletTransformer)), default=0
         )
@@ -201,12 +204,6 @@ class TorqueFeatures(WindowTransformer):
             else:
                 results[name] = part._compute_features(X)
         return np.hstack([results[name] for name in self.parts_])
-
-    def _lobe_lines(self, X: NDArray[Any]) -> lobes.LobeLines | None:
-        """LobeMap's lobe lines, which other parts share; None if there are none for windows this short."""
-        part = self.parts_.get("LobeMap")
-        period = self.sampling_rate / lobes.lobe_frequency(self.input_speed_hz, self.n_lobes)
-        return part.lines(X) if isinstance(part, LobeMap) and X.shape[1] >= 2 * period else None
 
     def _from_spectra(self, X: NDArray[Any]) -> dict[str, Float]:
         """Results from the power spectral density, and coherence where it shares the transforms."""

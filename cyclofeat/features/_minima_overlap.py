@@ -19,7 +19,7 @@ from cyclofeat.features._wavelets import WaveletTransformer
 from cyclofeat.features.base import SPEED_CONSTRAINTS
 from cyclofeat.features.registry import REGISTRY
 from cyclofeat.signal import lobes
-from cyclofeat.signal.wavelets import dwt, lowest_colour, visible
+from cyclofeat.signal.wavelets import dwt, lowest_colour, visible, wavelet_qualifier
 from cyclofeat.signal.windows import Float
 
 _N_REFERENCES = 8
@@ -151,7 +151,7 @@ class WaveletMinimaOverlap(WaveletTransformer):
         row = REGISTRY["minima_overlap"]
         # Labels may hold what names may not.
         label = re.sub(r"[^\w.+-]", "_", str(self.reference), flags=re.ASCII)
-        definition = (self._wavelet_name(), f"{self.colours}colours", self.align, label)
+        definition = (wavelet_qualifier(self.wavelet), f"{self.colours}colours", self.align, label)
         return [row.column(*definition, f"level{level:02d}") for level in range(1, self.levels + 1)]
 
     def _deepest_level(self) -> int:
@@ -161,18 +161,8 @@ class WaveletMinimaOverlap(WaveletTransformer):
         self, X: NDArray[Any], coefficients: Sequence[Float], lines: lobes.LobeLines | None = None
     ) -> Float:
         # ``lines``: lobe lines of X, if they are at hand (LobeMap's of the same speed, lobes and tolerance).
-        # Median over the references (axis 1) that are not excluded; where all are excluded, all count.
-        shared = self._shared_cells(X, coefficients, lines)
-        excluded = self._known_references(X)
-        medians = np.median(shared, axis=1)
-        for row in np.flatnonzero(excluded.any(axis=1) & ~excluded.all(axis=1)):
-            medians[row] = np.median(shared[row, ~excluded[row]], axis=0)
-        return medians
-
-    def _shared_cells(
-        self, X: NDArray[Any], coefficients: Sequence[Float], lines: lobes.LobeLines | None
-    ) -> Float:
-        """Share of cells that are lowest in both, shape (n_windows, n_references, levels)."""
+        # Share of cells that are lowest in both; its median over the references (axis 1) that are not
+        # excluded, or over all where all are.
         shared = np.empty((len(X), len(self._digests), self.levels))
         of_level = zip(self._level_minima(X, coefficients, lines), self.reference_minima_, strict=True)
         for level, ((minima, cells), reference) in enumerate(of_level):
@@ -180,7 +170,11 @@ class WaveletMinimaOverlap(WaveletTransformer):
             weighted = (reference * cells).astype(np.float32)
             shared[:, :, level] = minima.astype(np.float32) @ weighted.T
             shared[:, :, level] /= cells.sum()
-        return shared
+        excluded = self._known_references(X)
+        medians = np.median(shared, axis=1)
+        for row in np.flatnonzero(excluded.any(axis=1) & ~excluded.all(axis=1)):
+            medians[row] = np.median(shared[row, ~excluded[row]], axis=0)
+        return medians
 
     def _level_minima(
         self, X: NDArray[Any], coefficients: Sequence[Float], lines: lobes.LobeLines | None = None

@@ -46,10 +46,6 @@ class WaveletTransformer(WindowTransformer):
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         as_wavelet(self.wavelet)  # raises where it is none
 
-    def _wavelet_name(self) -> str:
-        """Name of the wavelet in feature names; the same for the same filters."""
-        return wavelet_qualifier(self.wavelet)
-
     @abstractmethod
     def _deepest_level(self) -> int:
         """Number of levels that ``_from_coefficients`` reads."""
@@ -123,7 +119,7 @@ class WaveletLevelStatistics(WaveletTransformer):
             row = REGISTRY[f"wavelet_{name}"]
             # The share depends on which levels it is a share of.
             more = {"lowest_colour": (f"{self.colours}colours",), "energy_share": (f"of{self.levels}levels",)}
-            definition = (self._wavelet_name(), *more.get(name, ()))
+            definition = (wavelet_qualifier(self.wavelet), *more.get(name, ()))
             columns += [row.column(*definition, f"level{level:02d}") for level in range(1, self.levels + 1)]
         return columns
 
@@ -225,7 +221,7 @@ class WaveletEnvelopeSpectrum(WaveletTransformer):
                 )
 
     def _feature_names(self) -> list[str]:
-        definition = (self._wavelet_name(), f"level{self.level_:02d}")
+        definition = (wavelet_qualifier(self.wavelet), f"level{self.level_:02d}")
         line = REGISTRY["wavelet_envelope_line"]
         shaft = [line.column(*definition, f"shaft{k:02d}") for k in range(1, self.n_shaft_harmonics + 1)]
         mesh = [line.column(*definition, f"mesh{k:02d}") for k in range(1, self.n_mesh_harmonics + 1)]

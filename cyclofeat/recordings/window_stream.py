@@ -91,7 +91,12 @@ class WindowStream:
         ValueError
             If a window is constant, or its samples are too few. It is left out then.
         """
-        self._append_piece(torque, angle)
+        if angle.size:
+            if self._first_point is None:
+                self._first_point = self._grid.first_point(angle[0])
+            self._pieces.append((torque, angle))
+            if len(self._pieces) > _MOST_PIECES:
+                self._join_pieces()
         beside = _BESIDE * self._grid.step
         while self._pieces and self._last_angle() >= (last := self._end_of_window() + beside):
             angles = self._join_pieces()[1]
@@ -101,15 +106,6 @@ class WindowStream:
         """Yield the windows that are whole without what may have come behind them."""
         while self._pieces and self._last_angle() + ROUNDING >= self._end_of_window():
             yield self._next_window(self._join_pieces()[1].size)
-
-    def _append_piece(self, torque: Float, angle: Float) -> None:
-        if not angle.size:
-            return
-        if self._first_point is None:
-            self._first_point = self._grid.first_point(angle[0])
-        self._pieces.append((torque, angle))
-        if len(self._pieces) > _MOST_PIECES:
-            self._join_pieces()
 
     def _last_angle(self) -> float:
         return float(self._pieces[-1][1][-1])

@@ -432,7 +432,7 @@ def _fourier_sums(x: Float, step: float, n_lines: int) -> Complex:
 
 
 def synchronous_average(lines: Complex, n_points: int) -> Float:
-    """Average the torque over output turns, input turns or passages of lobes, from the lines of that turn.
+    """Average the torque over output turns, or input turns, from the lines of that turn.
 
     Parameters
     ----------
