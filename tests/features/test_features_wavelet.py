@@ -12,8 +12,15 @@ from sklearn.base import clone
 from transformers import BANK, WAVELET, torque
 from transformers import SAMPLING_RATE as RATE
 
-from cyclofeat.features import WaveletEnvelopeSpectrum, WaveletLevelStatistics, WaveletMinimaOverlap
-from cyclofeat.signal.wavelets import as_wavelet, dwt, envelope_lines, level_envelope, level_statistics
+from cyclofeat.features import WaveletEnvelopeSpectrum, WaveletLevelStatistics
+from cyclofeat.signal.wavelets import (
+    as_wavelet,
+    dwt,
+    envelope_lines,
+    level_envelope,
+    level_statistics,
+    wavelet_qualifier,
+)
 
 every_transformer = pytest.mark.parametrize("transformer", WAVELET, ids=lambda t: repr(t)[:60])
 
@@ -90,13 +97,10 @@ def test_one_transform_serves_all(transformer):
     assert_array_equal(fitted._from_coefficients(X, deeper), fitted.transform(X))
 
 
-def test_transformers_tell_whether_they_can_share():
-    names = [
-        WaveletLevelStatistics(RATE, wavelet=w)._wavelet_name()
-        for w in ("db2", BANK, pywt.Wavelet("db2"), "db3")
-    ]
+def test_names_of_wavelets_are_those_of_their_filters():
+    names = [wavelet_qualifier(wavelet) for wavelet in ("db2", BANK, pywt.Wavelet("db2"), "db3")]
     assert names[0] == names[2]
-    assert names[1] == WaveletMinimaOverlap(RATE, wavelet=np.array(BANK))._wavelet_name()
+    assert names[1] == wavelet_qualifier(np.array(BANK))
     assert len(set(names)) == 3
 
 
