@@ -336,25 +336,19 @@ def each_recording(
     A file that fails does not stop the others.
     ``doing`` says in the line of progress what is done, such as "counting".
     """
-    with Progress(doing) as progress:
-        for done, entry in enumerate(files, 1):
-            result = _read_and_work(entry, options, work)
-            progress(done, len(files))
-            yield result
-
-
-def _read_and_work(
-    entry: Entry | UnreadableFolder, options: dict[str, Any], work: Callable[[Path, Recording], T]
-) -> FileResult[T]:
     from cyclofeat.datasets.readers import one_line
 
-    title = ""
-    try:
-        recording = entry.read(**options)
-        title = name_file(entry.path, one_line(recording))
-        return FileResult(entry.path, title, work(entry.path, recording))
-    except UNREADABLE as error:
-        return FileResult(entry.path, title, error=error_text(error))
+    with Progress(doing) as progress:
+        for done, entry in enumerate(files, 1):
+            title = ""
+            try:
+                recording = entry.read(**options)
+                title = name_file(entry.path, one_line(recording))
+                result = FileResult(entry.path, title, work(entry.path, recording))
+            except UNREADABLE as error:
+                result = FileResult(entry.path, title, error=error_text(error))
+            progress(done, len(files))
+            yield result
 
 
 def name_file(path: Path, message: str) -> str:

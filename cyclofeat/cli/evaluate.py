@@ -157,17 +157,14 @@ def format_result(arguments: argparse.Namespace, results: dict[str, Evaluation])
         if scores.windows is not None:
             lines.append(f"{'':{width}s}  of single windows: {scores.windows}")
     if main.refused is not None:
-        lines.append(f"{name} refuses {main.refused:.1%} of the recordings{_accepted_text(main)}")
+        accepted = ""
+        if main.accepted_accuracy is not None and main.accepted_accuracy_interval is not None:
+            low, high = main.accepted_accuracy_interval
+            accepted = f"; accuracy of the others {main.accepted_accuracy:.3f} [{low:.3f}, {high:.3f}]"
+        lines.append(f"{name} refuses {main.refused:.1%} of the recordings{accepted}")
         lines += [f"  {n} x {reason}" for reason, n in main.refusal_counts().items()]
     lines.append(
         f"confusion matrix of {name} (rows true, columns predicted), counts {main.classes.tolist()}:"
     )
     lines.append(str(main.confusion))
     return Printed("\n".join(lines), {method: scores.to_dict() for method, scores in results.items()})
-
-
-def _accepted_text(result: Evaluation) -> str:
-    if result.accepted_accuracy is None or result.accepted_accuracy_interval is None:
-        return ""
-    low, high = result.accepted_accuracy_interval
-    return f"; accuracy of the others {result.accepted_accuracy:.3f} [{low:.3f}, {high:.3f}]"

@@ -7,7 +7,7 @@ import contextlib
 import dataclasses
 import importlib.util
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from cyclofeat.gap import Condition, EffectPosterior, GapCheck, GapResult, GapSettings, World
     from cyclofeat.gap.check import CheckedEffect
     from cyclofeat.gap.proof.prove import Proof
-    from cyclofeat.gap.result import FoundEffect, Remainder
+    from cyclofeat.gap.result import Remainder
     from cyclofeat.recordings import Recording
     from cyclofeat.simulators import Rig
 
@@ -77,13 +77,14 @@ def add_check(parser: argparse.ArgumentParser) -> None:
 
 def run_check(arguments: argparse.Namespace, posterior: EffectPosterior) -> GapCheck:
     """Check the recordings named, or as many planned ones."""
-    from cyclofeat.gap import check_recordings
+    from cyclofeat.gap import Condition, check_recordings
 
     recordings: list[Recording] | list[Condition]
     if arguments.measured:
         recordings = read_all(arguments.measured, arguments)
     else:
-        recordings = _planned_conditions(whole("--recordings", arguments.recordings, 1), posterior)
+        middle = Condition(sum(posterior.world.speeds_rpm) / 2, sum(posterior.world.loads_nm) / 2)
+        recordings = [middle] * whole("--recordings", arguments.recordings, 1)
     with Progress("cyclofeat gap: simulating rigs") as progress:
         return check_recordings(
             recordings,
@@ -93,13 +94,6 @@ def run_check(arguments: argparse.Namespace, posterior: EffectPosterior) -> GapC
             n_jobs=arguments.jobs,
             progress=progress,
         )
-
-
-def _planned_conditions(n: int, posterior: EffectPosterior) -> list[Condition]:
-    from cyclofeat.gap import Condition
-
-    world = posterior.world
-    return [Condition(sum(world.speeds_rpm) / 2, sum(world.loads_nm) / 2)] * n
 
 
 def format_check(result: GapCheck) -> Printed:
@@ -272,7 +266,14 @@ def gap_lines(result: GapResult) -> list[str]:
     for found in result.effects:
         if found.effect in named or found.answer == "present":
             look_alikes = [name for name in found.ties if name not in named]
-            lines += _effect_lines(found, [result.effect(name) for name in look_alikes])
+            word = "missing" if found.answer == "present" else "probably missing"
+            first, *others = (
+                f"{effect.effect} ({effect.probability:.0%})"
+                for effect in (found, *map(result.effect, look_alikes))
+            )
+            ties = f", or {', '.join(others)}" if others else ""
+            lines.append(f"{word}: {first}{ties}: {effect_name(found.effect)}")
+            lines += [f"  {size}" for size in found.sizes]
             told.update(look_alikes)
     rest = [found for found in result.effects if found.answer == "unresolved" and found.effect not in told]
     open_ones = [f"{found.effect} ({found.probability:.0%})" for found in rest if not found.small]
@@ -292,14 +293,6 @@ def gap_lines(result: GapResult) -> list[str]:
         at = f" at {proof.condition.text}" if proof.condition else ""
         lines.append(f"held out{at}: {_closed_text(proof)}")
     return lines + [f"note: {warning}" for warning in result.warnings]
-
-
-def _effect_lines(found: FoundEffect, look_alikes: Sequence[FoundEffect]) -> Iterator[str]:
-    word = "missing" if found.answer == "present" else "probably missing"
-    first, *others = (f"{one.effect} ({one.probability:.0%})" for one in (found, *look_alikes))
-    ties = f", or {', '.join(others)}" if others else ""
-    yield f"{word}: {first}{ties}: {effect_name(found.effect)}"
-    yield from (f"  {size}" for size in found.sizes)
 
 
 def _remainder_lines(remainder: Remainder) -> Iterator[str]:
@@ -398,7 +391,15 @@ def run(arguments: argparse.Namespace) -> GapResult | GapCheck | Prepared:
     if arguments.simulated is None:
         result, settings = _find_and_judge(arguments, recordings)
     else:
-        result, settings = _compare_folders(arguments, recordings)
+        from cyclofeat.gap import compare_recordings
+
+        simulated = read_all([arguments.simulated], arguments)
+        with Progress("cyclofeat gap: comparing recordings"):
+            result = compare_recordings(recordings, simulated, settings=_gap_settings(arguments))
+        settings = {
+            "recordings": f"{len(recordings)}",
+            "simulated recordings": f"{len(simulated)} of {arguments.simulated}",
+        }
     if arguments.save_simulator is not None:
         (result.posterior_rig or result.rig).to_json(arguments.save_simulator)
     if arguments.out is not None:
@@ -430,21 +431,6 @@ def _find_and_judge(
     if held_out is not None:
         settings["recordings held out"] = f"{len(held_out)}"
     return result, settings
-
-
-def _compare_folders(
-    arguments: argparse.Namespace, recordings: list[Recording]
-) -> tuple[GapResult, dict[str, str]]:
-    """Return where the recordings differ from those of another simulator."""
-    from cyclofeat.gap import compare_recordings
-
-    simulated = read_all([arguments.simulated], arguments)
-    with Progress("cyclofeat gap: comparing recordings"):
-        result = compare_recordings(recordings, simulated, settings=_gap_settings(arguments))
-    return result, {
-        "recordings": f"{len(recordings)}",
-        "simulated recordings": f"{len(simulated)} of {arguments.simulated}",
-    }
 
 
 def _gap_settings(arguments: argparse.Namespace) -> GapSettings:
@@ -495,12 +481,10 @@ def _split_recordings(
     try:
         return hold_out(recordings, by, random_state=arguments.seed)
     except ArgumentError as error:
-        raise ValueError(error.format_message(_hold_out_option)) from None
-
-
-def _hold_out_option(argument: str, rest: str) -> str:
-    """Return the option of an argument of :func:`hold_out`."""
-    return "--hold-out" if argument == "by" else option_of(argument, rest)
+        message = error.format_message(
+            lambda argument, rest: "--hold-out" if argument == "by" else option_of(argument, rest)
+        )
+        raise ValueError(message) from None
 
 
 def format_result(arguments: argparse.Namespace, result: GapResult | GapCheck | Prepared) -> Printed:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 from cyclofeat._base.words import number_of
@@ -34,8 +33,12 @@ def run(arguments: argparse.Namespace) -> Iterator[FileResult[dict[str, Any]]]:
 
 
 def format_result(arguments: argparse.Namespace, result: FileResult[dict[str, Any]]) -> Printed:
+    from cyclofeat.datasets.readers import list_channels
+
     facts = result.value
-    channels = _channels(arguments, result.path)
+    channels: dict[str, str | None] = {}  # none where the file cannot be opened
+    with contextlib.suppress(*UNREADABLE):
+        channels = list_channels(result.path, delimiter=reading_arguments(arguments).get("delimiter"))
     if facts is None:
         return result.format_result(facts={"channels": channels})
     lines = [f"started:   {facts['start_time']} (UTC)"] if facts["start_time"] else []
@@ -50,15 +53,6 @@ def format_result(arguments: argparse.Namespace, result: FileResult[dict[str, An
     lines.append(f"dropouts:  {100 * facts['dropout_share']:.3g} %")
     lines += [f"warning:   {warning}" for warning in facts["warnings"]]
     return result.format_result(lines, {**facts, "channels": channels})
-
-
-def _channels(arguments: argparse.Namespace, path: Path) -> dict[str, str | None]:
-    """Return the channels of a file with their units; none where it cannot be opened."""
-    from cyclofeat.datasets.readers import list_channels
-
-    with contextlib.suppress(*UNREADABLE):
-        return list_channels(path, delimiter=reading_arguments(arguments).get("delimiter"))
-    return {}
 
 
 def _speed_text(facts: dict[str, Any]) -> str:

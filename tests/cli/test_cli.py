@@ -53,6 +53,19 @@ def folder(tmp_path_factory, surrogates):
     return folder
 
 
+@pytest.fixture
+def model(folder):
+    """Options that name the folder's model."""
+    return ["--model", folder / "model.joblib", "--trust"]
+
+
+@pytest.fixture
+def no_pictures(monkeypatch):
+    """Reports whose pictures, which take seconds and have tests of their own, are empty."""
+    drawn = {"light": "data:,", "dark": "data:,", "alt": "", "width": 1, "height": 1}
+    monkeypatch.setattr("cyclofeat.report._figures.draw_picture", lambda *_, **__: drawn)
+
+
 def test_version_and_help_need_neither_numba_nor_scikit_learn():
     code = (
         "import sys; from cyclofeat.cli import main\n"
@@ -301,28 +314,27 @@ def test_simulated_training_with_wear_takes_five_turns(capsys, tmp_path, monkeyp
         assert (asked["output_turns"], asked["wear_um"], asked["radial_share"]) == expected
 
 
-def test_a_refused_recording_has_no_count(capsys, folder, tmp_path):
+def test_a_refused_recording_has_no_count(capsys, folder, tmp_path, model):
     worn = read_recording(folder / "worn.csv")
     clipped = worn.replace(torque=np.minimum(worn.torque, np.quantile(worn.torque, 0.56)))
     write_recording(tmp_path / "clipped.npz", clipped)
-    options = ["--model", folder / "model.joblib", "--trust"]
-    code, out, _ = run(capsys, "count", tmp_path / "clipped.npz", *options, "--strict")
+    code, out, _ = run(capsys, "count", tmp_path / "clipped.npz", *model, "--strict")
     assert code == 3
     assert re.search(r"refused: +4[3-6]% of the samples are clipped .*\n +would be: +\d \(probability", out)
     assert "worn lobes: " not in out
-    code, out, _ = run(capsys, "count", tmp_path / "clipped.npz", *options, "--json")
+    code, out, _ = run(capsys, "count", tmp_path / "clipped.npz", *model, "--json")
     assert code == 0
     (facts,) = json.loads(out)
     assert (facts["defect_count"], facts["refused"]) == (None, True)
     assert facts["refused_defect_count"] is not None
     for strict, expected in (([], 3), (["--no-strict"], 0)):
-        code, out, _ = run(capsys, "watch", tmp_path, *options, "--once", "--settle", 0.01, *strict)
+        code, out, _ = run(capsys, "watch", tmp_path, *model, "--once", "--settle", 0.01, *strict)
         assert code == expected
         assert "clipped.npz: refused: 4" in out
 
 
-def test_count_for_people_counts_lobes_from_one(capsys, folder):
-    code, out, _ = run(capsys, "count", folder / "worn.csv", "--model", folder / "model.joblib", "--trust")
+def test_count_for_people_counts_lobes_from_one(capsys, folder, model):
+    code, out, _ = run(capsys, "count", folder / "worn.csv", *model)
     assert code == 0
     recording = read_recording(folder / "worn.csv")
     assert f"worn lobes: {recording.defect_count}" in out
@@ -336,8 +348,8 @@ def test_count_for_people_counts_lobes_from_one(capsys, folder):
 
 
 @pytest.mark.parametrize("command", ["count", "inspect"])
-def test_a_file_is_named_once(capsys, folder, command):
-    options = [] if command == "inspect" else ["--model", folder / "model.joblib", "--trust"]
+def test_a_file_is_named_once(capsys, folder, command, model):
+    options = [] if command == "inspect" else model
     _, out, _ = run(capsys, command, folder / "worn.csv", *options)
     first = out.splitlines()[0]
     assert first.startswith(f"{folder / 'worn.csv'}")
@@ -345,16 +357,11 @@ def test_a_file_is_named_once(capsys, folder, command):
     assert first.count("worn.csv") == 1
 
 
-def test_count_writes_a_report(capsys, folder, tmp_path, monkeypatch):
-    # Pictures take seconds and have tests of their own.
-    drawn = {"light": "data:,", "dark": "data:,", "alt": "", "width": 1, "height": 1}
-    monkeypatch.setattr("cyclofeat.report._figures.draw_picture", lambda *_, **__: drawn)
+def test_count_writes_a_report(capsys, folder, tmp_path, model, no_pictures):
     (tmp_path / "empty.csv").touch()
     report = tmp_path / "count.html"
-    code, out, err = run(
-        capsys, "count", folder / "worn.csv", tmp_path / "empty.csv", "--report", report,
-        "--model", folder / "model.joblib", "--trust", "--json",
-    )  # fmt: skip
+    files = [folder / "worn.csv", tmp_path / "empty.csv"]
+    code, out, err = run(capsys, "count", *files, "--report", report, *model, "--json")
     assert code == 2
     good, bad = json.loads(out)
     assert good["defect_count"] == 5
@@ -398,9 +405,7 @@ def derived_angle(recording):
         (derived_angle, "the angle of the shaft was made continuous"),
     ],
 )
-def test_count_warns_of_what_inspect_does(capsys, folder, tmp_path, monkeypatch, spoil, words):
-    drawn = {"light": "data:,", "dark": "data:,", "alt": "", "width": 1, "height": 1}
-    monkeypatch.setattr("cyclofeat.report._figures.draw_picture", lambda *_, **__: drawn)
+def test_count_warns_of_what_inspect_does(capsys, folder, tmp_path, model, no_pictures, spoil, words):
     recording = spoil(read_recording(folder / "worn.csv"))
     file, page = tmp_path / "worn.npz", tmp_path / "count.html"
     write_recording(file, recording)
@@ -408,7 +413,6 @@ def test_count_warns_of_what_inspect_does(capsys, folder, tmp_path, monkeypatch,
     (warning,) = json.loads(inspected)[0]["warnings"]
     assert code == 0
     assert words in warning
-    model = ["--model", folder / "model.joblib", "--trust"]
     _, counted, _ = run(capsys, "count", file, *model, "--json")
     assert json.loads(counted)[0]["warnings"] == [warning]
     _, text, _ = run(capsys, "count", file, *model, "--report", page)
@@ -418,17 +422,17 @@ def test_count_warns_of_what_inspect_does(capsys, folder, tmp_path, monkeypatch,
     assert text.count(f"note: {warning}") == 1
 
 
-def test_count_does_not_repeat_what_it_says_itself(capsys, folder, tmp_path):
+def test_count_does_not_repeat_what_it_says_itself(capsys, folder, tmp_path, model):
     recording = read_recording(folder / "worn.csv")
     write_recording(tmp_path / "worn.npz", recording.replace(angle=None, angle_is_absolute=False))
-    options = ["--model", folder / "model.joblib", "--trust", "--json"]
+    options = [*model, "--json"]
     _, out, _ = run(capsys, "count", tmp_path / "worn.npz", *options)
     assert len([one for one in json.loads(out)[0]["warnings"] if "relative" in one]) == 1
 
 
-def test_count_writes_a_table_row_by_row(capsys, folder, tmp_path):
+def test_count_writes_a_table_row_by_row(capsys, folder, tmp_path, model):
     table = tmp_path / "counts.csv"
-    options = ["--model", folder / "model.joblib", "--trust", "--csv", table]
+    options = [*model, "--csv", table]
     (tmp_path / "empty.csv").write_text("")
     code, _, err = run(capsys, "count", folder / "worn.csv", tmp_path / "empty.csv", *options)
     assert code == 2
@@ -446,7 +450,7 @@ def test_count_writes_a_table_row_by_row(capsys, folder, tmp_path):
     assert run(capsys, "count", folder / "worn.csv", *options)[0] == 2  # never overwritten unasked
 
 
-def test_a_report_of_many_files_needs_the_memory_of_few(capsys, folder, tmp_path, monkeypatch):
+def test_a_report_of_many_files_needs_the_memory_of_few(capsys, folder, tmp_path, monkeypatch, model):
     alive = []
 
     def written(model, counted, path, *, failures, settings):
@@ -455,25 +459,20 @@ def test_a_report_of_many_files_needs_the_memory_of_few(capsys, folder, tmp_path
         return path
 
     monkeypatch.setattr("cyclofeat.report.write_count_report", written)
-    code, _, _ = run(
-        capsys, "count", *(folder / "worn.csv",) * 3, "--report", tmp_path / "count.html",
-        "--model", folder / "model.joblib", "--trust",
-    )  # fmt: skip
+    files = [folder / "worn.csv"] * 3
+    code, _, _ = run(capsys, "count", *files, "--report", tmp_path / "count.html", *model)
     assert code == 0
     assert alive == [[3, 0]]
 
 
-def test_the_run_up_can_be_left_out(capsys, folder, tmp_path):
+def test_the_run_up_can_be_left_out(capsys, folder, tmp_path, model):
     recording = read_recording(folder / "worn.csv")
     start = np.zeros(2560)
     write_recording(
         tmp_path / "late.npz",
         recording.replace(torque=np.r_[start, recording.torque], angle=None, angle_is_absolute=False),
     )
-    code, out, _ = run(
-        capsys, "count", tmp_path / "late.npz", "--skip", 0.1, "--model", folder / "model.joblib",
-        "--trust", "--json",
-    )  # fmt: skip
+    code, out, _ = run(capsys, "count", tmp_path / "late.npz", "--skip", 0.1, *model, "--json")
     assert code == 0
     assert json.loads(out)[0]["defect_count"] == recording.defect_count
 
@@ -610,8 +609,7 @@ def test_a_full_disk_below_standard_output_is_an_error(capsys, monkeypatch, smal
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no device that is always full")
-def test_a_full_disk_below_the_table_is_an_error_that_names_it(capsys, folder):
-    model = ["--model", folder / "model.joblib", "--trust"]
+def test_a_full_disk_below_the_table_is_an_error_that_names_it(capsys, folder, model):
     code, out, err = run(capsys, "count", folder / "worn.csv", *model, "--csv", "/dev/full", "--force")
     assert (code, out) == (2, "")
     assert re.fullmatch(r"cyclofeat: error: .*No space left.*'/dev/full'\n", err)
@@ -623,9 +621,8 @@ def wrong_column(folder):
     return ["count", file, "--channel", "torque"]
 
 
-def test_json_holds_the_answer_of_each_window(capsys, folder):
-    code, out, _ = run(capsys, "count", folder / "worn.csv", "--model", folder / "model.joblib", "--trust",
-                       "--json")  # fmt: skip
+def test_json_holds_the_answer_of_each_window(capsys, folder, model):
+    code, out, _ = run(capsys, "count", folder / "worn.csv", *model, "--json")
     (answer,) = json.loads(out)
     assert code == 0
     assert len(answer["windows"]) == answer["n_windows"] >= 1
@@ -658,8 +655,8 @@ def no_speed(folder):
         (no_speed, "nor a speed, and its output torque .* RPM: give --speed"),
     ],
 )
-def test_bad_recordings(capsys, folder, make, message):
-    code, out, err = run(capsys, *make(folder), "--model", folder / "model.joblib", "--trust", "--json")
+def test_bad_recordings(capsys, folder, make, message, model):
+    code, out, err = run(capsys, *make(folder), *model, "--json")
     assert code == 2
     assert err.startswith("cyclofeat: error: ")
     assert err.count("\n") == 1, "one clear line"
@@ -783,13 +780,12 @@ def test_errors_of_reading_name_options_not_arguments(capsys, folder, tmp_path, 
     assert re.search(r"[a-z]+_[a-z]+ ?=", err) is None, err
 
 
-def test_count_names_each_speed_that_the_torque_allows_and_the_option(capsys, folder, tmp_path, monkeypatch):
+def test_count_names_each_speed_that_the_torque_allows(capsys, folder, tmp_path, monkeypatch, model):
     recording = read_recording(folder / "worn.csv")
     unknown = recording.replace(angle=None, angle_is_absolute=False, speed_rpm=None)
     write_recording(tmp_path / "unknown.npz", unknown)
     found = [SimpleNamespace(speed_hz=rpm / 60) for rpm in (250, 500)]
     monkeypatch.setattr("cyclofeat.counting.model.turning.search_speed", lambda *_: found)
-    model = ["--model", folder / "model.joblib", "--trust"]
     code, _, err = run(capsys, "count", tmp_path / "unknown.npz", *model)
     assert code == 2
     assert err.count("\n") == 1
@@ -798,7 +794,7 @@ def test_count_names_each_speed_that_the_torque_allows_and_the_option(capsys, fo
     assert code == 0
 
 
-def test_a_manifest_describes_a_folder_to_every_command(capsys, folder, tmp_path, surrogates):
+def test_a_manifest_describes_a_folder_to_every_command(capsys, folder, tmp_path, surrogates, model):
     lines = ["file,sampling_rate,angle_channel,angle_unit,defect_count,assembly,speed"]
     for recording in surrogates[:3]:
         name = f"{recording.assembly}.csv"
@@ -808,7 +804,7 @@ def test_a_manifest_describes_a_folder_to_every_command(capsys, folder, tmp_path
         )  # fmt: skip
         lines.append(f"{name},25600,phi,rad,{recording.defect_count},{recording.assembly},500")
     (tmp_path / "recordings.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    code, out, err = run(capsys, "count", tmp_path, "--model", folder / "model.joblib", "--trust", "--json")
+    code, out, err = run(capsys, "count", tmp_path, *model, "--json")
     assert code == 0, err
     assert len(json.loads(out)) == 3
     (tmp_path / "recordings.csv").write_text(
