@@ -74,7 +74,7 @@ def _describe_model(session: Session) -> dict[str, str] | None:
     if speed:
         at.append(f"{60 * speed:g} RPM")
     elif trained:
-        at.append(f"{trained[0]:.4g} to {trained[1]:.4g} RPM")
+        at.append(f"{' to '.join(dict.fromkeys(f'{rpm:.4g}' for rpm in trained))} RPM")
     text = f"counts {min(card['classes'])} to {max(card['classes'])} worn lobes"
     if at:
         text += f" in recordings at {' and '.join(at)}"
