@@ -264,7 +264,7 @@ def on_lines(at, knots, values):  # type: ignore[no-untyped-def]
 
 @njit(fastmath=False)
 def on_grid(at, step, values, first=0):  # type: ignore[no-untyped-def]
-    """As :func:`on_lines` for points ``step`` apart from number ``first`` on, none of which is in memory."""
+    """As :func:`on_lines`, with unstored knots at multiples of ``step`` from number ``first`` on."""
     joined = np.empty(at.size)
     last = first + values.size - 1
     for i in range(at.size):

@@ -214,7 +214,7 @@ class MachineRun(_RunOfMachine):
         Parameters
         ----------
         effects : sequence of Effect
-            Effects beside those of the rig, none that the gearbox answers (:meth:`Effect.needs_simulation`).
+            Effects in addition to the rig's, none that the gearbox answers (:meth:`Effect.needs_simulation`).
 
         Returns
         -------

@@ -66,8 +66,8 @@ class Rig:
     name : str, default "rig"
         Prefix of the names of its surrogate recordings.
     variants : sequence of sequences of Effect
-        Sets of further effects, of which each assembly has one, with equal chances: for effects that are
-        there with some probability, exclude each other, or have correlated sizes. Default: none.
+        Sets of further effects. Each assembly has one set, drawn with equal chances: for effects that occur
+        with some probability, exclude each other, or have correlated sizes. Default: none.
     simulator : Simulator, optional
         User's simulator. The gearbox then states speed, load and number of lobes.
 
@@ -241,7 +241,7 @@ class Rig:
         return others.replace(effects=(*others.effects, *given))
 
     def with_added(self, *effects: Effect) -> Rig:
-        """Return a copy with effects added to those that it has."""
+        """Return a copy with more effects."""
         return self.replace(effects=(*self.effects, *effects))
 
     def without(self, *effect_ids: str) -> Rig:
@@ -542,7 +542,7 @@ class Rig:
         Parameters
         ----------
         path : path
-            File to write; one that exists is replaced.
+            File to write; an existing file is replaced.
 
         Raises
         ------
@@ -585,7 +585,7 @@ class Rig:
         Returns
         -------
         Rig
-            Equal to the one that was written.
+            Equal to the rig that was written.
 
         Raises
         ------

@@ -371,7 +371,7 @@ def first_bit(context: Any, bits: Any) -> Any:
 
 @intrinsic
 def largest_lane(context: Any, value: Any) -> Any:
-    """The largest number of a vector, of which none may be NaN."""
+    """Return the largest number of a vector without NaN."""
 
     def generate_ir(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         kind = ir.FunctionType(_ELEMENTS[value.element], [_vector_ir(value)])

@@ -26,14 +26,14 @@ from cyclofeat.simulators.tables import KernelInput, kernel_input, rest_state
 Float = NDArray[np.float64]
 
 _PINS = 16  # pins of one wheel that are described at once
-_CHUNK = 1024  # steps of which the drive is written at once: it stays in the cache
-_PIECE = 16 * _CHUNK  # steps of which the courses of all lanes are evaluated at once
+_CHUNK = 1024  # steps; the drive is written for so many at once, which stay in the cache
+_PIECE = 16 * _CHUNK  # steps; the courses of all lanes are evaluated for so many at once
 _FEWEST_PINS = 10  # with fewer, a lobe is too wide for the short polynomials
 
 
 @functools.cache
 def n_lanes() -> int:
-    """Return the number of gearboxes in one batch: as many as suit the processor's vectors."""
+    """Return the number of gearboxes in one batch: the lanes of the processor's vectors."""
     return 16 if llvm.get_host_cpu_features().get("avx512f") else 8
 
 
@@ -111,10 +111,10 @@ def obstacle(request: Request, arguments: Mapping[str, Any]) -> str | None:
 
 
 def group_requests(requests: Mapping[int, Request]) -> Iterator[dict[int, Request]]:
-    """Yield requests that can run together, as many as there are lanes, by their keys.
+    """Yield groups of requests that can run together, at most one per lane, by their keys.
 
     A batch takes as long as its longest run, and each step as long as the lane with most contacts. So runs
-    with as many defects and of similar length are grouped.
+    with equal numbers of defects and of similar length are grouped.
     """
     by_form: dict[tuple[Any, ...], list[int]] = {}
     for key in sorted(requests, key=lambda key: requests[key].cost):
@@ -264,7 +264,7 @@ class Samples:
             self._rows[row][inside] = results[self._steps[inside] - first, row]
 
     def by_lane(self, row: int) -> Float | None:
-        """Return the samples of a row, (lanes, n_samples); None for one that was not taken."""
+        """Return the samples of a row, (lanes, n_samples); None for a row that was not recorded."""
         return np.ascontiguousarray(self._rows[row].T) if row in self._rows else None
 
 
@@ -291,7 +291,7 @@ def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
     Parameters
     ----------
     requests : sequence of Request
-        At most as many as there are lanes.
+        At most one per lane.
 
     Returns
     -------

@@ -325,7 +325,7 @@ class Campaign:
         Returns
         -------
         Campaign
-            Equal to the one that was written.
+            Equal to the campaign that was written.
 
         Raises
         ------

@@ -121,9 +121,8 @@ class CamRunOut(Effect):
 
     The centre of cam k is moved by ``runout`` exp(i a_k) in the frame of the input shaft, with a random
     direction a_k, in addition to those of the gearbox. With unequal pins this shows once per input turn
-    (1x, 8.333 Hz at 500 RPM), beside the worn lobes' 16/15; with equal pins it
-    changes the mesh lines alone. Separating measurement: at least one whole output turn, in which 1x and the
-    lobes' 16/15 come apart.
+    (1x, 8.333 Hz at 500 RPM), near the worn lobes' 16/15; with equal pins it changes the mesh lines alone.
+    Separating measurement: at least one whole output turn, which resolves 1x from the lobes' 16/15.
 
     Parameters
     ----------

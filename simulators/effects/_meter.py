@@ -435,9 +435,8 @@ class LostSamples(Effect):
 
     In each stretch of ``block``/``share`` samples one block at a random place is lost. The block holds the
     last value before it, is zero, or is cut out, so that what follows comes too early. Only the torque's
-    channel loses samples: an angle recorded beside it stays, and no longer matches a torque with samples cut
-    out.
-    Separating measurement: a tachometer in the same channel, or a counter of samples.
+    channel loses samples: an angle recorded with it stays, and no longer matches a torque with samples cut
+    out. Separating measurement: a tachometer in the same channel, or a counter of samples.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ HOOKS = (*_PLACE_OF_HOOK, "resample")
 
 @dataclass(frozen=True)
 class TorqueContext:
-    """State of the record besides its torque, for effects on the torque.
+    """What effects on the torque need to know of a record, apart from its torque.
 
     Parameters
     ----------
@@ -256,7 +256,7 @@ class Effect(BaseEstimator):
             In Hz.
         random : numpy.random.Generator
         context : TorqueContext, optional
-            Default: a machine that ran before, of which nothing else is known.
+            Default: an unknown machine that has run before.
 
         Returns
         -------

@@ -64,7 +64,7 @@ def known_effects(*, proposed: bool = False) -> Mapping[str, Effect]:
     Parameters
     ----------
     proposed : bool, default False
-        Return only those that a search which adds one effect at a time proposes. Registered effects with a
+        Return only the effects that a search proposes when it adds one at a time. Registered effects with a
         fitted parameter are among them (:func:`register_effect`).
 
     Returns

@@ -19,7 +19,7 @@ class ServoMotor(Effect):
 
     The speed yields to the torque as :class:`cyclofeat.simulators.Motor` describes, the recorded angle is the
     true one, and the run has a current. A stiffer control (``bandwidth_hz``, ``current_bandwidth_hz``) comes
-    nearer to the given speed. Separating measurement: the current beside a torque meter on the input.
+    nearer to the given speed. Separating measurement: the current together with a torque meter on the input.
 
     Parameters
     ----------
@@ -80,9 +80,9 @@ class Cogging(Effect):
 
     A wave for the least common multiple of slots and poles (Zhu and Howe 2000, IEEE Transactions on Energy
     Conversion 15(4), 407-412) and, for a motor that is not perfect, one for the slots and one for the poles.
-    Their phases are random for each assembly. They lie at whole orders of the input, which only every
-    fifteenth line of the lobes does, but some are 1/15 of an order beside one. Separating measurement: the
-    torque of the motor alone, without current.
+    Their phases are random for each assembly. They lie at whole orders of the input, as does only every
+    fifteenth line of the lobes, but some are 1/15 of an order from a line. Separating measurement: the torque
+    of the motor alone, without current.
 
     Parameters
     ----------
