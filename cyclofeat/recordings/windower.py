@@ -487,8 +487,11 @@ class Windower:
         if self.duration is not None:
             length = f"{self.duration:g} s"
         else:
-            length = "1 output turn" if self.output_turns == 1 else f"{self.output_turns:g} output turns"
-            length += f" ({self.output_turns * self._input_turns:g} input turns)"
+            turns = self.output_turns
+            length = "1 output turn" if turns == 1 else f"{turns:g} output turns"
+            length += f" ({turns * self._input_turns:g} input turns)"
+            if turns == WINDOW_TURNS:  # the rest is left over for a speed that is not quite the nominal one
+                length = "one output turn"
         return f"a window of {length}" + (f" after skip_s = {self.skip_s:g} s" if self.skip_s else "")
 
 

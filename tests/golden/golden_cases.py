@@ -31,9 +31,7 @@ NM_PER_CODE = 2e-3
 MODEL = HERE / "model.skops"
 # The stored model is read by whatever versions are installed.
 ALLOW = [
-    word
-    for name in ("cyclofeat", "scikit-learn", "python", "numpy", "scipy", "skops")
-    for word in ("--allow", name)
+    word for name in ("cyclofeat", "scikit-learn", "python", "numpy", "scipy") for word in ("--allow", name)
 ]
 # Recordings whose features are stored, and the two classes of those that learn from labels.
 WITH_FEATURES = ("R1-0", "R1-3", "R1-7", "R2-0", "R2-5", "R2-7")

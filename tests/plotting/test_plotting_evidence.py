@@ -79,7 +79,7 @@ def test_orders_refuse(call, message):
 def test_the_nearest_distance_is_the_domain_s_own(model):
     one = recording((4, 5, 6), seed=100, turns=2)
     display = TrainingDisplay.from_estimator(model, one)
-    features = model.counter_[:-1].transform(model.windows(one).X)
+    features = model.counter_.lobe_map_.transform(model.windows(one).X)
     assert_allclose(display.features, features)
     assert_allclose(display.distances.min(axis=1), model.domain_.distance(features))
     assert display.classes[display.distances.mean(axis=0).argmin()] == 3

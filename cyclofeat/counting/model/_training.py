@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from sklearn.base import BaseEstimator, clone
@@ -31,9 +31,6 @@ from cyclofeat.recordings import Recording, WindowSet
 from cyclofeat.recordings.windower import SAMPLES_PER_TURN, Windower
 from cyclofeat.signal.lobes import N_LINES, lines_held
 from cyclofeat.signal.windows import Float
-
-if TYPE_CHECKING:
-    from cyclofeat.counting.model.lobe_model import LobeModel
 
 # Share by which a speed may lie outside those of training.
 SPEED_MARGIN = 0.05
@@ -107,15 +104,23 @@ def windows_to_learn(
     return replace(windows, recording=np.array(index)[windows.recording])
 
 
-def counter_of_windows(model: LobeModel) -> Callable[[WindowSet, int], BaseEstimator]:
+def counter_of_windows(
+    kind: str | BaseEstimator,
+    windower: Windower | None,
+    *,
+    n_trees: int,
+    epochs: int | None,
+    seed: int | None,
+) -> Callable[[WindowSet, int], BaseEstimator]:
     """Return the function that makes the unfitted counter of a model for given windows of discs.
+
+    Parameters are those of :class:`LobeModel`; ``kind`` is its ``counter``, ``seed`` its ``random_state``.
 
     Raises
     ------
     ValueError
         If options of the model exclude each other.
     """
-    kind, windower = model.counter, model.windower
     if isinstance(kind, str) and kind not in ("trees", "rows"):
         raise ValueError(f"counter must be 'trees', 'rows' or a classifier of windows, got {kind!r}")
     if kind == "trees" and windower is not None and (windower.samples_per_turn or 0) > SAMPLES_PER_TURN:
@@ -123,15 +128,13 @@ def counter_of_windows(model: LobeModel) -> Callable[[WindowSet, int], BaseEstim
             f"samples_per_turn must be at most {SAMPLES_PER_TURN} for counter='trees', which uses {N_LINES} "
             f"lobe lines, got {windower.samples_per_turn}"
         )
-    if model.epochs is not None:
-        whole("epochs", model.epochs, 1)
+    if epochs is not None:
+        whole("epochs", epochs, 1)
         if kind != "rows":
-            raise ValueError(
-                f"epochs must be None unless counter='rows', got {model.epochs} with counter={kind!r}"
-            )
+            raise ValueError(f"epochs must be None unless counter='rows', got {epochs} with counter={kind!r}")
 
     def make_counter(windows: WindowSet, n_lobes: int) -> BaseEstimator:
-        rate, seed = windows.sampling_rate, model.random_state
+        rate = windows.sampling_rate
         worn = windows.worn_table(n_lobes)
         of_rows = kind == "rows" or is_network(kind)
         if of_rows and (worn is None or lobes_apart(worn)):
@@ -143,11 +146,9 @@ def counter_of_windows(model: LobeModel) -> Callable[[WindowSet, int], BaseEstim
             counter = clone(kind)
         elif kind == "rows":
             n_lines = max(N_LINES, round(N_LINES * rate / SAMPLES_PER_TURN))
-            counter = LobeCounter(
-                rate, kind="network", n_lines=n_lines, n_epochs=model.epochs, random_state=seed
-            )
+            counter = LobeCounter(rate, kind="network", n_lines=n_lines, n_epochs=epochs, random_state=seed)
         else:
-            counter = LobeCounter(rate, n_trees=model.n_trees, random_state=seed)
+            counter = LobeCounter(rate, n_trees=n_trees, random_state=seed)
         # The angle is the time of windows: one turn per unit, exactly.
         known = {"sampling_rate": rate, "input_speed_hz": 1.0, "n_lobes": n_lobes, "speed_tolerance": 0.0}
         names = [name for name in counter.get_params(deep=True) if name.rpartition("__")[2] in known]

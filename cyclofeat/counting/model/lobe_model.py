@@ -187,7 +187,9 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             states no depth within the range; where ``y`` has another length than ``recordings``, or parts or
             joins what their ``defect_count`` states.
         """
-        make_counter = counter_of_windows(self)
+        make_counter = counter_of_windows(
+            self.counter, self.windower, n_trees=self.n_trees, epochs=self.epochs, seed=self.random_state
+        )
         known, label_of = _label_recordings(recordings, y, groups)
         n_lobes, quantity = common_n_lobes(known), common_quantity(known)
         stated = None if self.wear_um is None else stated_depths(known, self.wear_um)
