@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cyclofeat._base import checks
-from cyclofeat._base.quantities import QUANTITIES
-from cyclofeat._base.words import from_1
+from cyclofeat._base.quantities import QUANTITIES, from_1
 from cyclofeat.recordings import Recording
 
 if TYPE_CHECKING:  # the simulator loads numba: only those who simulate wait for it

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cyclofeat._base.files import name_in_errors
 from cyclofeat._base.progress import Progress
-from cyclofeat._base.words import lobes_text, number_of
+from cyclofeat._base.quantities import lobes_text, number_of
 from cyclofeat.cli._options import (
     FILES,
     FileResult,

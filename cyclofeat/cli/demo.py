@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from cyclofeat._base.progress import Progress, Steps
-from cyclofeat._base.words import lobes_text
+from cyclofeat._base.quantities import lobes_text
 from cyclofeat.cli._options import add_target
 from cyclofeat.cli._printing import Printed
 from cyclofeat.cli.evaluate import cross_validate

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.progress import Progress
-from cyclofeat._base.quantities import QUANTITIES
-from cyclofeat._base.words import number_of
+from cyclofeat._base.quantities import QUANTITIES, number_of
 from cyclofeat.cli._options import (
     add_idle,
     add_model_file,

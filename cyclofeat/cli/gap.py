@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 from cyclofeat._base.arguments import ArgumentError, different_names
 from cyclofeat._base.checks import whole
 from cyclofeat._base.progress import Progress, Steps
-from cyclofeat._base.quantities import in_words
-from cyclofeat._base.words import beyond_text, number_of, unit_text
+from cyclofeat._base.quantities import beyond_text, in_words, number_of, unit_text
 from cyclofeat.cli._options import (
     READING,
     add_idle,

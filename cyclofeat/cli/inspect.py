@@ -7,7 +7,7 @@ import contextlib
 from collections.abc import Iterator
 from typing import Any
 
-from cyclofeat._base.words import number_of
+from cyclofeat._base.quantities import number_of
 from cyclofeat.cli._options import (
     FILES,
     UNREADABLE,

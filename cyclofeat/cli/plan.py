@@ -6,7 +6,7 @@ import argparse
 import math
 from typing import TYPE_CHECKING
 
-from cyclofeat._base.words import number_of
+from cyclofeat._base.quantities import number_of
 from cyclofeat.cli._options import add_idle
 from cyclofeat.cli._printing import Printed
 from cyclofeat.cli._rigs import add_rig, rig_of

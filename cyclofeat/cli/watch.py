@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cyclofeat._base.files import check_parent
-from cyclofeat._base.words import lobes_text, number_of
+from cyclofeat._base.quantities import lobes_text, number_of
 from cyclofeat.cli._options import (
     UNREADABLE,
     FileResult,

@@ -11,7 +11,7 @@ import numpy as np
 
 from cyclofeat._base import displays, plots
 from cyclofeat._base.displays import data_frame, html_card
-from cyclofeat._base.words import beyond_text, number_of, unit_text
+from cyclofeat._base.quantities import beyond_text, number_of, unit_text
 from cyclofeat.gap.measured import Condition
 from cyclofeat.gap.overlays import Overlay
 from cyclofeat.gap.posterior.answers import UNSEEN

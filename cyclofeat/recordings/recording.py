@@ -14,8 +14,7 @@ from cyclofeat._base import displays, plots
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.checks import is_whole, number, number_series, one_of, positive, truth_value, whole
 from cyclofeat._base.displays import html_card
-from cyclofeat._base.quantities import CHANNELS, QUANTITIES, QUANTITY_UNITS, in_words
-from cyclofeat._base.words import from_1, lobes_text
+from cyclofeat._base.quantities import CHANNELS, QUANTITIES, QUANTITY_UNITS, from_1, in_words, lobes_text
 from cyclofeat.signal.lobes import SPEED_TOLERANCE
 from cyclofeat.signal.orders import input_angle_from_disc, mean_speed
 from cyclofeat.signal.windows import LARGEST, Float

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cyclofeat import __version__
-from cyclofeat._base.quantities import in_words
-from cyclofeat._base.words import number_of
+from cyclofeat._base.quantities import in_words, number_of
 from cyclofeat.plotting.drawing import require_matplotlib
 from cyclofeat.plotting.kinds import feature_of, words_of
 from cyclofeat.report._page import (

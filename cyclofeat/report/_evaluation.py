@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cyclofeat import __version__
-from cyclofeat._base.words import number_of
+from cyclofeat._base.quantities import number_of
 from cyclofeat.plotting.drawing import require_matplotlib
 from cyclofeat.report._page import check_page_path, describe_origin, versions_line, write_page
 

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cyclofeat import __version__
-from cyclofeat._base.quantities import in_words
-from cyclofeat._base.words import number_of
+from cyclofeat._base.quantities import in_words, number_of
 from cyclofeat.plotting import GapOverlayDisplay
 from cyclofeat.plotting.drawing import require_matplotlib
 from cyclofeat.plotting.gap_words import p_words

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from cyclofeat._base.words import beyond_text, number_of
+from cyclofeat._base.quantities import beyond_text, number_of
 from cyclofeat.plotting import GapReductionDisplay
 from cyclofeat.plotting.gap_words import (
     CONDITIONS,

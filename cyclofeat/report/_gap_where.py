@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cyclofeat._base.words import number_of, unit_text
+from cyclofeat._base.quantities import number_of, unit_text
 from cyclofeat.plotting import GapDisplay
 from cyclofeat.plotting.gap_words import (
     cell_name,

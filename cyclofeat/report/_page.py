@@ -11,9 +11,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cyclofeat._base import words
+from cyclofeat._base import quantities
 from cyclofeat._base.files import check_parent, package_versions, write_whole
-from cyclofeat._base.words import number_of
+from cyclofeat._base.quantities import number_of
 
 if TYPE_CHECKING:
     import os
@@ -118,7 +118,7 @@ def count_heading(count: int) -> str:
 
 def lobes_text(lobes: Iterable[int] | None, absolute: bool = True) -> str:
     """Return lobes as people count them, from 1."""
-    numbers = words.lobes_text(lobes)
+    numbers = quantities.lobes_text(lobes)
     return numbers if absolute or not numbers else f"{numbers} counted from the first sample"
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from cyclofeat._base.words import number_of
+from cyclofeat._base.quantities import number_of
 from cyclofeat.datasets.readers import MANIFEST, folder_entries
 from cyclofeat.serve.store import Refused, Store
 

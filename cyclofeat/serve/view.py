@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cyclofeat import __version__
-from cyclofeat._base.words import number_of
+from cyclofeat._base.quantities import number_of
 from cyclofeat.counting import score_text
 from cyclofeat.models import ModelFileError
 from cyclofeat.models.card import read_card

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cyclofeat._base.quantities import in_words
-from cyclofeat._base.words import from_1, lobes_text, number_of
+from cyclofeat._base.quantities import from_1, in_words, lobes_text, number_of
 from cyclofeat.datasets.readers._labels import WORN, samples_name
 from cyclofeat.recordings import Recording
 from cyclofeat.recordings.windower import SAMPLES_PER_TURN

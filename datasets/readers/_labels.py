@@ -7,8 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from cyclofeat._base.checks import is_whole, one_of, repr_of
-from cyclofeat._base.quantities import QUANTITIES
-from cyclofeat._base.words import from_1
+from cyclofeat._base.quantities import QUANTITIES, from_1
 from cyclofeat.recordings import Recording
 
 FORMAT, FORMAT_KEY = "cyclofeat recording", "cyclofeat_recording"

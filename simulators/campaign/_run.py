@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from cyclofeat._base.files import code_sha256, package_versions
 from cyclofeat._base.progress import stopped_quietly
-from cyclofeat._base.words import from_1
+from cyclofeat._base.quantities import from_1
 from cyclofeat.simulators.campaign._design import DEPTH, OF_DEFECTS, WEAR, Campaign, RunPlan
 from cyclofeat.simulators.effects.library import label_effects
 from cyclofeat.simulators.machine import MachineRun, PlannedRun

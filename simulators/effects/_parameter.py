@@ -13,7 +13,7 @@ import numpy as np
 from scipy import stats
 
 from cyclofeat._base.checks import is_number, repr_of
-from cyclofeat._base.words import from_1
+from cyclofeat._base.quantities import from_1
 
 # Distributions of scipy that rigs and files may contain.
 _DISTRIBUTIONS = ("uniform", "loguniform", "norm", "truncnorm", "lognorm", "rayleigh")

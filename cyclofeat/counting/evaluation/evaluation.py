@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cyclofeat._base import displays, plots
 from cyclofeat._base.displays import data_frame, html_card
-from cyclofeat._base.words import number_of
+from cyclofeat._base.quantities import number_of
 from cyclofeat.counting.evaluation.assembly_folds import Float, Int
 from cyclofeat.counting.evaluation.scores import (
     N_BINS,

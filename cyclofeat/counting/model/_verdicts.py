@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.words import number_of
+from cyclofeat._base.quantities import number_of
 from cyclofeat.recordings import Recording, WindowSet
 from cyclofeat.signal import faults
 from cyclofeat.signal.lobes import N_LINES, lobe_frequency

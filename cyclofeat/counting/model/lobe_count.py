@@ -10,7 +10,7 @@ import numpy as np
 
 from cyclofeat._base import displays, plots
 from cyclofeat._base.displays import data_frame, html_card
-from cyclofeat._base.words import from_1, lobes_text, number_of
+from cyclofeat._base.quantities import from_1, lobes_text, number_of
 from cyclofeat.counting.model.radial_wear import WearDepth
 
 if TYPE_CHECKING:

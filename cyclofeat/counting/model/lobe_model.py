@@ -19,8 +19,7 @@ from cyclofeat._base import displays
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.displays import html_card
 from cyclofeat._base.files import MODEL_PACKAGES, package_versions
-from cyclofeat._base.quantities import TORQUES, factor_to_output
-from cyclofeat._base.words import number_of
+from cyclofeat._base.quantities import TORQUES, factor_to_output, number_of
 from cyclofeat.counting.calibration.pooling import combine_proba
 from cyclofeat.counting.calibration.training_domain import TrainingDomain, features_seen
 from cyclofeat.counting.estimators._counter import PoorOnArbitraryData

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base import checks
-from cyclofeat._base.words import number_of
+from cyclofeat._base.quantities import number_of
 from cyclofeat.counting.model._verdicts import window_faults
 from cyclofeat.counting.model._window_answers import AnsweredWindows, PreparedWindows
 from cyclofeat.counting.model.lobe_count import LobeCount, WindowCount

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sklearn.isotonic import IsotonicRegression
 
 from cyclofeat._base.checks import is_number, number_pair, repr_of
-from cyclofeat._base.words import number_of
+from cyclofeat._base.quantities import number_of
 from cyclofeat.counting.calibration.conformal_regressor import ConformalRegressor
 from cyclofeat.counting.calibration.group_calibrated_counter import GroupCalibratedCounter
 from cyclofeat.counting.calibration.pooling import combine_proba
