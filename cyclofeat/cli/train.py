@@ -249,7 +249,7 @@ def _range_around(nominal: float) -> tuple[float, float]:
 
 
 def format_result(arguments: argparse.Namespace, model: LobeModel) -> Printed:
-    from cyclofeat.counting import score_text
+    from cyclofeat.counting.evaluation.evaluation import score_text
 
     card = model.card_
     located = "locates lobes"

@@ -7,7 +7,6 @@ name                         job
 ``make_entropy_counter``     the same with the papers' best feature, for comparison
 ``LobeCounter``              count and positions, by trees or by a network
 ``EntropyLadder``            one number per window, thresholds between counts: the papers' way
-``CountingTrees``            extremely randomised trees, fast for few windows
 ``GroupCalibratedCounter``   a counter whose probabilities are corrected on held-out assemblies
 ``ConformalRegressor``       a number with an interval of a chosen coverage
 ``TrainingDomain``           test of whether windows resemble those of training
@@ -34,14 +33,13 @@ from cyclofeat.counting.estimators.entropy_ladder import EntropyLadder
 from cyclofeat.counting.estimators.lobe_counter import LobeCounter
 from cyclofeat.counting.estimators.lobe_positions import passage_of_lobe_zero
 from cyclofeat.counting.estimators.pipelines import make_entropy_counter, make_lobe_counter
-from cyclofeat.counting.estimators.trees import CountingTrees
 from cyclofeat.counting.evaluation.assembly_folds import grouped_folds as grouped_folds
 from cyclofeat.counting.evaluation.evaluate import Protocol, evaluate
-from cyclofeat.counting.evaluation.evaluation import Evaluation, score_text
+from cyclofeat.counting.evaluation.evaluation import Evaluation
 from cyclofeat.counting.model._training import samples_per_turn_at as samples_per_turn_at
-from cyclofeat.counting.model.lobe_count import LobeCount, WindowCount, counts_frame
+from cyclofeat.counting.model.lobe_count import LobeCount, counts_frame
 from cyclofeat.counting.model.lobe_model import LobeModel
-from cyclofeat.counting.model.radial_wear import RadialWear, WearDepth
+from cyclofeat.counting.model.radial_wear import RadialWear
 from cyclofeat.counting.model.radial_wear import lobe_lines_nm as lobe_lines_nm
 from cyclofeat.counting.model.radial_wear import runs_of as runs_of
 from cyclofeat.counting.model.radial_wear import wear_features as wear_features
@@ -52,7 +50,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ConformalRegressor",
-    "CountingTrees",
     "EntropyLadder",
     "Evaluation",
     "GroupCalibratedCounter",
@@ -64,15 +61,12 @@ __all__ = [
     "Protocol",
     "RadialWear",
     "TrainingDomain",
-    "WearDepth",
-    "WindowCount",
     "counts_frame",
     "evaluate",
     "make_entropy_counter",
     "make_lobe_counter",
     "passage_of_lobe_zero",
     "plan_measurement",
-    "score_text",
 ]
 
 if not TYPE_CHECKING:

@@ -127,7 +127,7 @@ class GapReductionDisplay(Display):
 
     Parameters
     ----------
-    comparison : sequence of cyclofeat.gap.ProofRow
+    comparison : sequence of cyclofeat.gap.proof.prove.ProofRow
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ class GapReductionDisplay(Display):
 
     Examples
     --------
-    >>> from cyclofeat.gap import ProofRow
+    >>> from cyclofeat.gap.proof.prove import ProofRow
     >>> rows = [ProofRow("after", "all", 0.9, 0.8, 0.95), ProofRow("nothing", "all", 0.0, 0.0, 0.0)]
     >>> GapReductionDisplay(rows).plot().drawn_
     [('after', 'all', 90.0), ('nothing', 'all', 0.0)]

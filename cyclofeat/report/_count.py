@@ -396,7 +396,7 @@ def _describe_distance(count: LobeCount) -> dict[str, str]:
 
 
 def _describe_model(model: LobeModel) -> list[tuple[str, str]]:
-    from cyclofeat.counting import score_text
+    from cyclofeat.counting.evaluation.evaluation import score_text
 
     card = model.card_
     scores = card.get("cross_validation")

@@ -27,7 +27,7 @@ from cyclofeat.signal.lobes import lobe_frequency
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from cyclofeat.counting import WindowCount
+    from cyclofeat.counting.model.lobe_count import WindowCount
 
 Picture = dict[str, Any]
 Draw = Callable[["Axes", str], object]

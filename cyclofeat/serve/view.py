@@ -10,7 +10,7 @@ from typing import Any
 
 from cyclofeat import __version__
 from cyclofeat._base.quantities import number_of
-from cyclofeat.counting import score_text
+from cyclofeat.counting.evaluation.evaluation import score_text
 from cyclofeat.models import ModelFileError
 from cyclofeat.models.card import read_card
 from cyclofeat.plotting.gap_words import VERDICTS, effect_name

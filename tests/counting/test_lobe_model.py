@@ -10,7 +10,8 @@ from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 from small_model import labelled, recording, shaft_model, small_model, unlike_training
 
-from cyclofeat.counting import CountingTrees, GroupCalibratedCounter, LobeModel, Protocol, evaluate
+from cyclofeat.counting import GroupCalibratedCounter, LobeModel, Protocol, evaluate
+from cyclofeat.counting.estimators.trees import CountingTrees
 from cyclofeat.features import LobeMap
 from cyclofeat.recordings.windower import lobe_windower
 

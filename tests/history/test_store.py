@@ -10,7 +10,8 @@ import sys
 import pytest
 
 from cyclofeat import Recording
-from cyclofeat.counting import LobeCount, WearDepth
+from cyclofeat.counting import LobeCount
+from cyclofeat.counting.model.radial_wear import WearDepth
 from cyclofeat.history import History
 from cyclofeat.report._history import summarise_history
 

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from pages import parse, unpacked, without_pictures, words
 from small_model import RATE, SPEED, recording, small_model, unlike_training
 
-from cyclofeat.counting import WearDepth
+from cyclofeat.counting.model.radial_wear import WearDepth
 from cyclofeat.report import CountedRecording, write_count_report
 from cyclofeat.report._count import summarise_count
 from cyclofeat.report._figures import window_spans
