@@ -97,7 +97,7 @@ class Campaign:
         Runs in one file. Default: so many that there are 20 files, but at most 128. An interrupted campaign
         loses the shard that is not full, and the runs that its workers were at.
     kernel : {"auto", "batch", "exact"}
-        As in :func:`cyclofeat.simulators.run_planned`. "auto" and "batch" raise where batches cannot be
+        As in :func:`cyclofeat.simulators.simulate_many`. "auto" and "batch" raise where batches cannot be
         compiled, for other runs would be made than elsewhere.
     integrator : {"midpoint", "adams_bashforth"}
         As in :class:`cyclofeat.simulators.Solver`: the second takes half the time, with about three times the
