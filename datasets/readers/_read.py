@@ -35,8 +35,8 @@ from cyclofeat.datasets.readers._times import rate_of
 from cyclofeat.recordings import Recording
 from cyclofeat.signal.tachometer import angle_from_pulses, continuous_angle
 
-# Module and class for each kind of file, imported when one is read.
-SOURCES = {
+# Module and class for each kind of file, imported when one is read; or the class itself.
+SOURCES: dict[str, tuple[str, str] | Callable[..., Source]] = {
     ".csv": ("_csv", "CsvSource"), ".csv.gz": ("_csv", "CsvSource"), ".npz": ("_npz", "NpzSource"),
     ".tdms": ("_tdms", "TdmsSource"), ".mat": ("_matlab", "MatSource"),
     ".parquet": ("_parquet", "ParquetSource"), ".wav": ("_wav", "WavSource"),
@@ -364,10 +364,15 @@ def _open_source(path: Path, delimiter: str | None) -> Source:
             f"{path.name} is no {suffix} file: it begins like a {kinds} file"
             + (f"; rename it to end in {kinds}" if looks[0] in SOURCES else "")
         )
-    module, name = SOURCES[suffix]
-    kind: Callable[..., Source] = getattr(import_module(f"cyclofeat.datasets.readers.{module}"), name)
-    if module == "_csv":
-        return kind(path, delimiter)
+    entry = SOURCES[suffix]
+    kind: Callable[..., Source]
+    if isinstance(entry, tuple):
+        module, name = entry
+        kind = getattr(import_module(f"cyclofeat.datasets.readers.{module}"), name)
+        if module == "_csv":
+            return kind(path, delimiter)
+    else:
+        kind = entry  # of a reader that is not one of the toolkit's
     if delimiter is not None:
         raise ArgumentError(
             "{argument} is for CSV files, got {delimiter!r} for {file}",

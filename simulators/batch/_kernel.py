@@ -43,7 +43,7 @@ from cyclofeat.simulators.batch._vectors import (
 
 # Of all modules whose functions and constants are compiled here: numba's cache on disk notices changes of
 # this file only.
-SOURCES_CHECKSUM = 0xDFD1F026
+SOURCES_CHECKSUM = 0xEF873D5
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)

@@ -59,7 +59,7 @@ def test_plain_values(result) -> None:
 def test_tables(result) -> None:
     unexplained = dataclasses.replace(result, remainder=REMAINDER)
     rows = {
-        "effects": 7, "sizes": 4, "remainder": 2, "next_measurements": 2, "proof": 13,
+        "effects": 7, "sizes": 4, "remainder": 2, "next_measurements": 2, "proof": 7,
         "where": 2 * len(result.where[0].rows),
     }  # fmt: skip
     for table, n in rows.items():

@@ -326,7 +326,7 @@ def test_a_map_takes_the_colours_of_its_surroundings(recording):
 def test_a_model_brings_its_probabilities(recording):
     probability = (0.1,) * 3 + (0.9,) + (0.1,) * 11
     counted = SimpleNamespace(lobe_probability=probability, lobes=(3,))
-    model = SimpleNamespace(count=lambda recording: counted, speed_of=lambda recording: SPEED, n_lobes=15)
+    model = SimpleNamespace(count=lambda recording: counted, speed_of=lambda recording: SPEED, n_lobes_=15)
     display = LobeMapDisplay.from_estimator(model, recording)
     assert_allclose(display.lobe_probability, probability)
     assert display.counted_lobes == (3,)

@@ -11,7 +11,7 @@ from sklearn import config_context
 from sklearn.base import BaseEstimator, clone
 from sklearn.model_selection import StratifiedGroupKFold
 from sklearn.utils import check_random_state
-from sklearn.utils.metadata_routing import get_routing_for_object
+from sklearn.utils.metadata_routing import MetadataRouter, get_routing_for_object
 from sklearn.utils.multiclass import check_classification_targets
 
 Float = NDArray[np.float64]
@@ -82,8 +82,12 @@ def fit_clone(estimator: BaseEstimator, X: Any, y: NDArray[Any], **metadata: Any
         fitted = clone(estimator)
         for part in [fitted, *fitted.get_params(deep=True).values()]:
             if hasattr(part, "set_fit_request") and hasattr(part, "get_metadata_routing"):
-                requests = getattr(get_routing_for_object(part), "fit", None)
-                stated = {} if requests is None else requests.requests
+                routing = get_routing_for_object(part)
+                if isinstance(routing, MetadataRouter):  # of a meta-estimator that takes metadata itself
+                    routing = (
+                        dict(routing)["$self_request"].router if "$self_request" in dict(routing) else None
+                    )
+                stated = {} if routing is None else routing.fit.requests
                 open_requests = {name: True for name in metadata if name in stated and stated[name] is None}
                 if open_requests:
                     part.set_fit_request(**open_requests)
