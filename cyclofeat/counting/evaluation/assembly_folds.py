@@ -83,10 +83,8 @@ def fit_clone(estimator: BaseEstimator, X: Any, y: NDArray[Any], **metadata: Any
         for part in [fitted, *fitted.get_params(deep=True).values()]:
             if hasattr(part, "set_fit_request") and hasattr(part, "get_metadata_routing"):
                 routing = get_routing_for_object(part)
-                if isinstance(routing, MetadataRouter):  # of a meta-estimator that takes metadata itself
-                    routing = (
-                        dict(routing)["$self_request"].router if "$self_request" in dict(routing) else None
-                    )
+                if isinstance(routing, MetadataRouter):  # of a meta-estimator, which may take metadata itself
+                    routing = getattr(dict(routing).get("$self_request"), "router", None)
                 stated = {} if routing is None else routing.fit.requests
                 open_requests = {name: True for name in metadata if name in stated and stated[name] is None}
                 if open_requests:
