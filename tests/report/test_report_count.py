@@ -149,9 +149,9 @@ def test_windows_are_answered_one_by_one(model):
     answers = model.count(joined).windows
     assert [answer.defect_count for answer in answers][::2] == [0, 3]
     assert [bool(answer.reason) for answer in answers] == [False, True, False]
-    turn = 0.98 * 15 / SPEED  # of a window
-    assert [answer.start_s for answer in answers] == pytest.approx([0, turn, 2 * turn], abs=2 / RATE)
-    assert answers[2].stop_s == pytest.approx(3 * turn, abs=2 / RATE)
+    length = round(0.98 * 15 * 128) / 128 / SPEED  # 128 samples per input turn
+    assert [answer.start_s for answer in answers] == pytest.approx([0, length, 2 * length])
+    assert answers[2].stop_s == pytest.approx(3 * length)
     alone = [model.count(one).probability for one in (healthy, worn)]
     assert answers[0].probability == pytest.approx(alone[0][0], abs=2e-3)
     spans = window_spans(answers)
