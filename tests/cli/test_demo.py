@@ -49,7 +49,7 @@ def test_the_demonstration_goes_from_recordings_to_pages(made, tmp_path):
     assert json.loads(json.dumps(printed.json))["n_recordings"] == 8
     assert len(list((tmp_path / "recordings").glob("*.npz"))) == 8
     # safe to load: no word of trust
-    assert load_model(tmp_path / "model.skops").card["classes"] == list(range(8))
+    assert load_model(tmp_path / "model.skops").card_["classes"] == list(range(8))
     for page in (tmp_path / "count.html", tmp_path / "evaluation.html"):
         assert str(page) in text
         assert "SURROGATE" in page.read_text(encoding="utf-8")

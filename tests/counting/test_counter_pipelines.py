@@ -71,15 +71,17 @@ def test_every_kind_takes_parameters_and_counts(kind, data):
 def test_parameters_of_a_counter_can_be_searched_by_assembly(data):
     X, y, groups, train = data
     search = HalvingGridSearchCV(
-        make_lobe_counter(SAMPLING_RATE),
-        {"trees__max_depth": [None, 1], "lobe_map__ar_order": [16]},
+        make_lobe_counter(SAMPLING_RATE, random_state=0),
+        {"trees__max_depth": [None, 1, 2], "lobe_map__ar_order": [16]},
         cv=list(GroupKFold(3).split(X[train], y[train], groups[train])),
         resource="trees__n_estimators",
         max_resources=60,
         min_resources=20,
         random_state=0,
     ).fit(X[train], y[train])
-    assert search.best_params_["trees__n_estimators"] == 60
+    assert search.n_resources_ == [20, 60]
+    # A single split tells two of the four counts apart.
+    assert search.best_params_["trees__max_depth"] != 1
     assert search.score(X[~train], y[~train]) >= 6 / 8
 
 

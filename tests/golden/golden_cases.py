@@ -297,7 +297,7 @@ def demo(folder: Path) -> dict[str, Any]:
     n_assemblies = re.search(r"Cross-validated over (\d+) assemblies", text)[1]
     methods = {
         name: float(accuracy)
-        for name, accuracy in re.findall(r"^  (lobe map|Shannon .*?)  +accuracy ([\d.]+)", text, re.MULTILINE)
+        for name, accuracy in re.findall(r"^  (trees|Shannon .*?)  +accuracy ([\d.]+)", text, re.MULTILINE)
     }
     return {
         "n_files": int(n_files),
