@@ -25,10 +25,10 @@ from cyclofeat.counting.evaluation.assembly_folds import (
 )
 from cyclofeat.counting.evaluation.evaluation import Evaluation
 from cyclofeat.counting.evaluation.scores import (
-    Interval,
     bootstrap_interval,
     bootstrap_weights,
     calibration_sums,
+    confusion_interval,
     expected_calibration_error,
     limits_at_ends,
     macro_f1,
@@ -75,11 +75,6 @@ default="stratified"
         Processes that fit folds in parallel, as in joblib: None is one, -1 all processors.
     progress : callable, optional
         Called as ``progress(fits_done, n_fits)``.
-
-    Raises
-    ------
-    ValueError
-        If a parameter is out of its range.
     """
 
     hold_out: str = "stratified"
@@ -191,8 +186,9 @@ class LabelledData:
         groups: ArrayLike | None,
         lobes: tuple[ArrayLike, ArrayLike] | None = None,
     ) -> LabelledData:
-        recordings = _recordings_of(X)
-        if recordings is not None:
+        recordings: list[Any] = []
+        if isinstance(X, (list, tuple, np.ndarray)) and all(isinstance(row, Recording) for row in X):
+            recordings = list(X)
             if y is None:
                 y = np.array([recording.defect_count for recording in recordings])
             if groups is None and all(recording.assembly is not None for recording in recordings):
@@ -203,14 +199,13 @@ class LabelledData:
         for name, values in (("y", labels), ("groups", assemblies)):
             if values.ndim != 1:
                 raise ValueError(f"{name} must hold one value per window, got shape {values.shape}")
-        if recordings is None:
-            given: NDArray[Any] = check_array(X, dtype=[np.float64, np.float32], input_name="X")
+        given: NDArray[Any] = np.empty(len(recordings), dtype=object)
+        given[:] = recordings
+        if not recordings:
+            given = check_array(X, dtype=[np.float64, np.float32], input_name="X")
             constant = np.flatnonzero(given.max(axis=1) == given.min(axis=1))
             if constant.size and given.shape[1] > 1:  # a single feature instead of a window may be constant
                 raise ValueError(f"X must hold windows with variation, but window {constant[0]} is constant")
-        else:
-            given = np.empty(len(recordings), dtype=object)
-            given[:] = recordings
         check_consistent_length(given, labels, assemblies)
         for label in labels.tolist():
             if not isinstance(label, Real):
@@ -234,17 +229,26 @@ class LabelledData:
         return {name: values[rows] for name, values in columns.items() if values is not None}
 
 
-def _recordings_of(X: object) -> list[Recording] | None:
-    """Return the recordings that are to be counted; None where ``X`` holds windows."""
-    if not isinstance(X, (list, tuple, np.ndarray)) or not len(X):
-        return None
-    return list(X) if all(isinstance(row, Recording) for row in X) else None
-
-
 def folds_of(protocol: Protocol, data: LabelledData, conditions: NDArray[Any] | None) -> Folds:
     """Return the indices of training and test windows of each fold."""
     if protocol.hold_out == "leave-one-condition-out":
-        return _folds_by_condition(data, conditions)
+        if conditions is None:
+            raise ValueError("conditions must name the condition of every window to leave one out, got None")
+        names = np.unique(conditions)
+        if names.size < 2:
+            raise ValueError(f"conditions must name at least two conditions, got {names.tolist()} only")
+        folds: Folds = []
+        for name in names:
+            test = conditions == name
+            train = ~test & ~np.isin(data.groups, data.groups[test])
+            missing = np.setdiff1d(data.y[test], data.y[train])
+            if missing.size:
+                raise ValueError(
+                    f"condition {name} holds count {missing[0]}, which no assembly of another condition has: "
+                    "record every count in at least two conditions, with an assembly of its own in each"
+                )
+            folds.append((np.flatnonzero(train), np.flatnonzero(test)))
+        return folds
     stratified = protocol.hold_out == "stratified"
     least = protocol.n_splits if stratified else 2
     for label in np.unique(data.y):
@@ -264,26 +268,6 @@ def folds_of(protocol: Protocol, data: LabelledData, conditions: NDArray[Any] | 
         n_splits=protocol.n_splits, shuffle=True, random_state=protocol.random_state
     )
     return list(splitter.split(data.X, data.y, data.groups))
-
-
-def _folds_by_condition(data: LabelledData, conditions: NDArray[Any] | None) -> Folds:
-    if conditions is None:
-        raise ValueError("conditions must name the condition of every window to leave one out, got None")
-    names = np.unique(conditions)
-    if names.size < 2:
-        raise ValueError(f"conditions must name at least two conditions, got {names.tolist()} only")
-    folds: Folds = []
-    for name in names:
-        test = conditions == name
-        train = ~test & ~np.isin(data.groups, data.groups[test])
-        missing = np.setdiff1d(data.y[test], data.y[train])
-        if missing.size:
-            raise ValueError(
-                f"condition {name} holds count {missing[0]}, which no assembly of another condition has: "
-                "record every count in at least two conditions, with an assembly of its own in each"
-            )
-        folds.append((np.flatnonzero(train), np.flatnonzero(test)))
-    return folds
 
 
 @dataclass
@@ -335,8 +319,7 @@ class Answers:
             self.certainty[test] = proba.max(axis=1)
         self.classes = classes
         if self.data.worn is not None and self.data.passage is not None and hasattr(fitted, "predict_lobes"):
-            if self.exact is None:
-                self.exact = np.zeros(len(self.data.y), dtype=bool)
+            self.exact = np.zeros(len(self.data.y), dtype=bool) if self.exact is None else self.exact
             worn = fitted.predict_lobes(X, self.data.passage[test])
             self.exact[test] = np.all(worn == self.data.worn[test], axis=1)
 
@@ -360,35 +343,32 @@ def score_answers(answers: Answers, protocol: Protocol, conditions: NDArray[Any]
     groups, member = np.unique(answers.data.groups, return_inverse=True)
     drawn = bootstrap_weights(groups.size, protocol.random_state)
 
-    def score_interval(function: Callable[[Float], Float], sums: Float) -> tuple[float, Interval]:
-        """Return a score of sums over each assembly, with its interval."""
-        return bootstrap_interval(function, sums, drawn, protocol.confidence)
+    scores: dict[str, Any] = {}
 
-    def share_interval(
-        hits: NDArray[np.bool_], among: NDArray[np.bool_] | None = None
-    ) -> tuple[float, Interval]:
-        """Return the share of hits; at 0 or 1 its interval is that of the rule of three over assemblies."""
-        counted = np.ones(hits.size, dtype=bool) if among is None else among
+    def add_score(name: str, function: Callable[[Float], Float], sums: Float, n: int | None = None) -> None:
+        """Add a score of sums over each assembly with its interval; of a share of ``n`` assemblies."""
+        value, limits = bootstrap_interval(function, sums, drawn, protocol.confidence)
+        limits = limits if n is None else limits_at_ends(value, limits, n, protocol.confidence)
+        scores.update({name: value, f"{name}_interval": limits})
+
+    def add_share(name: str, hits: NDArray[np.bool_], counted: NDArray[np.bool_]) -> None:
         columns = np.column_stack([hits & counted, counted])
-        value, limits = score_interval(ratio_of_sums, sums_by_assembly(columns, member))
-        return value, limits_at_ends(value, limits, np.unique(member[counted]).size, protocol.confidence)
+        n_assemblies = np.unique(member[counted]).size
+        add_score(name, ratio_of_sums, sums_by_assembly(columns, member), n_assemblies)
 
-    right = labels == predictions
-    accuracy, accuracy_interval = share_interval(right)
+    right, every = labels == predictions, np.ones(labels.size, dtype=bool)
+    add_share("accuracy", right, every)
     # Unsigned numbers would wrap around.
     errors = np.abs(labels.astype(float) - predictions.astype(float))
-    error, error_interval = score_interval(
-        ratio_of_sums, sums_by_assembly(np.column_stack([errors, np.ones(errors.size)]), member)
+    add_score(
+        "mean_absolute_error", ratio_of_sums, sums_by_assembly(np.column_stack([errors, every]), member)
     )
-    if error == 0:  # upper limit by the rule of three, with errors of one lobe
-        error_interval = (0.0, rule_of_three(groups.size, protocol.confidence))
-
-    more: dict[str, Any] = {}
+    if not errors.any():  # upper limit by the rule of three, with errors of one lobe
+        scores["mean_absolute_error_interval"] = (0.0, rule_of_three(groups.size, protocol.confidence))
     if np.isfinite(answers.certainty).all():
         sums = calibration_sums(answers.certainty, right, window_weights(member), member)
-        value, limits = score_interval(expected_calibration_error, sums)
-        more |= {"calibration_error": value, "calibration_error_interval": limits}
-        more |= {"certainty": answers.certainty, "probabilities": answers.proba}
+        add_score("calibration_error", expected_calibration_error, sums)
+        scores |= {"certainty": answers.certainty, "probabilities": answers.proba}
     exact, reasons = answers.exact, answers.reasons
     if answers.counts:
         counts = [answers.counts[row] for row in range(labels.size)]
@@ -396,26 +376,27 @@ def score_answers(answers: Answers, protocol: Protocol, conditions: NDArray[Any]
         worn = [recording.worn_lobes for recording in answers.data.X]
         if None not in worn and all(count.absolute for count in counts):
             exact = np.array([set(c.lobes) == set(lobes) for c, lobes in zip(counts, worn, strict=True)])
-        more["windows"] = score_answers(answers.of_windows(), protocol)
+        scores["windows"] = score_answers(answers.of_windows(), protocol)
     if exact is not None:
-        value, limits = share_interval(exact)
-        more |= {"exact_lobes": value, "exact_lobes_interval": limits}
+        add_share("exact_lobes", exact, every)
     if reasons is not None:
         accepted = reasons == ""
-        more |= {"reasons": reasons, "refused": float(np.mean(~accepted))}
+        scores |= {"reasons": reasons, "refused": float(np.mean(~accepted))}
         if accepted.any():
-            value, limits = share_interval(right, among=accepted)
-            more |= {"accepted_accuracy": value, "accepted_accuracy_interval": limits}
+            add_share("accepted_accuracy", right, accepted)
     if conditions is not None:
-        more["by_condition"] = {
-            name: float(right[conditions == name].mean()) for name in np.unique(conditions).tolist()
-        }
+        names = np.unique(conditions).tolist()
+        scores["by_condition"] = {name: float(right[conditions == name].mean()) for name in names}
+    cells = np.zeros((groups.size, classes.size, classes.size), dtype=np.int64)
+    np.add.at(cells, (member, *(np.searchsorted(classes, counts) for counts in (labels, predictions))), 1)
+    add_score(
+        "macro_f1", lambda sums: macro_f1(sums.reshape(*sums.shape[:-1], *cells.shape[1:])),
+        cells.reshape(groups.size, -1).astype(float), groups.size,
+    )  # fmt: skip
     return Evaluation(
-        accuracy=accuracy,
-        mean_absolute_error=error,
-        accuracy_interval=accuracy_interval,
-        mean_absolute_error_interval=error_interval,
-        **_confusion_scores(answers, member, drawn, protocol.confidence),
+        **scores,
+        confusion=cells.sum(axis=0),
+        confusion_interval=confusion_interval(cells, drawn, protocol.confidence),
         classes=classes,
         groups=groups,
         group_accuracy=np.bincount(member, right) / np.bincount(member),
@@ -425,31 +406,4 @@ def score_answers(answers: Answers, protocol: Protocol, conditions: NDArray[Any]
         confidence=protocol.confidence,
         folds=answers.folds,
         protocol=protocol.hold_out,
-        **more,
     )
-
-
-def _confusion_scores(answers: Answers, member: Int, drawn: Int, confidence: float) -> dict[str, Any]:
-    """Return the confusion matrix and macro F1 with their intervals over assemblies."""
-    size, n_groups = answers.classes.size, drawn.shape[1]
-    cells = np.zeros((n_groups, size, size), dtype=np.int64)
-    truth, answer = (
-        np.searchsorted(answers.classes, counts) for counts in (answers.data.y, answers.predictions)
-    )
-    np.add.at(cells, (member, truth, answer), 1)
-    f1, f1_interval = bootstrap_interval(
-        lambda sums: macro_f1(sums.reshape(*sums.shape[:-1], size, size)),
-        cells.reshape(n_groups, -1).astype(float),
-        drawn,
-        confidence,
-    )
-    tables = np.tensordot(drawn, cells, axes=1)
-    of_class = tables.sum(axis=2, keepdims=True)
-    parts = np.divide(tables, of_class, out=np.zeros(tables.shape), where=of_class > 0)
-    tail = 100 * (1 - confidence) / 2
-    return {
-        "confusion": cells.sum(axis=0),
-        "confusion_interval": np.percentile(parts, [tail, 100 - tail], axis=0),
-        "macro_f1": f1,
-        "macro_f1_interval": limits_at_ends(f1, f1_interval, n_groups, confidence),
-    }

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base import displays, plots
+from cyclofeat._base.checks import one_of
 from cyclofeat._base.displays import data_frame, html_card
 from cyclofeat._base.quantities import number_of
 from cyclofeat.counting.evaluation.assembly_folds import Float, Int
@@ -37,8 +38,7 @@ class Evaluation:
     """Result of :func:`evaluate`.
 
     Scores that the counter or the data do not allow are None. ``<score>_interval`` holds percentiles of a
-    bootstrap over assemblies at ``confidence``; where a share is 0 or 1, the rule of three: none among n
-    assemblies is compatible with a share of up to about 3/n.
+    bootstrap over assemblies at ``confidence``; where a share is 0 or 1, the rule of three.
 
     Attributes
     ----------
@@ -128,30 +128,20 @@ class Evaluation:
     def refusal_counts(self) -> dict[str, int]:
         """Return how many recordings are refused for each reason, the most frequent first.
 
-        Returns
-        -------
-        dict of str to int
-            Reasons that differ in numbers only are one, with ``#`` for the numbers.
+        Reasons that differ in numbers only are one, with ``#`` for the numbers.
         """
         reasons = [] if self.reasons is None else self.reasons.tolist()
         return dict(Counter(re.sub(r"\d[\d.,]*", "#", reason) for reason in reasons if reason).most_common())
 
-    def class_accuracy(self, k: int) -> tuple[float, Interval]:
-        """Return the share of windows of class ``k`` predicted right, with its interval."""
-        low, high = self.confusion_interval[:, k, k].tolist()
-        value = float(self.confusion[k, k] / self.confusion[k].sum())
-        n_assemblies = int(np.unique(self.assemblies[self.labels == self.classes[k]]).size)
-        return value, limits_at_ends(value, (low, high), n_assemblies, self.confidence)
+    def _scores(self, *names: str) -> dict[str, Any]:
+        """Return scores and their intervals by name, without those that are None."""
+        known = [(name, getattr(self, name)) for name in names if getattr(self, name) is not None]
+        intervals = {f"{name}_interval": list(getattr(self, f"{name}_interval")) for name, _ in known}
+        return {key: value for pair in zip(known, intervals.items(), strict=True) for key, value in pair}
 
     def to_dict(self) -> dict[str, Any]:
         """The result in plain types, for JSON; without scores that are None."""
-        result: dict[str, Any] = {
-            "accuracy": self.accuracy,
-            "accuracy_interval": list(self.accuracy_interval),
-            "mean_absolute_error": self.mean_absolute_error,
-            "mean_absolute_error_interval": list(self.mean_absolute_error_interval),
-            "macro_f1": self.macro_f1,
-            "macro_f1_interval": list(self.macro_f1_interval),
+        result = self._scores("accuracy", "mean_absolute_error", "macro_f1") | {
             "confidence": self.confidence,
             "classes": self.classes.tolist(),
             "confusion": self.confusion.tolist(),
@@ -159,10 +149,7 @@ class Evaluation:
             "n_assemblies": int(self.groups.size),
             "protocol": self.protocol,
         }
-        for name in ("exact_lobes", "calibration_error", "accepted_accuracy"):
-            value, limits = getattr(self, name), getattr(self, f"{name}_interval")
-            if value is not None:
-                result |= {name: value, f"{name}_interval": list(limits)}
+        result |= self._scores("exact_lobes", "calibration_error", "accepted_accuracy")
         if self.reasons is not None:
             result |= {"refused": self.refused, "reasons": self.refusal_counts()}
         if self.windows is not None:
@@ -183,17 +170,8 @@ class Evaluation:
         pandas.DataFrame
             One row per true count (``recall`` with its interval, ``precision``), per assembly, or per window
             (its fold, and the probability of each count where there is one).
-
-        Raises
-        ------
-        ImportError
-            If pandas is not installed.
-        ValueError
-            If there is no such table.
         """
-        if table not in TABLES:
-            raise ValueError(f"table must be one of {', '.join(TABLES)}, got {table!r}")
-        if table == "classes":
+        if one_of("table", table, TABLES) == "classes":
             return data_frame(self.class_scores())
         if table == "assemblies":
             return data_frame({"assembly": self.groups, "accuracy": self.group_accuracy})
@@ -201,28 +179,27 @@ class Evaluation:
             "assembly": self.assemblies,
             "defect_count": self.labels,
             "predicted_count": self.predictions,
+            "fold": self.folds,
+            "reason": self.reasons,
         }
-        if self.folds is not None:
-            columns["fold"] = self.folds
-        if self.reasons is not None:
-            columns["reason"] = self.reasons
         if self.probabilities is not None:
             columns |= {f"probability_{c}": self.probabilities[:, k] for k, c in enumerate(self.classes)}
-        return data_frame(columns)
+        return data_frame({name: values for name, values in columns.items() if values is not None})
 
     def class_scores(self) -> list[dict[str, Any]]:
         """Return a row for each true count: its windows, recall with its interval, precision (NaN: none)."""
         rows = []
         for k, count in enumerate(self.classes.tolist()):
             tested, said = int(self.confusion[k].sum()), int(self.confusion[:, k].sum())
-            recall, limits = self.class_accuracy(k) if tested else (math.nan, (math.nan, math.nan))
+            n_assemblies = int(np.unique(self.assemblies[self.labels == count]).size)
+            recall, low, high = math.nan, math.nan, math.nan
+            if tested:
+                recall = float(self.confusion[k, k] / tested)
+                low, high = self.confusion_interval[:, k, k].tolist()
+                low, high = limits_at_ends(recall, (low, high), n_assemblies, self.confidence)
             rows.append({
-                "defect_count": count,
-                "n_windows": tested,
-                "n_assemblies": int(np.unique(self.assemblies[self.labels == count]).size),
-                "recall": recall,
-                "recall_low": limits[0],
-                "recall_high": limits[1],
+                "defect_count": count, "n_windows": tested, "n_assemblies": n_assemblies, "recall": recall,
+                "recall_low": low, "recall_high": high,
                 "precision": float(self.confusion[k, k] / said) if said else math.nan,
             })  # fmt: skip
         return rows
@@ -244,41 +221,28 @@ class Evaluation:
         Returns
         -------
         cyclofeat.plotting.EvaluationDisplay
-
-        Raises
-        ------
-        ImportError
-            If matplotlib is not installed.
-        ValueError
-            If there is no such kind, or the counter gave no probabilities.
         """
         return plots.draw_plot(self, kind, ax, **options)
 
     def _repr_html_(self) -> str:
+        scores = self.to_dict()
+        texts = {
+            name: "{:.3f} [{:.3f}, {:.3f}]".format(scores[name], *scores[f"{name}_interval"])
+            for name in ("accuracy", "macro_f1", "mean_absolute_error", "exact_lobes", "calibration_error")
+            if name in scores
+        }
+        tested = f"{self.groups.size} assemblies, {number_of(self.predictions.size, 'window')}"
         rows = {
-            "held out": f"{self.groups.size} assemblies, {number_of(self.predictions.size, 'window')} "
-            f"({self.protocol})",
-            "macro F1": _score_with_interval(self.macro_f1, self.macro_f1_interval),
-            "mean absolute error": _score_with_interval(
-                self.mean_absolute_error, self.mean_absolute_error_interval
-            )
-            + " lobes",
-            "exact lobes": _score_with_interval(self.exact_lobes, self.exact_lobes_interval),
-            "calibration error": _score_with_interval(
-                self.calibration_error, self.calibration_error_interval
-            ),
+            "held out": f"{tested} ({self.protocol})",
+            "macro F1": texts["macro_f1"],
+            "mean absolute error": f"{texts['mean_absolute_error']} lobes",
+            "exact lobes": texts.get("exact_lobes"),
+            "calibration error": texts.get("calibration_error"),
             "intervals": f"{100 * self.confidence:.3g} %, over assemblies",
         }
-        return html_card(
-            f"Accuracy {_score_with_interval(self.accuracy, self.accuracy_interval)}", rows,
-            pictures=[displays.draw_confusion(self.confusion, self.classes.tolist())],
-            code="evaluation.to_frame()",
-        )  # fmt: skip
-
-
-def _score_with_interval(value: float | None, limits: Interval | None) -> str:
-    """Return a score with its interval; empty without one."""
-    return "" if value is None or limits is None else f"{value:.3f} [{limits[0]:.3f}, {limits[1]:.3f}]"
+        drawn = displays.draw_confusion(self.confusion, self.classes.tolist())
+        title = f"Accuracy {texts['accuracy']}"
+        return html_card(title, rows, pictures=[drawn], code="evaluation.to_frame()")
 
 
 def score_text(scores: Mapping[str, Any]) -> str:

@@ -82,6 +82,15 @@ def macro_f1(cells: Float) -> Float:
     return np.asarray(np.where(present, f1, 0.0).sum(axis=-1) / np.maximum(present.sum(axis=-1), 1))
 
 
+def confusion_interval(cells: Int, drawn: Int, confidence: float) -> Float:
+    """Return both ends of the share of each class predicted as each, from (n_assemblies, n, n) counts."""
+    tables = np.tensordot(drawn, cells, axes=1)
+    of_class = tables.sum(axis=2, keepdims=True)
+    parts = np.divide(tables, of_class, out=np.zeros(tables.shape), where=of_class > 0)
+    tail = 100 * (1 - confidence) / 2
+    return np.asarray(np.percentile(parts, [tail, 100 - tail], axis=0))
+
+
 def calibration_sums(confidence: Float, right: NDArray[np.bool_], weight: Float, member: Int) -> Float:
     """Sums of each assembly by bin of the confidence: of confidence, of hits and of weights."""
     at = np.minimum((confidence * N_BINS).astype(int), N_BINS - 1)
