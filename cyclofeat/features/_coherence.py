@@ -14,7 +14,7 @@ from sklearn.utils.validation import check_consistent_length, column_or_1d
 from cyclofeat.features.base import WindowTransformer
 from cyclofeat.features.registry import REGISTRY, band_qualifier
 from cyclofeat.signal import octave_bands
-from cyclofeat.signal.density import band_mask, checked_bands
+from cyclofeat.signal.density import band_slice, checked_bands
 from cyclofeat.signal.welch import (
     PRESETS,
     SegmentTransforms,
@@ -100,14 +100,10 @@ class CoherenceToReference(WindowTransformer):
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         self.frequencies_ = welch_frequencies(X.shape[1], self.sampling_rate)
         self._band_limits()  # raises where a band does not fit
-        self.references_ = np.array(X[self._select_references(len(X), y)])
-
-    def _select_references(self, n_windows: int, y: ArrayLike | None) -> NDArray[np.intp]:
-        """Rows of the training windows that become references."""
-        rows = np.arange(n_windows)
+        rows = np.arange(len(X))
         if isinstance(self.reference, str) and self.reference == "first":
-            return rows[:_MOST_REFERENCES]
-        if y is not None:
+            rows = rows[:_MOST_REFERENCES]
+        elif y is not None:
             labels = column_or_1d(y)
             check_consistent_length(rows, labels)
             classes = np.unique(labels).tolist()
@@ -125,7 +121,7 @@ class CoherenceToReference(WindowTransformer):
                 f"reference={self.reference!r} is a label, so y must hold the labels of the windows, got None"
             )
         spread = np.linspace(0, rows.size - 1, min(rows.size, _MOST_REFERENCES))
-        return np.asarray(rows[np.rint(spread).astype(int)])
+        self.references_ = np.array(X[rows[np.rint(spread).astype(int)]])
 
     def _band_limits(self) -> tuple[tuple[float, float], ...]:
         if self.bands is None:
@@ -150,8 +146,7 @@ class CoherenceToReference(WindowTransformer):
 
     def _of_references(self, transforms: SegmentTransforms) -> References:
         """Return what ``_of_window`` needs of the references, computed once for many windows."""
-        lines = [np.flatnonzero(band_mask(self.frequencies_, band)) for band in self._band_limits()]
-        bands = [slice(int(inside[0]), int(inside[-1]) + 1) for inside in lines]
+        bands = [band_slice(self.frequencies_, band) for band in self._band_limits()]
         # Lines above the highest band are left out.
         last = max(band.stop for band in bands)
         of_references = [transforms(reference[np.newaxis]) for reference in self.references_]
@@ -162,7 +157,15 @@ class CoherenceToReference(WindowTransformer):
 
     def _of_window(self, x: NDArray[Any], transforms: Complex, power: Float, references: References) -> Float:
         """Features, shape (n_bands,), of one window, its transforms and their power over segments."""
-        others = np.array([not _is_same_window(x, reference) for reference in self.references_])
+        limit = _SAME * max(float(x.max()), -float(x.min()))
+        # Equal windows are left out; nearly all pairs differ at once.
+        others = np.array([
+            any(
+                float(np.abs(np.subtract(a, b, dtype=np.float64)).max()) > limit
+                for a, b in ((x[:64], reference[:64]), (x, reference))
+            )
+            for reference in self.references_
+        ])  # fmt: skip
         if not others.any():
             return np.zeros(len(references.bands))
         kept = slice(None) if others.all() else others
@@ -174,13 +177,3 @@ class CoherenceToReference(WindowTransformer):
         )
         means = [found[:, band].mean(axis=1) for band in references.bands]
         return np.asarray(np.median(means, axis=1))
-
-
-def _is_same_window(x: NDArray[Any], reference: NDArray[Any]) -> bool:
-    """Return True if two windows are equal but for rounding."""
-    limit = _SAME * max(float(x.max()), -float(x.min()))
-    # Nearly all pairs differ at once.
-    return all(
-        float(np.abs(np.subtract(a, b, dtype=np.float64)).max()) <= limit
-        for a, b in ((x[:64], reference[:64]), (x, reference))
-    )

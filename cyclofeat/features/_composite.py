@@ -148,10 +148,8 @@ class TorqueFeatures(WindowTransformer):
     speed_tolerance: float = 0.015
     n_jobs: int | None = None
 
-    def _part_names(self) -> tuple[str, ...]:
-        if isinstance(self.features, str):
-            return _ALL
-        names = tuple(self.features)
+    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+        names = _ALL if isinstance(self.features, str) else tuple(self.features)
         if not names:
             raise ValueError(f"features must be 'all' or names of parts, got {self.features!r}")
         for name in names:
@@ -159,10 +157,7 @@ class TorqueFeatures(WindowTransformer):
                 raise ValueError(f"features must be 'all' or hold names of {', '.join(_PARTS)}; got {name!r}")
             if names.count(name) > 1:
                 raise ValueError(f"features must hold each name once, got {name!r} {names.count(name)} times")
-        return names
-
-    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
-        parts = {name: _PARTS[name](self) for name in self._part_names()}
+        parts = {name: _PARTS[name](self) for name in names}
         for part in parts.values():
             # The windows are validated already, all parameters but those that must fit them, too.
             part.n_features_in_ = X.shape[1]
@@ -181,7 +176,26 @@ class TorqueFeatures(WindowTransformer):
         return list(parallel(joblib.delayed(self._compute_features)(chunk) for chunk in chunks))
 
     def _compute_features(self, X: NDArray[Any]) -> Float:
-        results = self._from_spectra(X)
+        results: dict[str, Float] = {}
+        spectral = {n: part for n, part in self.parts_.items() if isinstance(part, SpectralTransformer)}
+        if spectral:
+            # One power spectral density for all; coherence shares its transforms where it has the same ones.
+            transforms = welch_transforms(X.shape[1], get_preset(self.preset))
+            shares = self.preset == "matlab_pwelch"
+            coherent: Any = self.parts_.get("CoherenceToReference") if shares else None
+            references = coherent._of_references(transforms) if coherent is not None else None
+            scale = welch_scale(transforms, self.sampling_rate)
+            psd, rows = np.empty((len(X), scale.size)), []
+            for row, x in enumerate(X):
+                of_x = transforms(x[np.newaxis])
+                power = power_over_segments(of_x)[0]
+                psd[row] = power * scale
+                if coherent is not None:
+                    rows.append(coherent._of_window(x, of_x[0], power, references))
+            frequencies = welch_frequencies(X.shape[1], self.sampling_rate)
+            results = {name: part._from_psd(frequencies, psd) for name, part in spectral.items()}
+            if coherent is not None:
+                results["CoherenceToReference"] = np.vstack(rows)
         # The lobe lines of LobeMap serve other parts too; windows of less than two lobe periods have none.
         lobe_map = self.parts_.get("LobeMap")
         period = self.sampling_rate / lobes.lobe_frequency(self.input_speed_hz, self.n_lobes)
@@ -204,26 +218,3 @@ class TorqueFeatures(WindowTransformer):
             else:
                 results[name] = part._compute_features(X)
         return np.hstack([results[name] for name in self.parts_])
-
-    def _from_spectra(self, X: NDArray[Any]) -> dict[str, Float]:
-        """Results from the power spectral density, and coherence where it shares the transforms."""
-        spectral = {n: part for n, part in self.parts_.items() if isinstance(part, SpectralTransformer)}
-        if not spectral:
-            return {}
-        transforms = welch_transforms(X.shape[1], get_preset(self.preset))
-        coherent = self.parts_.get("CoherenceToReference") if self.preset == "matlab_pwelch" else None
-        references = None
-        if isinstance(coherent, CoherenceToReference):
-            references = coherent._of_references(transforms)
-        scale = welch_scale(transforms, self.sampling_rate)
-        psd = np.empty((len(X), scale.size))
-        rows = []
-        for row, x in enumerate(X):
-            of_x = transforms(x[np.newaxis])
-            power = power_over_segments(of_x)[0]
-            psd[row] = power * scale
-            if isinstance(coherent, CoherenceToReference) and references is not None:
-                rows.append(coherent._of_window(x, of_x[0], power, references))
-        frequencies = welch_frequencies(X.shape[1], self.sampling_rate)
-        results = {name: part._from_psd(frequencies, psd) for name, part in spectral.items()}
-        return results | ({"CoherenceToReference": np.vstack(rows)} if rows else {})

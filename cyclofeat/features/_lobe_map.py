@@ -116,9 +116,6 @@ class LobeMap(WindowTransformer):
 
     def lines(self, X: NDArray[Any]) -> lobes.LobeLines:
         """Lobe lines and refined input speed of windows ``X``, shape (n_windows, n_samples)."""
-        return lobes.lobe_lines(
-            np.asarray(X, dtype=np.float64),
-            self.sampling_rate,
-            self.input_speed_hz,
-            lobes.LobeComb(self.n_lobes, self.n_lines, self.ar_order, self.speed_tolerance),
-        )
+        comb = lobes.LobeComb(self.n_lobes, self.n_lines, self.ar_order, self.speed_tolerance)
+        windows = np.asarray(X, dtype=np.float64)
+        return lobes.lobe_lines(windows, self.sampling_rate, self.input_speed_hz, comb)

@@ -121,31 +121,27 @@ class WaveletMinimaOverlap(WaveletTransformer):
                     f"{self.sampling_rate / 2:g}, but placing {self.n_lobes} lobes at input_speed_hz="
                     f"{self.input_speed_hz:g} takes {highest:g}: use a higher rate or align='none'"
                 )
-        self.reference_class_, members = self._reference_rows(len(X), y)
+        if y is None and self.reference != "worst":
+            raise ValueError(f"reference={self.reference!r} is a label of y, but fit was given no y")
+        self.reference_class_: Any = None
+        members = np.arange(len(X))
+        if y is not None:
+            labels = column_or_1d(y)
+            check_consistent_length(labels, np.empty(len(X)))
+            classes = np.unique(labels)
+            if self.reference != "worst" and self.reference not in classes.tolist():
+                raise ValueError(
+                    f"reference must be 'worst' or a label in y ({', '.join(map(repr, classes.tolist()))}), "
+                    f"got {self.reference!r}"
+                )
+            self.reference_class_ = classes[-1] if self.reference == "worst" else self.reference
+            members = np.flatnonzero(labels == self.reference_class_)
         spread = np.linspace(0, len(members) - 1, min(_N_REFERENCES, len(members))).round().astype(int)
         windows = np.ascontiguousarray(X[members[spread]], dtype=np.float64)
         self._probes = windows[:, self._probe_samples(X.shape[1])]
         self._digests = [_hash_window(window) for window in windows]
         coefficients = dwt(windows, self.wavelet, self.levels)
         self.reference_minima_ = [minima for minima, _ in self._level_minima(windows, coefficients)]
-
-    def _reference_rows(self, n_windows: int, y: ArrayLike | None) -> tuple[Any, NDArray[np.intp]]:
-        """Label of the reference and indices of its windows."""
-        if y is None:
-            if self.reference != "worst":
-                raise ValueError(f"reference={self.reference!r} is a label of y, but fit was given no y")
-            return None, np.arange(n_windows)
-        labels = column_or_1d(y)
-        check_consistent_length(labels, np.empty(n_windows))
-        classes = np.unique(labels)
-        if self.reference == "worst":
-            return classes[-1], np.flatnonzero(labels == classes[-1])
-        if self.reference not in classes.tolist():
-            raise ValueError(
-                f"reference must be 'worst' or a label in y ({', '.join(map(repr, classes.tolist()))}), "
-                f"got {self.reference!r}"
-            )
-        return self.reference, np.flatnonzero(labels == self.reference)
 
     def _feature_names(self) -> list[str]:
         row = REGISTRY["minima_overlap"]
@@ -170,7 +166,12 @@ class WaveletMinimaOverlap(WaveletTransformer):
             weighted = (reference * cells).astype(np.float32)
             shared[:, :, level] = minima.astype(np.float32) @ weighted.T
             shared[:, :, level] /= cells.sum()
-        excluded = self._known_references(X)
+        # Windows that are identical to one of the reference.
+        probes = np.asarray(X[:, self._probe_samples(X.shape[1])], dtype=np.float64)
+        excluded: NDArray[np.bool_] = (probes[:, np.newaxis] == self._probes).all(axis=2)
+        for row in np.flatnonzero(excluded.any(axis=1)):
+            digest = _hash_window(np.asarray(X[row], dtype=np.float64))
+            excluded[row] &= [digest == other for other in self._digests]
         medians = np.median(shared, axis=1)
         for row in np.flatnonzero(excluded.any(axis=1) & ~excluded.all(axis=1)):
             medians[row] = np.median(shared[row, ~excluded[row]], axis=0)
@@ -219,28 +220,13 @@ class WaveletMinimaOverlap(WaveletTransformer):
         if self.align == "none" or X.shape[1] * nominal < 2 * self.sampling_rate:
             return None
         reached = lobes.highest_frequency(self.input_speed_hz, self.n_lobes, 1, self.speed_tolerance)
-        return lobes.lobe_lines(
-            np.asarray(X, dtype=np.float64),
-            self.sampling_rate,
-            self.input_speed_hz,
-            lobes.LobeComb(
-                n_lobes=self.n_lobes,
-                n_lines=min(lobes.N_LINES, int(self.sampling_rate / 2 / reached)),
-                speed_tolerance=self.speed_tolerance,
-            ),
-        )
+        n_lines = min(lobes.N_LINES, int(self.sampling_rate / 2 / reached))
+        comb = lobes.LobeComb(self.n_lobes, n_lines, speed_tolerance=self.speed_tolerance)
+        windows = np.asarray(X, dtype=np.float64)
+        return lobes.lobe_lines(windows, self.sampling_rate, self.input_speed_hz, comb)
 
     def _probe_samples(self, n_samples: int) -> NDArray[np.intp]:
         return np.linspace(0, n_samples - 1, _N_PROBES).astype(np.intp)
-
-    def _known_references(self, X: NDArray[Any]) -> NDArray[np.bool_]:
-        """Mark windows that are identical to one of the reference, shape (n_windows, n_references)."""
-        probes = np.asarray(X[:, self._probe_samples(X.shape[1])], dtype=np.float64)
-        known: NDArray[np.bool_] = (probes[:, np.newaxis] == self._probes).all(axis=2)
-        for row in np.flatnonzero(known.any(axis=1)):
-            digest = _hash_window(np.asarray(X[row], dtype=np.float64))
-            known[row] &= [digest == other for other in self._digests]
-        return known
 
 
 def _hash_window(window: Float) -> bytes:

@@ -65,7 +65,7 @@ class SpectralTransformer(WindowTransformer):
 class CourseTransformer(SpectralTransformer):
     """Base of the transformers that give one number per density, of whole windows or of their parts.
 
-    A subclass implements ``_compute_value`` and names its row of the registry.
+    A subclass implements ``_compute_value``, and ``_feature_names`` by :meth:`_columns`.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -73,7 +73,6 @@ class CourseTransformer(SpectralTransformer):
         "band": [tuple, list, None],
         "n_parts": [Interval(Integral, 1, None, closed="left")],
     }
-    _row: ClassVar[str]
 
     band: tuple[float, float] | None = None
     n_parts: int = 1
@@ -82,22 +81,15 @@ class CourseTransformer(SpectralTransformer):
     def _compute_value(self, frequencies: Float, psd: Float) -> Float:
         """Value, shape (n_windows,), of densities of shape (n_windows, n_bins)."""
 
-    def _row_name(self) -> str:
-        """Name of the feature in the registry."""
-        return self._row
-
-    def _extra_qualifiers(self) -> tuple[str, ...]:
-        """Qualifiers of a column's name besides preset, band and part."""
-        return ()
-
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         self.frequencies_ = welch_frequencies(max(1, X.shape[1] // self.n_parts), self.sampling_rate)
         lines_of(self.frequencies_, self.band)  # raises where the band does not fit
 
-    def _feature_names(self) -> list[str]:
+    def _columns(self, name: str, *qualifiers: str) -> list[str]:
+        """Names of the columns of a row of the registry: one, or one for each part."""
         band = [] if self.band is None else [band_qualifier(self.band)]
-        stated = [self.preset, *band, *self._extra_qualifiers()]
-        row, digits = REGISTRY[self._row_name()], len(str(self.n_parts))
+        stated = [self.preset, *band, *qualifiers]
+        row, digits = REGISTRY[name], len(str(self.n_parts))
         parts = [[f"part{i:0{digits}d}of{self.n_parts}"] for i in range(self.n_parts)]
         return [row.column(*stated, *part) for part in (parts if self.n_parts > 1 else [[]])]
 
@@ -161,8 +153,8 @@ class SpectralEntropy(CourseTransformer):
 
     normalize: bool = False
 
-    def _row_name(self) -> str:
-        return "normalized_entropy" if self.normalize else "shannon_entropy"
+    def _feature_names(self) -> list[str]:
+        return self._columns("normalized_entropy" if self.normalize else "shannon_entropy")
 
     def _compute_value(self, frequencies: Float, psd: Float) -> Float:
         entropy = normalized_entropy if self.normalize else shannon_entropy
@@ -188,7 +180,8 @@ class SpectralFlatness(CourseTransformer):
            [0.  ]])
     """
 
-    _row = "spectral_flatness"
+    def _feature_names(self) -> list[str]:
+        return self._columns("spectral_flatness")
 
     def _compute_value(self, frequencies: Float, psd: Float) -> Float:
         return spectral_flatness(psd, frequencies, self.band)
@@ -215,7 +208,8 @@ class SpectralCentroid(CourseTransformer):
     array([[ 500., 2000.]])
     """
 
-    _row = "spectral_centroid"
+    def _feature_names(self) -> list[str]:
+        return self._columns("spectral_centroid")
 
     def _compute_value(self, frequencies: Float, psd: Float) -> Float:
         return spectral_centroid(psd, frequencies, self.band)
@@ -252,12 +246,11 @@ class SpectralRolloff(CourseTransformer):
         **CourseTransformer._parameter_constraints,
         "fraction": [Interval(Real, 0, 1, closed="right")],
     }
-    _row = "spectral_rolloff"
 
     fraction: float = 0.95
 
-    def _extra_qualifiers(self) -> tuple[str, ...]:
-        return (f"fraction{self.fraction:.12g}",)
+    def _feature_names(self) -> list[str]:
+        return self._columns("spectral_rolloff", f"fraction{self.fraction:.12g}")
 
     def _compute_value(self, frequencies: Float, psd: Float) -> Float:
         return spectral_rolloff(psd, frequencies, self.fraction, self.band)

@@ -14,9 +14,7 @@ from cyclofeat._base.sklearn_private import Interval, check_feature_names_in
 from cyclofeat.features.base import WindowTransformer
 from cyclofeat.features.registry import REGISTRY
 from cyclofeat.signal import high_pass, torque_statistics
-from cyclofeat.signal.windows import Float
-
-_STATISTICS = ("min", "max", "mean", "std", "range", "rms", "crest_factor", "skewness", "kurtosis", "ripple")
+from cyclofeat.signal.windows import STATISTICS, Float
 
 
 class TorqueStatistics(WindowTransformer):
@@ -37,11 +35,11 @@ class TorqueStatistics(WindowTransformer):
     """
 
     def _feature_names(self) -> list[str]:
-        return [REGISTRY[f"torque_{name}"].column() for name in _STATISTICS]
+        return [REGISTRY[f"torque_{name}"].column() for name in STATISTICS]
 
     def _compute_features(self, X: NDArray[Any]) -> Float:
         statistics = torque_statistics(X)
-        return np.column_stack([statistics[name] for name in _STATISTICS])
+        return np.column_stack([statistics[name] for name in STATISTICS])
 
 
 @dataclass(eq=False, repr=False)

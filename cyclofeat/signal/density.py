@@ -15,19 +15,7 @@ _EPSILON = float(np.finfo(np.float64).eps)  # assumed in paper A eq. 5: MATLAB's
 
 
 def band_mask(frequencies: ArrayLike, band: tuple[float, float]) -> NDArray[np.bool_]:
-    """Mark the spectral lines in a band, its limits included.
-
-    Parameters
-    ----------
-    frequencies : array-like, shape (n_bins,)
-        Frequencies in Hz, increasing to half of the sampling rate.
-    band : tuple of float
-        Lower and upper limit in Hz.
-
-    Returns
-    -------
-    ndarray of bool, shape (n_bins,)
-    """
+    """Mark the spectral lines in a band in Hz, its limits included; ``frequencies`` increase."""
     frequencies = np.asarray(frequencies, dtype=np.float64)
     try:
         low, high = (float(limit) for limit in band)
@@ -57,13 +45,13 @@ def _in_band(
     if band is not None:
         if frequencies is None:
             raise ValueError(f"frequencies are needed to find the band {band!r} Hz, got None")
-        psd = psd[..., _band_slice(frequencies, band)]
+        psd = psd[..., band_slice(frequencies, band)]
     if not (np.isfinite(psd).all() and (psd >= 0).all()):
         raise ValueError("psd must be finite and not negative")
     return psd
 
 
-def _band_slice(frequencies: ArrayLike, band: tuple[float, float]) -> slice:
+def band_slice(frequencies: ArrayLike, band: tuple[float, float]) -> slice:
     """Lines of a band: frequencies increase, so they lie side by side."""
     inside = np.flatnonzero(band_mask(frequencies, band))
     return slice(int(inside[0]), int(inside[-1]) + 1)
@@ -76,7 +64,7 @@ def _frequencies_in_band(frequencies: ArrayLike, n_bins: int, band: tuple[float,
             f"frequencies must hold one frequency for each of the {n_bins} lines, "
             f"got shape {frequencies.shape}"
         )
-    return frequencies if band is None else frequencies[_band_slice(frequencies, band)]
+    return frequencies if band is None else frequencies[band_slice(frequencies, band)]
 
 
 def _power_share(psd: ArrayLike, frequencies: ArrayLike | None, band: tuple[float, float] | None) -> Float:
@@ -109,11 +97,6 @@ def shannon_entropy(
         Entropy in bits, from 0 (one line) to ``log2`` of the number of lines in the band. 0 where there is no
         power at all.
 
-    Raises
-    ------
-    ValueError
-        If the PSD is negative or not finite, or the band not one of its frequencies.
-
     Examples
     --------
     >>> from cyclofeat.signal import shannon_entropy
@@ -145,11 +128,6 @@ def normalized_entropy(
     ndarray, shape (...)
         Normalized entropy from 0 to 1, without unit; it can pass these limits by rounding (1e-15). 0
         where there is no power at all and where the band holds a single line.
-
-    Raises
-    ------
-    ValueError
-        As for :func:`shannon_entropy`.
 
     Examples
     --------
@@ -187,11 +165,6 @@ def spectral_flatness(
         Flatness without unit, from 0 (one line) to 1 (all lines equal; 1e-12 beyond it by rounding). A single
         line of zero makes the product and so the flatness 0; so does a density without any power.
 
-    Raises
-    ------
-    ValueError
-        If the PSD is negative or not finite, or the band not one of its frequencies.
-
     Examples
     --------
     >>> from cyclofeat.signal import spectral_flatness
@@ -220,11 +193,6 @@ def spectral_centroid(
     -------
     ndarray, shape (...)
         Frequency in Hz; 0 where there is no power at all.
-
-    Raises
-    ------
-    ValueError
-        As for :func:`shannon_entropy`, or if there is not one frequency per line.
 
     Notes
     -----
@@ -262,11 +230,6 @@ def spectral_rolloff(
     -------
     ndarray, shape (...)
         Frequency of a line in Hz; 0 where there is no power at all.
-
-    Raises
-    ------
-    ValueError
-        As for :func:`spectral_centroid`, or if the fraction is out of its range.
 
     Examples
     --------
@@ -345,11 +308,6 @@ def band_power(
     ndarray, shape (..., n_bands)
         Power in Nm^2: the mean square of the torque within the band.
 
-    Raises
-    ------
-    ValueError
-        As for :func:`spectral_centroid`.
-
     Examples
     --------
     >>> from cyclofeat.signal import band_power
@@ -360,7 +318,7 @@ def band_power(
     frequencies = _frequencies_in_band(frequencies, psd.shape[-1], None)
     distance = frequencies[-1] / max(frequencies.size - 1, 1)
     bands = checked_bands(frequencies, bands)
-    sums = [psd[..., _band_slice(frequencies, band)].sum(axis=-1) for band in bands]
+    sums = [psd[..., band_slice(frequencies, band)].sum(axis=-1) for band in bands]
     return np.asarray(distance * np.stack(sums, axis=-1))
 
 
@@ -370,25 +328,7 @@ def narrowband_mask(
     half_width_hz: float = 5.0,
     n_harmonics: int | None = None,
 ) -> NDArray[np.bool_]:
-    """Mark the spectral lines around the harmonics of a frequency.
-
-    Parameters
-    ----------
-    frequencies : array-like, shape (n_bins,)
-        Frequencies in Hz, increasing to half of the sampling rate.
-    fundamental_hz : float, default=100.0
-        Fundamental in Hz.
-    half_width_hz : float, default=5.0
-        A line counts if it is no farther than this from a harmonic, in Hz. The line nearest to each harmonic
-        always counts. **Assumption**: paper A gives no width.
-    n_harmonics : int, optional
-        Number of harmonics, the fundamental being the first. By default as many as fit below or at half of
-        the sampling rate.
-
-    Returns
-    -------
-    ndarray of bool, shape (n_bins,)
-    """
+    """Mark the spectral lines around the harmonics of a frequency; arguments of :func:`narrowband_ratio`."""
     frequencies = np.asarray(frequencies, dtype=np.float64)
     if not fundamental_hz > 0:
         raise ValueError(f"fundamental_hz must be positive, in Hz; got {fundamental_hz!r}")
@@ -424,25 +364,28 @@ def narrowband_ratio(
 
     .. math:: R = \sum_{i \in N} P(f_i) / \sum_i P(f_i)
 
-    where N are the lines of :func:`narrowband_mask`.
+    where N are the lines around the harmonics.
 
     Parameters
     ----------
     psd : array-like, shape (..., n_bins)
         Power spectral density, as from :func:`welch_psd`. With the mean torque kept, its line at 0 Hz counts
         in the total.
-    frequencies, fundamental_hz, half_width_hz, n_harmonics
-        As for :func:`narrowband_mask`.
+    frequencies : array-like, shape (n_bins,)
+        Frequencies in Hz, increasing to half of the sampling rate.
+    fundamental_hz : float, default=100.0
+        Fundamental in Hz.
+    half_width_hz : float, default=5.0
+        A line counts if it is no farther than this from a harmonic, in Hz. The line nearest to each harmonic
+        always counts. **Assumption**: paper A gives no width.
+    n_harmonics : int, optional
+        Number of harmonics, the fundamental being the first. By default as many as fit below or at half of
+        the sampling rate.
 
     Returns
     -------
     ndarray, shape (...)
         Ratio without unit, from 0 to 1; 0 where there is no power at all.
-
-    Raises
-    ------
-    ValueError
-        As for :func:`spectral_centroid` and :func:`narrowband_mask`.
 
     Examples
     --------

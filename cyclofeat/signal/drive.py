@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from operator import attrgetter
 
 import numpy as np
@@ -27,9 +27,6 @@ from cyclofeat.signal.speed import (
     follow_speed,
 )
 from cyclofeat.signal.windows import Float
-
-# Evidence of a gain and an integral time.
-_Evidence = Callable[[float, float], float]
 
 # Gains that are tried: changes of the speed, as shares of the mean one, that one standard deviation of the
 # current answers. Integral times of the control in s. From the best of these pairs on, steps of gain and time
@@ -63,19 +60,8 @@ def controlled_lag(current: Float, sampling_rate: float, integral_s: float) -> F
     deviation e = da/dt, the lag a and the integral time T. The lag is therefore the current behind a low-pass
     of the first order: da/dt + a / T = i / P.
 
-    Parameters
-    ----------
-    current : ndarray, shape (n,)
-        Without its mean, which the friction and the load need.
-    sampling_rate : float
-        In Hz.
-    integral_s : float
-        T in s.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        P a, in the unit of the current times s; 0 before the first sample.
+    ``current`` is without its mean, which the friction and the load need; ``integral_s`` is T. The result is
+    P a, in the unit of the current times s; 0 before the first sample.
     """
     kept = np.exp(-1 / (sampling_rate * integral_s))
     return np.asarray(lfilter([(1 - kept) * integral_s], [1, -kept], current))
@@ -92,35 +78,15 @@ def follow_motor(current: Float, sampling_rate: float, nominal_hz: float, n_lobe
     more evident, there is none.
 
     Where the lobe lines do not reach beyond those of a sound disc (``reaches``), multiples of the speed are
-    followed as well, and the lines do not fit (``fits``) if they are more evident there.
+    followed as well, and the lines do not fit (``fits``) if they are more evident there: a motor's strongest
+    line may pass for that of the mesh at another speed.
 
-    Parameters
-    ----------
-    current : ndarray, shape (n,)
-        In A, or any unit proportional to it. Its mean drives the shaft.
-    sampling_rate, nominal_hz, n_lobes
-        As of ``cyclofeat.signal.speed.follow_speed``.
-
-    Returns
-    -------
-    FollowedSpeed
-
-    Raises
-    ------
-    ValueError
-        As ``cyclofeat.signal.speed.follow_speed``.
+    The mean of the current drives the shaft. Arguments and errors are those of
+    ``cyclofeat.signal.speed.follow_speed``.
     """
     found = _follow_current(current, sampling_rate, nominal_hz, n_lobes, _ATTEMPTS)
-    if found.fits and not found.reaches and _is_another(found, current, sampling_rate, n_lobes):
-        return dataclasses.replace(found, margin=-found.margin)
-    return found
-
-
-def _is_another(found: FollowedSpeed, current: Float, sampling_rate: float, n_lobes: int) -> bool:
-    """Return whether the lines of a current are more evident at a speed whose lines look alike.
-
-    A motor's strongest line may pass for that of the mesh at another speed.
-    """
+    if not found.fits or found.reaches:
+        return found
     shaft = (n_lobes + 1) / n_lobes
     own = _follow_current(current, sampling_rate, found.speed_hz, n_lobes, _ATTEMPTS[:1]).evidence
     for multiple in (1 / 4, 1 / 3, 1 / 2, shaft / 2, 2 / shaft, 2, 3):
@@ -129,8 +95,8 @@ def _is_another(found: FollowedSpeed, current: Float, sampling_rate: float, n_lo
         except ValueError:  # the record does not hold that speed
             continue
         if other.evidence > _CLEARLY * own:
-            return True
-    return False
+            return dataclasses.replace(found, margin=-found.margin)
+    return found
 
 
 def _follow_current(
@@ -165,9 +131,16 @@ def _followed_from(
     turned: Float, current: Float, rate: float, lines: _Lines, attempts: Sequence[_Attempt]
 ) -> FollowedSpeed:
     """Return what ``cyclofeat.signal.speed._follow_until_fit`` finds, beginning with turns that are known."""
-    even, grid = resample_by_angle(current, 2 * np.pi * turned, _SAMPLES_PER_TURN, rate)
-    slow = _follow_until_fit(even, _SAMPLES_PER_TURN, 1.0, lines, attempts)
-    return dataclasses.replace(slow, angle=_extend_to_turns(2 * np.pi * turned, grid, slow.angle))
+    angle = 2 * np.pi * turned
+    even, grid = resample_by_angle(current, angle, _SAMPLES_PER_TURN, rate)
+    followed = _follow_until_fit(even, _SAMPLES_PER_TURN, 1.0, lines, attempts)
+    slow = followed.angle
+    # Beyond the grid it goes on at its mean rate.
+    slope = (slow[-1] - slow[0]) / (grid[-1] - grid[0])
+    before, behind = min(angle[0], grid[0]), max(angle[-1], grid[-1])
+    ends = [slow[0] - slope * (grid[0] - before)], [slow[-1] + slope * (behind - grid[-1])]
+    at, values = np.r_[before, grid, behind], np.concatenate([ends[0], slow, ends[1]])
+    return dataclasses.replace(followed, angle=np.asarray(np.interp(angle, at, values)))
 
 
 def _controlled_turns(
@@ -202,12 +175,8 @@ def _likeliest_control(
         return _speed_course(even, _COMPARED_PER_TURN, 1.0, _COARSE, lines)[1]
 
     pairs = [(float(gain), integral_s) for gain in _GAINS for integral_s in _TIMES]
-    best = _climb_to_maximum(evidence, *max(pairs, key=lambda pair: evidence(*pair)))
-    return best if evidence(*best) > evidence(0.0, _TIMES[0]) + _GAINED else None
-
-
-def _climb_to_maximum(evidence: _Evidence, gain: float, integral_s: float) -> tuple[float, float]:
-    """Return the place of the maximum next to a place: gain and integral time, the latter in ratios."""
+    gain, integral_s = max(pairs, key=lambda pair: evidence(*pair))
+    # Climb to the maximum beside it.
     step, ratio = _GAIN_STEP, _TIME_STEP
     for _ in range(_HALVINGS):
         while True:
@@ -222,15 +191,5 @@ def _climb_to_maximum(evidence: _Evidence, gain: float, integral_s: float) -> tu
                 break
             gain, integral_s = highest
         step, ratio = step / 2, ratio**0.5
-    return gain, integral_s
-
-
-def _extend_to_turns(turned: Float, grid: Float, slow: Float) -> Float:
-    """Return ``slow`` at all angles ``turned``: beyond the grid it goes on at its mean rate."""
-    rate = (slow[-1] - slow[0]) / (grid[-1] - grid[0])
-    before, behind = min(turned[0], grid[0]), max(turned[-1], grid[-1])
-    at = np.concatenate([[before], grid, [behind]])
-    values = np.concatenate(
-        [[slow[0] - rate * (grid[0] - before)], slow, [slow[-1] + rate * (behind - grid[-1])]]
-    )
-    return np.asarray(np.interp(turned, at, values))
+    likely = evidence(gain, integral_s) > evidence(0.0, _TIMES[0]) + _GAINED
+    return (gain, integral_s) if likely else None

@@ -54,17 +54,12 @@ _TINY = 1e-3
 
 @dataclass(frozen=True)
 class LobeLines:
-    """Lobe lines of windows.
+    """Lobe lines of windows: refined input speed of each, shape (n_windows,), lines, and power around them.
 
-    Attributes
-    ----------
-    input_speed_hz : ndarray, shape (n_windows,)
-        Refined input speed of each window.
-    lines : ndarray of complex, shape (n_windows, n_lines)
-        Complex amplitude c_k of lobe lines k = 1, 2, ...: the whitened torque, in units of its standard
-        deviation, holds Re(c_k exp(2 pi i k f t)) with the lobe frequency f and t = 0 at the first sample.
-    floor : ndarray, shape (n_windows, n_lines)
-        Mean power of the spectrum within three lobe frequencies around each line, same units squared.
+    ``lines``, shape (n_windows, n_lines), are the complex amplitudes c_k of lobe lines k = 1, 2, ...: the
+    whitened torque, in units of its standard deviation, holds Re(c_k exp(2 pi i k f t)) with the lobe
+    frequency f and t = 0 at the first sample. ``floor`` is the mean power of the spectrum within three lobe
+    frequencies around each line, same units squared.
     """
 
     input_speed_hz: Float
@@ -99,10 +94,7 @@ def lines_held(
     speed_tolerance: float = 0.0,
     most: int = N_LINES,
 ) -> int:
-    """Return the number of lobe lines that windows hold for a count: ``most``, at a low rate down to 3.
-
-    Parameters are those of :func:`highest_frequency` and :func:`lobe_lines`.
-    """
+    """Return the number of lobe lines that windows hold for a count: ``most``, at a low rate down to 3."""
     highest = highest_frequency(input_speed_hz, n_lobes, 1, speed_tolerance)
     return max(FEWEST_LINES, min(most, int(_SHARE_HELD * sampling_rate / highest)))
 
@@ -112,7 +104,7 @@ def reduce_rate(X: Float, sampling_rate: float, wanted_rate: float) -> tuple[Flo
 
     The mean goes first: the filter pads with zeros.
     """
-    factor = _reduction_factor(sampling_rate, wanted_rate)
+    factor = max(1, int(sampling_rate // wanted_rate))
     if factor < 2:
         return X - X.mean(axis=1, keepdims=True), sampling_rate
     taps = anti_alias(factor)
@@ -121,27 +113,16 @@ def reduce_rate(X: Float, sampling_rate: float, wanted_rate: float) -> tuple[Flo
     return np.asarray(rows).reshape(len(X), -1), sampling_rate / factor
 
 
-def _reduction_factor(sampling_rate: float, wanted_rate: float) -> int:
-    return max(1, int(sampling_rate // wanted_rate))
-
-
 def whitened_rate(sampling_rate: float, input_speed_hz: float, n_lobes: int, n_lines: int) -> float:
     """Return the sampling rate in Hz to which windows are reduced before :func:`prewhiten`.
-
-    Parameters are those of :func:`highest_frequency` and :func:`lobe_lines`.
 
     Examples
     --------
     >>> whitened_rate(25_600, 500 / 60, 15, 44)
     2560.0
     """
-    return sampling_rate / _reduction_factor(
-        sampling_rate, _wanted_rate(lobe_frequency(input_speed_hz, n_lobes), n_lines)
-    )
-
-
-def _wanted_rate(lobe_frequency_hz: float, n_lines: int) -> float:
-    return _RATE_PER_LINE * n_lines * lobe_frequency_hz
+    wanted = _RATE_PER_LINE * n_lines * lobe_frequency(input_speed_hz, n_lobes)
+    return sampling_rate / max(1, int(sampling_rate // wanted))
 
 
 @functools.lru_cache(maxsize=16)
@@ -227,20 +208,9 @@ def lobe_lines(
 ) -> LobeLines:
     """Fit the lobe lines of each window, at the input speed that suits them best.
 
-    Parameters
-    ----------
-    X : ndarray, shape (n_windows, n_samples)
-        Windows of torque in Nm.
-    sampling_rate : float
-        Samples per second in Hz (samples per input turn for windows on equal steps of the angle, with
-        ``input_speed_hz=1``).
-    input_speed_hz : float
-        Nominal input speed in turns per second.
-    comb : LobeComb, optional
-        Lines and search. Default: ``LobeComb()``.
+    The sampling rate is in Hz (samples per input turn for windows on equal steps of the angle, with
+    ``input_speed_hz=1``), the nominal input speed in turns per second.
 
-    Notes
-    -----
     The speed maximises the sum over lobe lines of power over local floor, by an exhaustive search. The power
     of a comb is its likelihood in white noise; the floor keeps a single strong line, such as the mains', from
     outvoting it. Windows too short for a spectrum line (under two lobe periods) have lines and floor zero.
@@ -319,7 +289,7 @@ class _Whitened:
 def _whitened_spectra(
     X: Float, sampling_rate: float, nominal: float, n_lines: int, ar_order: int
 ) -> _Whitened:
-    reduced, rate = reduce_rate(X, sampling_rate, _wanted_rate(nominal, n_lines))
+    reduced, rate = reduce_rate(X, sampling_rate, _RATE_PER_LINE * n_lines * nominal)
     white = prewhiten(reduced, rate, ar_order, lowest_hz=2 * nominal)
     # Padded spectrum of tapered windows about their middle, its resolution in Hz, the middle's time in s.
     n_windows, n_samples = white.shape

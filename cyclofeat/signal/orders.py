@@ -101,21 +101,17 @@ def resample_by_angle(
 
     Parameters
     ----------
-    torque : array_like of shape (n,)
-        Torque in Nm, sampled uniformly in time.
-    angle : array_like of shape (n,)
-        Angle of the shaft in rad at the same moments, strictly increasing.
+    torque, angle : array-like, shape (n,)
+        Torque in Nm, and angle of the shaft in rad, strictly increasing, ``sampling_rate`` times a second.
     samples_per_turn : int
         Samples per turn of the result.
     sampling_rate : float
-        Samples per second of torque and angle, in Hz.
+        In Hz.
 
     Returns
     -------
-    torque : ndarray of shape (m,)
-        Torque in Nm at the angles below.
-    angle : ndarray of shape (m,)
-        Angles in rad, ``2 pi / samples_per_turn`` apart.
+    torque, angle : ndarray, shape (m,)
+        Torque in Nm at angles in rad, ``2 pi / samples_per_turn`` apart.
 
     Raises
     ------
@@ -129,7 +125,15 @@ def resample_by_angle(
     ``0.5 * samples_per_turn`` on are 80 dB down; the result is then 26 samples shorter at either end than the
     angle's range. The spline is accurate to 1 % up to a fifth of the sampling rate, to 0.1 % up to a tenth.
     """
-    torque, angle = _checked_series(torque, angle)
+    torque, angle = number_series("torque", torque, least=2), number_series("angle", angle, least=2)
+    if torque.size != angle.size:
+        raise ValueError(f"angle must have the length of torque, {torque.size}, got {angle.size}")
+    if not np.all(np.diff(angle) > 0):
+        where = int(np.argmax(np.diff(angle) <= 0))
+        raise ValueError(
+            f"angle must increase strictly (rad), got {angle[where]:.6g} at sample {where} "
+            f"and {angle[where + 1]:.6g} at sample {where + 1}"
+        )
     step = 2 * math.pi / whole("samples_per_turn", samples_per_turn, least=2)
     check_sampling_rate(sampling_rate)
     # Return how many times finer than the result the grid must be to hold the whole record.
@@ -160,7 +164,14 @@ def resample_by_angle(
             f"angle covers {(angle[-1] - angle[0]) / (2 * math.pi):.3g} turns, too few to resample at "
             f"samples_per_turn = {samples_per_turn}: needed are {(2 * margin + 2) / samples_per_turn:.3g}"
         )
-    values = _at_angles(torque, angle, np.arange(first * fine, last * fine + 1), step / fine)
+    numbers = np.arange(first * fine, last * fine + 1)
+    values = np.empty(numbers.size)
+    # A long record is read in pieces: a spline hardly knows of samples that are some dozens away.
+    for start in range(0, numbers.size, _PIECE):
+        place = samples_at(np.asarray(numbers[start : start + _PIECE] * (step / fine), dtype=float), angle)
+        low, high = max(int(place[0]) - _SEEN, 0), int(place[-1]) + 2 + _SEEN
+        part = torque[low:high]
+        values[start : start + _PIECE] = CubicSpline(np.arange(part.size), part)(place - low)
     grid = np.arange(first + margin, last - margin + 1) * step
     if fine == 1:
         return values, grid
@@ -169,20 +180,6 @@ def resample_by_angle(
     # the input have the whole filter inside the record.
     filtered: Float = upfirdn(taps, values, 1, fine)[2 * margin : last - first + 1]
     return filtered, grid
-
-
-def _at_angles(torque: Float, angle: Float, numbers: NDArray[np.int64], step: float) -> Float:
-    """Return torque at the angles of so many steps, by a cubic spline.
-
-    A long record is read in pieces: a spline hardly knows of samples that are some dozens away.
-    """
-    values = np.empty(numbers.size)
-    for first in range(0, numbers.size, _PIECE):
-        place = samples_at(np.asarray(numbers[first : first + _PIECE] * step, dtype=np.float64), angle)
-        low, high = max(int(place[0]) - _SEEN, 0), int(place[-1]) + 2 + _SEEN
-        part = torque[low:high]
-        values[first : first + _PIECE] = CubicSpline(np.arange(part.size), part)(place - low)
-    return values
 
 
 @functools.lru_cache(maxsize=16)
@@ -194,20 +191,6 @@ def _order_filter(fine: int) -> Float:
     return taps
 
 
-def _checked_series(torque: ArrayLike, angle: ArrayLike) -> tuple[Float, Float]:
-    torque, angle = number_series("torque", torque, least=2), number_series("angle", angle, least=2)
-    if torque.size != angle.size:
-        raise ValueError(f"angle must have the length of torque, {torque.size}, got {angle.size}")
-    steps = np.diff(angle)
-    if not np.all(steps > 0):
-        where = int(np.argmax(steps <= 0))
-        raise ValueError(
-            f"angle must increase strictly (rad), got {angle[where]:.6g} at sample {where} "
-            f"and {angle[where + 1]:.6g} at sample {where + 1}"
-        )
-    return torque, angle
-
-
 COMBS = ("lobe", "mesh")
 """Combs of lines that give the input speed."""
 
@@ -217,11 +200,7 @@ def comb_lines(
 ) -> int:
     """Return the number of lobe lines that :func:`estimate_input_speed` uses: 44, or as many as fit.
 
-    Raises
-    ------
-    ValueError
-        If the comb is unknown, or the sampling rate does not hold its first lines: three lobe lines or one
-        mesh line.
+    ``ValueError`` if the sampling rate does not hold the first ones: three lobe lines or one mesh line.
     """
     one_of("comb", comb, COMBS)
     fewest = n_lobes if comb == "mesh" else lobes.FEWEST_LINES
@@ -252,11 +231,8 @@ def estimate_input_speed(
 
     Parameters
     ----------
-    X : array-like, shape (n_windows, n_samples)
-        Windows of torque in Nm.
-    sampling_rate : float
-        Samples per second in Hz (samples per input turn for windows on equal steps of the angle, with
-        ``nominal_hz=1``).
+    X, sampling_rate, n_lobes
+        As for :func:`order_lines`.
     nominal_hz : float
         Nominal input speed in turns per second.
     tolerance : float, default=0.015
@@ -264,19 +240,11 @@ def estimate_input_speed(
     comb : {"lobe", "mesh"}, default="lobe"
         ``"lobe"``: all lobe lines from the fifth to the 44th, as :class:`cyclofeat.features.LobeMap` does.
         ``"mesh"``: the mesh lines among them alone, for torque in which the lobes do not differ.
-    n_lobes : int, default=15
-        Number of lobes z_s of a disc.
 
     Returns
     -------
     ndarray, shape (n_windows,)
         Input speed in turns per second.
-
-    Raises
-    ------
-    ValueError
-        If the tolerance is not within 0 and 0.2, the comb is unknown or beyond half of the sampling rate, or
-        ``X`` is not two-dimensional, real and finite.
 
     Notes
     -----
@@ -294,17 +262,9 @@ def estimate_input_speed(
     if tolerance == 0:
         return np.full(len(X), float(nominal_hz))
     n_lines = comb_lines(sampling_rate, nominal_hz, tolerance, comb, n_lobes)
-    return lobes.lobe_lines(
-        np.asarray(X, dtype=np.float64),
-        sampling_rate,
-        nominal_hz,
-        lobes.LobeComb(
-            n_lobes,
-            n_lines,
-            speed_tolerance=tolerance,
-            searched=range(n_lobes, n_lines + 1, n_lobes) if comb == "mesh" else None,
-        ),
-    ).input_speed_hz
+    searched = range(n_lobes, n_lines + 1, n_lobes) if comb == "mesh" else None
+    lines = lobes.LobeComb(n_lobes, n_lines, speed_tolerance=tolerance, searched=searched)
+    return lobes.lobe_lines(np.asarray(X, dtype=float), sampling_rate, nominal_hz, lines).input_speed_hz
 
 
 def order_lines(
@@ -342,12 +302,6 @@ def order_lines(
     ndarray of complex, shape (n_windows, n_lines)
         Amplitudes in Nm of lines k = 1, 2, ...: the torque holds Re(c_k exp(2 pi i k f t)), t = 0 at the
         first sample. True to 1e-4 of the largest amplitude in the window.
-
-    Raises
-    ------
-    ValueError
-        If shapes do not fit, a speed is not positive, a line lies beyond half of the sampling rate or ``X``
-        is not real and finite.
 
     Notes
     -----
@@ -434,23 +388,8 @@ def _fourier_sums(x: Float, step: float, n_lines: int) -> Complex:
 def synchronous_average(lines: Complex, n_points: int) -> Float:
     """Average the torque over output turns, or input turns, from the lines of that turn.
 
-    Parameters
-    ----------
-    lines : ndarray of complex, shape (n_windows, n_lines)
-        As from :func:`order_lines`.
-    n_points : int
-        Points of the result, evenly spread over the turn.
-
-    Returns
-    -------
-    ndarray, shape (n_windows, n_points)
-        Torque in Nm without its mean, band-limited to the lines; the first point is the window's first
-        sample.
-
-    Raises
-    ------
-    ValueError
-        If ``n_points`` is not positive.
+    ``lines`` are those of :func:`order_lines`. The result, shape (n_windows, n_points), is the torque in Nm
+    without its mean, band-limited to the lines; the first point is the window's first sample.
     """
     if n_points < 1:
         raise ValueError(f"n_points must be at least 1, got {n_points!r}")

@@ -74,9 +74,6 @@ class _Attempt:
     passes: tuple[_Pass, ...]
     every_line: bool = False
 
-    def choose_lines(self, lines: _Lines) -> _Lines:
-        return replace(lines, last_lobe=lines.highest_lobe) if self.every_line else lines
-
 
 _COARSE = _Pass(turns=6, hop=2, tolerance=FOLLOWED_TOLERANCE, step=1e-3, change=4e-3)
 _STEADY = _Pass(turns=14, hop=3.5, tolerance=FOLLOWED_TOLERANCE, step=2.5e-4, change=1e-3)
@@ -97,13 +94,6 @@ class _Lines:
     last_lobe: int
     last_shaft: int
     highest_lobe: int
-
-    @classmethod
-    def within_rate(cls, sampling_rate: float, nominal_hz: float, n_lobes: int) -> _Lines:
-        orders = sampling_rate / 2 / (nominal_hz * (1 + FOLLOWED_TOLERANCE))
-        orders = min(orders, _SAMPLES_PER_TURN / 2)
-        highest = min(_HIGHEST_LOBE_LINE, int(orders / lobe_frequency(1.0, n_lobes)))
-        return cls(n_lobes, min(_LAST_LOBE_LINE, highest), min(_LAST_SHAFT_LINE, int(orders)), highest)
 
 
 @dataclass(frozen=True)
@@ -153,25 +143,9 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
     the largest margin, or the last where none has any lines. Each attempt also tries whether its lines are
     the even shaft lines of a sound disc that turns faster (16/15 of the speed for 15 lobes).
 
-    Parameters
-    ----------
-    torque : ndarray, shape (n,)
-        In Nm, or any unit proportional to it.
-    sampling_rate : float
-        In Hz.
-    nominal_hz : float
-        Stated speed in turns per second; the true one may lie up to 5.5 % beside it, and wander.
-    n_lobes : int, default=15
-
-    Returns
-    -------
-    FollowedSpeed
-
-    Raises
-    ------
-    ValueError
-        If the record is shorter than six turns of the input, or the sampling rate does not hold the first
-        line of the mesh.
+    ``nominal_hz`` is the stated speed in turns per second; the true one may lie up to 5.5 % beside it, and
+    wander. ``ValueError`` if the record is shorter than six turns of the input, or the sampling rate in Hz
+    does not hold the first line of the mesh.
     """
     return _follow_attempts(torque, sampling_rate, nominal_hz, n_lobes, _ATTEMPTS)
 
@@ -200,7 +174,9 @@ def _reduce_record(
             f"sampling_rate must be at least {2 * highest:.4g} Hz to follow {60 * nominal_hz:.4g} RPM by the "
             f"torque alone, got {sampling_rate:g} Hz"
         )
-    lines = _Lines.within_rate(sampling_rate, nominal_hz, n_lobes)
+    orders = min(sampling_rate / 2 / (nominal_hz * (1 + FOLLOWED_TOLERANCE)), _SAMPLES_PER_TURN / 2)
+    held = min(_HIGHEST_LOBE_LINE, int(orders / lobe_frequency(1.0, n_lobes)))
+    lines = _Lines(n_lobes, min(_LAST_LOBE_LINE, held), min(_LAST_SHAFT_LINE, int(orders)), held)
     (thinned,), rate = reduce_rate(torque[np.newaxis], sampling_rate, _DENSE * nominal_hz)
     return lines, thinned, rate
 
@@ -224,19 +200,8 @@ def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list
     even lines of a sound one's shaft; 8/15, the other way round, unless the lobe lines reach further
     (``reaches``); and 16/15, where all lines of a motor's shaft would be taken for lobe lines.
 
-    Parameters
-    ----------
-    torque : ndarray, shape (n,)
-        In Nm, or any unit proportional to it.
-    sampling_rate : float
-        In Hz.
-    n_lobes : int, default=15
-
-    Returns
-    -------
-    list of FollowedSpeed
-        The most probable first; empty where no speed fits at which the record holds an output turn and the
-        sampling rate the first line of the mesh.
+    The most probable speed comes first. None fits where the record does not hold an output turn or the
+    sampling rate does not hold the first line of the mesh.
     """
     duration, tolerance = torque.size / sampling_rate, FOLLOWED_TOLERANCE
     mesh = highest_frequency(1.0, n_lobes, min(n_lobes, _LAST_LOBE_LINE), tolerance)
@@ -248,17 +213,12 @@ def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list
         return []
     near = _OVERLAPPING * tolerance
     n_steps = math.ceil(math.log(highest / lowest) / math.log((1 + near) / (1 - near)))
-    started = np.geomspace(lowest, highest, n_steps + 1)
-
-    def middle_part(nominal: float) -> Float:
+    followed = []
+    for nominal in np.geomspace(lowest, highest, n_steps + 1).tolist():
         length = min(torque.size, round(_SEARCHED_TURNS * n_lobes / nominal * sampling_rate))
         first = (torque.size - length) // 2
-        return torque[first : first + length]
-
-    first = _ATTEMPTS[:1]
-    followed = [
-        _follow_attempts(middle_part(at), sampling_rate, at, n_lobes, first) for at in started.tolist()
-    ]
+        middle = torque[first : first + length]
+        followed.append(_follow_attempts(middle, sampling_rate, nominal, n_lobes, _ATTEMPTS[:1]))
     clear = sorted((one for one in followed if one.evidence >= _LEAST), key=lambda one: -one.evidence)
     best = next((one for one in clear if one.fits), None)
     if best is None or clear[0].evidence > _MORE * best.evidence:
@@ -286,7 +246,9 @@ def _follow_until_fit(
     turns = torque.size / sampling_rate * nominal_hz
     long_enough = [one for one in attempts if turns >= one.passes[0].turns] or attempts[:1]
     tried: list[FollowedSpeed] = []
-    for passes, held in dict.fromkeys((one.passes, one.choose_lines(lines)) for one in long_enough):
+    every_line = replace(lines, last_lobe=lines.highest_lobe)
+    attempted = [(one.passes, every_line if one.every_line else lines) for one in long_enough]
+    for passes, held in dict.fromkeys(attempted):
         tried.append(_follow_passes(torque, sampling_rate, nominal_hz, held, passes))
         if tried[-1].fits:
             break
@@ -356,8 +318,12 @@ def _fit_discs(torque: Float, sampling_rate: float, angle: Float, lines: _Lines)
     alike = (n_lobes + 1) / (2 * n_lobes)
     # The mesh lines of a sound disc at 1 / n_lobes of the speed are the lobe lines themselves.
     multiples = (1.0, alike, 1 / alike, *(one for one in _MULTIPLES if one * n_lobes != 1))
-    places = [_line_places(multiple, lines) for multiple in multiples]
-    numbers = [part for pair in places for part in pair]
+    # Lobe lines of a disc at each multiple, then even lines of its shaft, as numbers of lobe lines at 1.
+    numbers: list[Float] = []
+    for multiple in multiples:
+        lobe = multiple * np.arange(1.0, math.ceil(lines.highest_lobe / multiple) + 1)
+        for part in (lobe, multiple * _even_lines(_LAST_SHAFT_LINE, n_lobes)):
+            numbers.append(part[(part >= _FIRST_LOBE_LINE) & (part <= lines.highest_lobe)])
     one, every = np.ones(1), np.concatenate(numbers)
     power = np.concatenate(
         [
@@ -366,11 +332,14 @@ def _fit_discs(torque: Float, sampling_rate: float, angle: Float, lines: _Lines)
         ]
     )
     ends = np.cumsum([part.size for part in numbers])[:-1]
-    parts = iter(np.split(np.minimum(power, _MOST), ends, axis=1))
-    discs = [
-        _disc_evidence(lobe, np.round(lines_of / multiple) % n_lobes == 0, shaft)
-        for lobe, shaft, (lines_of, _), multiple in zip(parts, parts, places, multiples, strict=True)
-    ]
+    parts = np.split(np.minimum(power, _MOST), ends, axis=1)
+    discs = []
+    for lobe, shaft, places, multiple in zip(parts[::2], parts[1::2], numbers[::2], multiples, strict=True):
+        is_mesh = np.round(places / multiple) % n_lobes == 0
+        of_mesh = _log_ratio(lobe, _MESH_LINE).mean(axis=0)
+        of_lobes = np.where(is_mesh, of_mesh, _log_ratio(lobe, _LOBE_LINE).mean(axis=0))
+        of_shaft = max(_sum_to_last_line(_log_ratio(shaft, _SHAFT_LINE).mean(axis=0)), 0.0)
+        discs.append(_Disc(_sum_to_last_line(of_lobes), _sum_to_last_line(of_mesh[is_mesh]), of_shaft))
     this, like_worn, like_sound, *others = discs
     worn, sound = this.worn, this.sound
     other = max(max(one.worn, one.sound) for one in others)
@@ -383,20 +352,6 @@ def _fit_discs(torque: Float, sampling_rate: float, angle: Float, lines: _Lines)
         return min(worn - other - _WORN, worn - like - _THAN_ALIKE), reaches
     # Lines of the shaft alone may be lobe lines of a worn disc at another speed.
     return min(sound - max(other + _SOUND, like_sound.worn - _RICHER), this.mesh - _MESH), reaches
-
-
-def _line_places(multiple: float, lines: _Lines) -> tuple[Float, Float]:
-    """Return the lobe lines of a disc at a multiple of the speed, and the even lines of its shaft.
-
-    Both are numbers of lobe lines at the speed itself.
-    """
-    lobe: Float = multiple * np.arange(1.0, math.ceil(lines.highest_lobe / multiple) + 1)
-    shaft = multiple * _even_lines(_LAST_SHAFT_LINE, lines.n_lobes)
-
-    def within_range(numbers: Float) -> Float:
-        return numbers[(numbers >= _FIRST_LOBE_LINE) & (numbers <= lines.highest_lobe)]
-
-    return within_range(lobe), within_range(shaft)
 
 
 def _even_lines(last: int, n_lobes: int) -> Float:
@@ -422,14 +377,6 @@ class _Disc:
         return self.mesh + self.shaft
 
 
-def _disc_evidence(lobe: Float, is_mesh: NDArray[np.bool_], shaft: Float) -> _Disc:
-    """Return what lobe and shaft lines tell, from their power over floor, shape (n_windows, n_lines)."""
-    of_mesh = _log_ratio(lobe, _MESH_LINE).mean(axis=0)
-    of_lobes = np.where(is_mesh, of_mesh, _log_ratio(lobe, _LOBE_LINE).mean(axis=0))
-    of_shaft = _sum_to_last_line(_log_ratio(shaft, _SHAFT_LINE).mean(axis=0))
-    return _Disc(_sum_to_last_line(of_lobes), _sum_to_last_line(of_mesh[is_mesh]), max(of_shaft, 0.0))
-
-
 def _sum_to_last_line(ratios: Float) -> float:
     """Return the log probability ratio over noise of lines from the first to an unknown last one, or none."""
     return float(np.logaddexp.reduce(np.append(0.0, np.cumsum(ratios))) - np.log(ratios.size + 1))
@@ -453,7 +400,17 @@ def _speed_course(
     )
     # Overlapping blocks repeat the same evidence.
     votes *= min(1.0, one.hop / one.turns)
-    path = _likeliest_path(votes, one.change / one.step)
+    # The most probable path through the votes (Viterbi), with changes in steps of the grid.
+    steps = np.arange(factors.size)
+    cost = 0.5 * ((steps[:, np.newaxis] - steps) / (one.change / one.step)) ** 2
+    best, back = votes[0].copy(), np.zeros(votes.shape, dtype=int)
+    for k in range(1, n_blocks):
+        reached = best[np.newaxis, :] - cost
+        back[k] = reached.argmax(axis=1)
+        best = votes[k] + reached[steps, back[k]]
+    path = np.full(n_blocks, best.argmax())
+    for k in range(n_blocks - 1, 0, -1):
+        path[k - 1] = back[k, path[k]]
     times = (starts + length / 2) / rate
     evidence = float(votes[np.arange(n_blocks), path].sum() / (torque.size / rate * speed))
     # Refine the path between the steps of the grid by a parabola through three votes.
@@ -499,20 +456,3 @@ def _log_ratio(power: Float, shares: tuple[float, ...]) -> Float:
         share / mean * np.exp(power * (1 - 1 / mean)) for share, mean in zip(shares, _MEANS, strict=True)
     )
     return np.asarray(np.log(mixed))
-
-
-def _likeliest_path(votes: Float, change: float) -> NDArray[np.int64]:
-    """Return the most probable path through votes (Viterbi), with changes in steps of the grid."""
-    n_blocks, n_factors = votes.shape
-    steps = np.arange(n_factors)
-    cost = 0.5 * ((steps[:, np.newaxis] - steps) / change) ** 2
-    best, back = votes[0].copy(), np.zeros((n_blocks, n_factors), dtype=int)
-    for k in range(1, n_blocks):
-        reached = best[np.newaxis, :] - cost
-        back[k] = reached.argmax(axis=1)
-        best = votes[k] + reached[steps, back[k]]
-    path = np.empty(n_blocks, dtype=int)
-    path[-1] = best.argmax()
-    for k in range(n_blocks - 1, 0, -1):
-        path[k - 1] = back[k, path[k]]
-    return path

@@ -11,9 +11,7 @@ from scipy.interpolate import PchipInterpolator
 
 from cyclofeat._base import checks
 from cyclofeat.signal.orders import at_every_sample
-
-Float = NDArray[np.float64]
-
+from cyclofeat.signal.windows import Float
 
 # Pulses switch on above the first and off below the second share of their range.
 _ON, _OFF = 0.6, 0.4
@@ -35,22 +33,9 @@ def angle_from_pulses(signal: ArrayLike, pulses_per_turn: int) -> Float:
     curve (PCHIP; Fritsch and Carlson, "Monotone piecewise cubic interpolation", SIAM Journal on Numerical
     Analysis 17, 1980), before the first and after the last one a straight line, of less than one pulse.
 
-    Parameters
-    ----------
-    signal : array-like, shape (n,)
-        Voltage or logic level of the pulses; one pulse per turn is an index.
-    pulses_per_turn : int
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Angle in rad, strictly increasing, 0 at the first edge.
-
-    Raises
-    ------
-    ValueError
-        If the signal is constant, not finite or has fewer than three pulses, if one is missing or double, or
-        if there are fewer than four samples per pulse.
+    The ``signal`` is a voltage or logic level; one pulse per turn is an index. The angle is in rad, strictly
+    increasing, 0 at the first edge. ``ValueError`` if the signal is constant, not finite or has fewer than
+    three pulses, if one is missing or double, or if there are fewer than four samples per pulse.
     """
     per_turn = checks.whole("pulses_per_turn", pulses_per_turn, 1)
     values = checks.number_series("signal", signal, kinds="biuf")
@@ -58,7 +43,14 @@ def angle_from_pulses(signal: ArrayLike, pulses_per_turn: int) -> Float:
     if low == high:
         raise ValueError(f"signal must hold pulses, got {low:g} throughout")
     share = (values - low) / (high - low)
-    edges = _rising_edges(share)
+    on = share > _ON
+    known = np.flatnonzero(on | (share < _OFF))
+    rises = np.flatnonzero(on[known[1:]] & ~on[known[:-1]])
+    edges = np.empty(rises.size)
+    for k, (before, after) in enumerate(zip(known[rises], known[rises + 1], strict=True)):
+        part = share[before : after + 1]
+        j = int(np.argmax(part >= 0.5))
+        edges[k] = before + j - 1 + (0.5 - part[j - 1]) / (part[j] - part[j - 1])
     if edges.size < _FEWEST_PULSES:
         above = share > 0.5
         rare = np.flatnonzero(above if 2 * above.sum() < above.size else ~above)
@@ -102,39 +94,15 @@ def _extend_lines(angle: Float, known: NDArray[Any], rising: NDArray[Any]) -> No
             angle[outside] = rising[end] + min(slope, most) * away
 
 
-def _rising_edges(share: Float) -> Float:
-    """Instants in samples at which a signal from 0 to 1 rises through its middle, with a hysteresis."""
-    on = share > _ON
-    known = np.flatnonzero(on | (share < _OFF))
-    rises = np.flatnonzero(on[known[1:]] & ~on[known[:-1]])
-    edges = np.empty(rises.size)
-    for k, (before, after) in enumerate(zip(known[rises], known[rises + 1], strict=True)):
-        part = share[before : after + 1]
-        j = int(np.argmax(part >= 0.5))
-        edges[k] = before + j - 1 + (0.5 - part[j - 1]) / (part[j] - part[j - 1])
-    return edges
-
-
 def continuous_angle(angle: ArrayLike) -> Float:
-    """Angle without the falls to its start once per turn, and without the steps of a coarse encoder.
+    """Angle in rad without the falls to its start once per turn, and without the steps of a coarse encoder.
 
-    Parameters
-    ----------
-    angle : array-like, shape (n,)
-        In rad. It rises, or falls, and may start again after each turn. Of a value that is held for several
-        samples the first one counts; the others lie on a straight line to the next value, and after the last
-        step within one more step. So do up to three samples on the way down. An angle with noise is averaged
-        over as many samples as make it rise.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In rad, strictly monotone; an angle that is that already comes back unchanged.
-
-    Raises
-    ------
-    ValueError
-        If the angle is not finite, does neither, or steps by more than a quarter of a turn.
+    The angle rises, or falls, and may start again after each turn. Of a value that is held for several
+    samples the first one counts; the others lie on a straight line to the next value, and after the last step
+    within one more step. So do up to three samples on the way down. An angle with noise is averaged over as
+    many samples as make it rise. The result is strictly monotone; an angle that is that already comes back
+    unchanged. ``ValueError`` if the angle is not finite, does neither, or steps by more than a quarter of a
+    turn.
     """
     values = checks.number_series("angle", angle)
     steps = np.diff(values)
@@ -144,7 +112,17 @@ def continuous_angle(angle: ArrayLike) -> Float:
     sign = -1.0 if moving.size and np.median(moving) < 0 else 1.0
     del steps, moving  # of a long record, arrays go as soon as they have served
     turned, falling = _without_falls(sign * values)
-    kept = _rising_samples(turned, falling)
+    # The samples that lie above all before, and not above any after them.
+    highest = np.where(falling, -np.inf, turned)
+    np.maximum.accumulate(highest, out=highest)
+    rising = ~falling
+    rising[1:] &= turned[1:] > highest[:-1]
+    highest[falling] = np.inf
+    highest[~falling] = turned[~falling]
+    lowest_after = highest[::-1]
+    np.minimum.accumulate(lowest_after, out=lowest_after)
+    kept = np.flatnonzero(rising & (turned <= highest))
+    del highest, lowest_after, rising
     if kept.size < 2:
         raise ValueError("angle must rise or fall, but for its start at each turn: these samples do neither")
     rises = np.diff(turned[kept])
@@ -169,19 +147,6 @@ def continuous_angle(angle: ArrayLike) -> Float:
             f"{values[beside][0]:.4g} rad at sample {int(np.argmax(beside))}"
         )
     return np.asarray(sign * line)
-
-
-def _rising_samples(turned: Float, falling: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the samples that lie above all before, and not above any after them."""
-    highest = np.where(falling, -np.inf, turned)
-    np.maximum.accumulate(highest, out=highest)
-    kept = ~falling
-    kept[1:] &= turned[1:] > highest[:-1]
-    highest[falling] = np.inf
-    highest[~falling] = turned[~falling]
-    lowest_after = highest[::-1]
-    np.minimum.accumulate(lowest_after, out=lowest_after)
-    return np.flatnonzero(kept & (turned <= highest))
 
 
 def _without_noise(values: Float) -> Float | None:

@@ -14,6 +14,7 @@ them out.
 from __future__ import annotations
 
 import json
+import math
 import zlib
 from collections.abc import Sequence
 from functools import cache
@@ -79,11 +80,8 @@ def morris(name: str) -> pywt.Wavelet:
 def as_wavelet(wavelet: AnyWavelet) -> pywt.Wavelet:
     """A discrete wavelet from whatever names it.
 
-    Parameters
-    ----------
-    wavelet : str, pywt.Wavelet or sequence of four filters
-        Name of PyWavelets or of the Morris family, a wavelet, or a filter bank
-        ``(dec_lo, dec_hi, rec_lo, rec_hi)``.
+    A name of PyWavelets or of the Morris family, a wavelet, or a bank of the four filters
+    ``(dec_lo, dec_hi, rec_lo, rec_hi)``.
     """
     if isinstance(wavelet, pywt.Wavelet):
         return wavelet
@@ -174,23 +172,11 @@ def dwt(X: ArrayLike, wavelet: AnyWavelet = "mb32.3", levels: int = 12) -> list[
 
 
 def visible(detail: Float, level: int, n_samples: int) -> tuple[Float, NDArray[np.int64]]:
-    """Return the coefficients of a level that a scalogram shows, and the number of cells of each.
+    """Return the coefficients of level k that a scalogram shows, and the number of cells of each.
 
-    Parameters
-    ----------
-    detail : ndarray, shape (..., n_coefficients)
-        Details of the level, from :func:`dwt`.
-    level : int
-        Level k: each coefficient is repeated 2^k times.
-    n_samples : int
-        Samples in a window: cells in a row.
-
-    Returns
-    -------
-    shown : ndarray, shape (..., n_shown)
-        Coefficients with at least one cell inside the central cut; a view.
-    cells : ndarray of int, shape (n_shown,)
-        Number of cells: 2^k but for the first and last. They add up to ``n_samples``.
+    ``detail``, shape (..., n_coefficients), is from :func:`dwt` of windows of ``n_samples``. Shown are the
+    coefficients with at least one cell inside the central cut, as a view of shape (..., n_shown). They have
+    2^k cells, the first and last fewer; together ``n_samples``.
     """
     # The first cell that MATLAB's wkeep(row, n_samples, 'c') keeps, counted from 0.
     start = ((detail.shape[-1] << level) - n_samples) // 2
@@ -216,20 +202,10 @@ def _colour_positions(size: Float, colours: int) -> Float:
 
 
 def lowest_colour(shown: Float, colours: int = 64) -> NDArray[np.bool_]:
-    """Mark the coefficients of a level that have the lowest colour of their row.
+    """Mark the coefficients of a level, from :func:`visible`, that have the lowest colour of their row.
 
-    Parameters
-    ----------
-    shown : ndarray, shape (..., n_shown)
-        Coefficients of one level inside the cut, from :func:`visible`.
-    colours : int, default=64
-        Number of colours.
-
-    Returns
-    -------
-    ndarray of bool, shape (..., n_shown)
-        True where ``colours * (|c| - min) / (max - min) < 1``, with minimum and maximum of the row, and
-        everywhere in rows whose coefficients have one size.
+    True where ``colours * (|c| - min) / (max - min) < 1``, with minimum and maximum of the row, and in rows
+    whose coefficients have one size.
     """
     return np.asarray(_colour_positions(_coefficient_sizes(shown), colours) < 1)
 
@@ -241,12 +217,8 @@ def scalogram(
 
     Parameters
     ----------
-    X : array-like, shape (..., n_samples)
-        Windows of torque in Nm.
-    wavelet : str, pywt.Wavelet or sequence of four filters, default="mb32.3"
-        Wavelet, see :func:`as_wavelet`.
-    levels : int, default=12
-        Number of levels; row 0 is level 1, the highest frequencies.
+    X, wavelet, levels
+        As for :func:`dwt`; row 0 is level 1, the highest frequencies.
     colours : int, default=64
         Number of colours.
 
@@ -280,17 +252,7 @@ def scalogram(
 def minima_mask(
     X: ArrayLike, wavelet: AnyWavelet = "mb32.3", levels: int = 12, colours: int = 64
 ) -> NDArray[np.bool_]:
-    """Cells of the lowest colour in the :func:`scalogram` of windows: paper B's "frequency does not exist".
-
-    Parameters
-    ----------
-    X, wavelet, levels, colours
-        As :func:`scalogram` takes them.
-
-    Returns
-    -------
-    ndarray of bool, shape (..., levels, n_samples)
-    """
+    """Mark the lowest colour of the :func:`scalogram` of windows: paper B's "frequency does not exist"."""
     return np.asarray(scalogram(X, wavelet, levels, colours) == 1)
 
 
@@ -306,36 +268,18 @@ def level_statistics(coefficients: Sequence[Float], n_samples: int, colours: int
     ``lowest_colour``     1     share of cells with the lowest colour
     ====================  ====  =======================================================================
 
-    Parameters
-    ----------
-    coefficients : sequence of ndarray, shape (..., n_coefficients)
-        From :func:`dwt`; the approximation (last entry) is not used.
-    n_samples : int
-        Samples in a window.
-    colours : int, default=64
-        Number of colours.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (..., levels)
-        The statistics in the order of the table.
-
-    Notes
-    -----
-    Coefficients below sqrt(eps) count as zero, as in the scalogram.
+    ``coefficients`` are those of :func:`dwt` of windows of ``n_samples``; the approximation (last entry) is
+    not used. The statistics, in the order of the table, have the shape (..., levels). Coefficients below
+    sqrt(eps) count as zero, as in the scalogram.
     """
     shape = coefficients[0].shape[:-1]
-    powers, kurtosis, lowest = (np.empty((*shape, len(coefficients) - 1)) for _ in range(3))
+    columns = np.empty((3, math.prod(shape), len(coefficients) - 1))
     for level, detail in enumerate(coefficients[:-1], 1):
         shown, cells = visible(detail, level, n_samples)
-        weight = cells / n_samples
         rows = shown.reshape(-1, shown.shape[-1])
-        results = [column[..., level - 1].reshape(-1) for column in (powers, kurtosis, lowest)]
         for part in chunks(len(rows), shown.shape[-1]):
-            for result, values in zip(results, _row_statistics(rows[part], weight, colours), strict=True):
-                result[part] = values
-        for column, result in zip((powers, kurtosis, lowest), results, strict=True):
-            column[..., level - 1] = result.reshape(shape)
+            columns[:, part, level - 1] = _row_statistics(rows[part], cells / n_samples, colours)
+    powers, kurtosis, lowest = columns.reshape(3, *shape, -1)
     powers /= 2.0 ** np.arange(1, len(coefficients))
     return {
         "rms": np.sqrt(powers),
@@ -366,26 +310,10 @@ def _row_statistics(shown: Float, weight: Float, colours: int) -> tuple[Float, F
 def level_envelope(detail: Float, level: int, wavelet: AnyWavelet, n_samples: int) -> tuple[Float, int]:
     """Hilbert envelope of the torque that one level holds (paper A section 5.1).
 
-    Parameters
-    ----------
-    detail : ndarray, shape (..., n_coefficients)
-        Details of the level, from :func:`dwt`.
-    level : int
-        The level j.
-    wavelet : str, pywt.Wavelet or sequence of four filters
-        The wavelet of the transform.
-    n_samples : int
-        Samples in a window.
+    ``detail``, shape (..., n_coefficients), is level j of :func:`dwt` with this wavelet. Returned are the
+    magnitude of the analytic signal in Nm, shape (..., n_envelope), and the samples of the window between two
+    of the envelope: 2^(j-3), at least 1.
 
-    Returns
-    -------
-    envelope : ndarray, shape (..., n_envelope)
-        Magnitude of the analytic signal in Nm.
-    step : int
-        Samples of the window between two of the envelope: 2^(j-3), at least 1.
-
-    Notes
-    -----
     With all coefficients but the level's set to zero, the inverse transform stops at level j - 3 (at the
     window itself for j up to 3). That approximation, over 2^((j-3)/2) for its unit and cut centrally to the
     window, is the level's torque at the sampling rate over 2^(j-3). The other steps would only interpolate:
@@ -408,24 +336,11 @@ def level_envelope(detail: Float, level: int, wavelet: AnyWavelet, n_samples: in
 def envelope_lines(
     envelope: Float, rate: float, frequencies: ArrayLike, speed_tolerance: float = 0.015
 ) -> Float:
-    """Amplitudes of an envelope near given frequencies.
+    """Amplitudes of an envelope near given frequencies in Hz, up to half of its sampling ``rate``.
 
-    Parameters
-    ----------
-    envelope : ndarray, shape (..., n_envelope)
-        Envelope in Nm.
-    rate : float
-        Its sampling rate in Hz.
-    frequencies : array-like, shape (n_lines,)
-        Frequencies in Hz, up to half of the rate.
-    speed_tolerance : float, default=0.015
-        How far a line may lie off, relative to its frequency.
-
-    Returns
-    -------
-    ndarray, shape (..., n_lines)
-        Largest amplitude in Nm among the bins within the tolerance and half a bin of the frequency, of the
-        envelope without its mean under a periodic Hann window. A sine of amplitude 1 on a bin gives 1.
+    For each frequency, shape (..., n_lines): the largest amplitude in Nm among the bins within the relative
+    tolerance and half a bin, of the envelope without its mean under a periodic Hann window. A sine of
+    amplitude 1 on a bin gives 1.
     """
     n = envelope.shape[-1]
     taper = hann(n, sym=False)

@@ -77,20 +77,7 @@ def fft_length(n_samples: int) -> int:
 
 
 def welch_frequencies(n_samples: int, sampling_rate: float) -> Float:
-    """Frequencies of the lines of :func:`welch_psd`.
-
-    Parameters
-    ----------
-    n_samples : int
-        Samples in a window.
-    sampling_rate : float
-        Samples per second in Hz.
-
-    Returns
-    -------
-    ndarray, shape (n_bins,)
-        Frequencies in Hz, from 0 to half of the sampling rate.
-    """
+    """Frequencies in Hz of the lines of :func:`welch_psd`, shape (n_bins,), to half of the sampling rate."""
     check_sampling_rate(sampling_rate)
     n_fft = fft_length(n_samples)
     return np.arange(n_fft // 2 + 1) * float(sampling_rate) / n_fft
@@ -180,11 +167,6 @@ def welch_psd(X: ArrayLike, sampling_rate: float, preset: str = "matlab_pwelch")
     psd : ndarray, shape (..., n_bins)
         Power spectral density in Nm^2/Hz, float64.
 
-    Raises
-    ------
-    ValueError
-        If ``X`` is complex, empty or not finite, the sampling rate not positive or the preset unknown.
-
     Notes
     -----
     A constant window has the transform of the Hamming window under ``"matlab_pwelch"`` and is exactly zero
@@ -255,12 +237,6 @@ def amplitude_spectrum(
         Frequencies in Hz, from 0 to half of the sampling rate.
     amplitudes : ndarray, shape (..., n_fft // 2 + 1)
         Amplitudes in Nm, float64.
-
-    Raises
-    ------
-    ValueError
-        If ``X`` is complex, empty or not finite, the sampling rate not positive, ``n_fft`` not even and
-        positive or the window unknown.
 
     Notes
     -----
@@ -348,12 +324,6 @@ def magnitude_squared_coherence(
         Frequencies in Hz, from 0 to half of the sampling rate.
     coherence : ndarray, shape (..., n_bins)
         Coherence from 0 to 1, without unit.
-
-    Raises
-    ------
-    ValueError
-        If the shapes do not fit, ``x`` or ``reference`` is complex, empty or not finite, or the sampling rate
-        not positive.
 
     Notes
     -----

@@ -13,6 +13,8 @@ from scipy import signal
 Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
+#: Keys of :func:`torque_statistics`.
+STATISTICS = ("min", "max", "mean", "std", "range", "rms", "crest_factor", "skewness", "kurtosis", "ripple")
 LARGEST = 1e100  # Nm; the fourth power of a deviation or the square in a spectrum would overflow far beyond
 _CHUNK = 2**17  # numbers that are worked on at one time: 1 to 2 MiB stay in the processor's cache
 
@@ -85,11 +87,6 @@ def torque_statistics(X: ArrayLike) -> dict[str, Float]:
     dict of str to ndarray, shape (...)
         The statistics in the order of the table, float64.
 
-    Raises
-    ------
-    ValueError
-        If ``X`` is complex, empty or not finite.
-
     Notes
     -----
     Every ratio with a denominator of zero is 0 (for the mean: up to 2^-52 of the rms). The std of a single
@@ -107,33 +104,27 @@ def torque_statistics(X: ArrayLike) -> dict[str, Float]:
     windows = X.reshape(-1, n_samples)
     columns = np.empty((10, len(windows)))
     for chunk in chunks(len(windows), n_samples):
-        columns[:, chunk] = _window_statistics(np.asarray(windows[chunk], dtype=np.float64))
-    names = ("min", "max", "mean", "std", "range", "rms", "crest_factor", "skewness", "kurtosis", "ripple")
+        x = np.asarray(windows[chunk], dtype=np.float64)
+        low, high = x.min(axis=1), x.max(axis=1)
+        # Counted from the first sample, a constant deviates by exactly nothing.
+        deviation = x - x[:, :1]
+        shift = deviation.mean(axis=1)
+        deviation -= shift[:, np.newaxis]
+        mean = x[:, 0] + shift
+        squares = np.einsum("ij,ij->i", deviation, deviation)
+        std = np.sqrt(squares / max(n_samples - 1, 1))
+        rms = np.sqrt(np.einsum("ij,ij->i", x, x) / n_samples)
+        # Standardised first: powers of tiny or huge deviations would leave the range of floats.
+        z = ratio(deviation, np.sqrt(squares / n_samples)[:, np.newaxis])
+        z_squared = z * z
+        skewness = np.einsum("ij,ij->i", z_squared, z) / n_samples
+        kurtosis = np.einsum("ij,ij->i", z_squared, z_squared) / n_samples
+        crest_factor = ratio(np.maximum(high, -low), rms)
+        size_of_mean = np.abs(mean)
+        ripple = ratio(std, np.where(size_of_mean > np.finfo(np.float64).eps * rms, size_of_mean, 0.0))
+        columns[:, chunk] = low, high, mean, std, high - low, rms, crest_factor, skewness, kurtosis, ripple
     shape = X.shape[:-1]
-    return {name: column.reshape(shape) for name, column in zip(names, columns, strict=True)}
-
-
-def _window_statistics(x: Float) -> tuple[Float, ...]:
-    """Statistics of ``x``, shape (n_windows, n_samples), in the order of :func:`torque_statistics`."""
-    n_samples = x.shape[1]
-    low, high = x.min(axis=1), x.max(axis=1)
-    # Counted from the first sample, a constant deviates by exactly nothing.
-    deviation = x - x[:, :1]
-    shift = deviation.mean(axis=1)
-    deviation -= shift[:, np.newaxis]
-    mean = x[:, 0] + shift
-    squares = np.einsum("ij,ij->i", deviation, deviation)
-    std = np.sqrt(squares / max(n_samples - 1, 1))
-    rms = np.sqrt(np.einsum("ij,ij->i", x, x) / n_samples)
-    # Standardised first: powers of tiny or huge deviations would leave the range of floats.
-    z = ratio(deviation, np.sqrt(squares / n_samples)[:, np.newaxis])
-    z_squared = z * z
-    skewness = np.einsum("ij,ij->i", z_squared, z) / n_samples
-    kurtosis = np.einsum("ij,ij->i", z_squared, z_squared) / n_samples
-    crest_factor = ratio(np.maximum(high, -low), rms)
-    size_of_mean = np.abs(mean)
-    ripple = ratio(std, np.where(size_of_mean > np.finfo(np.float64).eps * rms, size_of_mean, 0.0))
-    return low, high, mean, std, high - low, rms, crest_factor, skewness, kurtosis, ripple
+    return {name: column.reshape(shape) for name, column in zip(STATISTICS, columns, strict=True)}
 
 
 def high_pass(X: ArrayLike, sampling_rate: float, cutoff_hz: float = 10.0, order: int = 4) -> Float:
@@ -160,12 +151,6 @@ def high_pass(X: ArrayLike, sampling_rate: float, cutoff_hz: float = 10.0, order
     -------
     ndarray, shape (..., n_samples)
         Filtered windows in Nm, float64.
-
-    Raises
-    ------
-    ValueError
-        If ``X`` is complex, empty or not finite, the sampling rate not positive, the cut-off not between 0
-        and half of the sampling rate, or the order not positive.
 
     Notes
     -----

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from small_model import recording, recordings_with_wear, wear_model
 
 from cyclofeat.counting import ConformalRegressor, LobeModel, counts_frame, wear_features
-from cyclofeat.counting.model.radial_wear import _visible_from, runs_of
+from cyclofeat.counting.model.radial_wear import least_visible_depth, runs_of
 from cyclofeat.models import load_model, save_model
 from cyclofeat.models.card import read_card
 from cyclofeat.recordings.windower import SAMPLES_PER_TURN
@@ -81,8 +81,8 @@ def test_visible_is_what_nine_of_ten_assemblies_show():
     log_depth = np.log(np.arange(1.0, 101.0))
     seen = np.arange(100) >= 40
     seen[45] = False
-    assert _visible_from(log_depth, seen) == pytest.approx(47.0, abs=7)
-    assert _visible_from(log_depth, np.zeros(100, dtype=bool)) is None
+    assert least_visible_depth(log_depth, seen) == pytest.approx(47.0, abs=7)
+    assert least_visible_depth(log_depth, np.zeros(100, dtype=bool)) is None
 
 
 def test_counts_and_depths_of_assemblies_never_seen(unseen):

@@ -16,14 +16,18 @@ from cyclofeat._base.sklearn_private import Interval, StrOptions, fit_context
 from cyclofeat.counting.calibration.pooling import learn_dependence, pool_opinions, pool_weights, safe_log
 from cyclofeat.counting.estimators._counter import Counter
 from cyclofeat.counting.estimators._lobe_network import PLACES, Weights, log_odds, place_turns, train_network
-from cyclofeat.counting.estimators._lobe_views import (
+from cyclofeat.counting.estimators.lobe_positions import (
+    Bool,
+    best_sets,
     coarse_views,
     lobe_logits,
+    lobes_apart,
+    log_counts,
     logits_anywhere,
     platt_calibration,
+    row_starts,
     views_to_learn,
 )
-from cyclofeat.counting.estimators.lobe_positions import Bool, best_sets, lobes_apart, log_counts, row_starts
 from cyclofeat.counting.estimators.trees import CountingTrees
 from cyclofeat.counting.evaluation.assembly_folds import (
     Float,

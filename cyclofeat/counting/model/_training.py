@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +12,6 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
 from cyclofeat._base.arguments import ArgumentError
-from cyclofeat._base.checks import whole
 from cyclofeat.counting.calibration.group_calibrated_counter import GroupCalibratedCounter
 from cyclofeat.counting.calibration.training_domain import features_seen
 from cyclofeat.counting.estimators.lobe_counter import LobeCounter
@@ -60,8 +59,8 @@ def common_samples_per_turn(
 ) -> int:
     """Return the samples per input turn that all recordings hold, at most ``most``."""
     held = [
-        recording.sampling_rate / (turning.speed_hz * (1 + SPEED_MARGIN))
-        for recording, turning in zip(recordings, turnings, strict=True)
+        one.sampling_rate / (turning.speed_hz * (1 + SPEED_MARGIN))
+        for one, turning in zip(recordings, turnings, strict=True)
     ]
     fewest = int(np.argmin(held))
     per_turn = samples_per_turn_at(recordings[fewest].sampling_rate, turnings[fewest].speed_hz, n_lobes, most)
@@ -104,57 +103,28 @@ def windows_to_learn(
     return replace(windows, recording=np.array(index)[windows.recording])
 
 
-def counter_of_windows(
-    kind: str | BaseEstimator,
-    windower: Windower | None,
-    *,
-    n_trees: int,
-    epochs: int | None,
-    seed: int | None,
-) -> Callable[[WindowSet, int], BaseEstimator]:
-    """Return the function that makes the unfitted counter of a model for given windows of discs.
-
-    Parameters are those of :class:`LobeModel`; ``kind`` is its ``counter``, ``seed`` its ``random_state``.
-
-    Raises
-    ------
-    ValueError
-        If options of the model exclude each other.
-    """
-    if isinstance(kind, str) and kind not in ("trees", "rows"):
-        raise ValueError(f"counter must be 'trees', 'rows' or a classifier of windows, got {kind!r}")
-    if kind == "trees" and windower is not None and (windower.samples_per_turn or 0) > SAMPLES_PER_TURN:
+def make_counter(
+    kind: str | BaseEstimator, windows: WindowSet, n_lobes: int, *, n_trees: int, epochs: int | None,
+    random_state: int | None,
+) -> BaseEstimator:  # fmt: skip
+    """Return the unfitted counter of a model's windows; ``kind`` is ``counter`` of :class:`LobeModel`."""
+    rate, worn = windows.sampling_rate, windows.worn_table(n_lobes)
+    if (kind == "rows" or is_network(kind)) and (worn is None or lobes_apart(worn)):
         raise ValueError(
-            f"samples_per_turn must be at most {SAMPLES_PER_TURN} for counter='trees', which uses {N_LINES} "
-            f"lobe lines, got {windower.samples_per_turn}"
+            "recordings must all state an absolute angle and worn_lobes that are neighbours for "
+            "counter='rows', some do not"
         )
-    if epochs is not None:
-        whole("epochs", epochs, 1)
-        if kind != "rows":
-            raise ValueError(f"epochs must be None unless counter='rows', got {epochs} with counter={kind!r}")
-
-    def make_counter(windows: WindowSet, n_lobes: int) -> BaseEstimator:
-        rate = windows.sampling_rate
-        worn = windows.worn_table(n_lobes)
-        of_rows = kind == "rows" or is_network(kind)
-        if of_rows and (worn is None or lobes_apart(worn)):
-            raise ValueError(
-                "recordings must all state an absolute angle and worn_lobes that are neighbours for "
-                "counter='rows', some do not"
-            )
-        if not isinstance(kind, str):
-            counter = clone(kind)
-        elif kind == "rows":
-            n_lines = max(N_LINES, round(N_LINES * rate / SAMPLES_PER_TURN))
-            counter = LobeCounter(rate, kind="network", n_lines=n_lines, n_epochs=epochs, random_state=seed)
-        else:
-            counter = LobeCounter(rate, n_trees=n_trees, random_state=seed)
-        # The angle is the time of windows: one turn per unit, exactly.
-        known = {"sampling_rate": rate, "input_speed_hz": 1.0, "n_lobes": n_lobes, "speed_tolerance": 0.0}
-        names = [name for name in counter.get_params(deep=True) if name.rpartition("__")[2] in known]
-        return counter.set_params(**{name: known[name.rpartition("__")[2]] for name in names})
-
-    return make_counter
+    if not isinstance(kind, str):
+        counter = clone(kind)
+    elif kind == "rows":
+        counter = LobeCounter(rate, kind="network", n_epochs=epochs, random_state=random_state)
+        counter.set_params(n_lines=max(N_LINES, round(N_LINES * rate / SAMPLES_PER_TURN)))
+    else:
+        counter = LobeCounter(rate, n_trees=n_trees, random_state=random_state)
+    # The angle is the time of windows: one turn per unit, exactly.
+    known = {"sampling_rate": rate, "input_speed_hz": 1.0, "n_lobes": n_lobes, "speed_tolerance": 0.0}
+    names = [name for name in counter.get_params(deep=True) if name.rpartition("__")[2] in known]
+    return counter.set_params(**{name: known[name.rpartition("__")[2]] for name in names})
 
 
 def fit_counter(
@@ -171,27 +141,29 @@ def fit_counter(
     if isinstance(counter, LobeCounter):
         proba = counter.fit_cross_val_proba(X, y, **metadata)
         features = np.asarray(counter.lobe_map_.transform(X))
-        if is_network(counter):
-            scores = _scores_of_training(proba, windows, protocol)
-        elif counter.pattern_ == "any":
-            scores = _cross_validated_scores(counter, X, windows, protocol, lobes)
-        else:
-            # Calibration raises all probabilities to one power, which never changes the count.
-            trees = GroupCalibratedCounter(counter.count_trees_)
-            scores = _cross_validated_scores(trees, features, windows, protocol, None)
+        scores = None
+        if not is_network(counter):
+            of_lobes = counter.pattern_ == "any"
+            scored, seen = (counter, X) if of_lobes else (counter.count_trees_, features)
+            scores = _cross_validated_scores(scored, seen, windows, protocol, lobes, calibrates=of_lobes)
+        elif protocol is not None and windows.groups is not None and np.isfinite(proba).all():
+            answers = Answers.without_answers(LabelledData.from_arrays(X, y, windows.groups))
+            predictions = answers.classes[proba.argmax(axis=1)]
+            answers = replace(answers, proba=proba, certainty=proba.max(axis=1), predictions=predictions)
+            scores = score_answers(answers, protocol).to_dict()
         return counter, scores, features
-    if not (isinstance(counter, Pipeline) and isinstance(counter[0], LobeMap)):
-        scores = _cross_validated_scores(counter, X, windows, protocol, lobes)
-        fitted = fit_clone(counter, X, y, **metadata)
-        return fitted, scores, features_seen(fitted, X)
-    # A lobe map learns nothing from other windows, so that all folds can share it.
-    features = np.asarray(counter[0].fit_transform(X))
-    behind = counter[1:] if len(counter) > 2 else counter[-1]
-    scores = _cross_validated_scores(behind, features, windows, protocol, lobes)
-    fitted = fit_clone(behind, features, y, **metadata)
-    steps = fitted.steps if len(counter) > 2 else [(counter.steps[-1][0], fitted)]
-    seen = features_seen(fitted, features) if len(counter) > 2 else features
-    return Pipeline([counter.steps[0], *steps]), scores, seen
+    shared, seen = 0, X
+    if isinstance(counter, Pipeline) and isinstance(counter[0], LobeMap):
+        # A lobe map learns nothing from other windows, so that all folds can share it.
+        shared, seen = 1, np.asarray(counter[0].fit_transform(X))
+    behind = counter[1:] if shared else counter
+    scored = behind[0] if shared and len(behind) == 1 else behind
+    calibrates = not isinstance(scored, GroupCalibratedCounter)
+    scored = scored if calibrates else scored.counter
+    scores = _cross_validated_scores(scored, seen, windows, protocol, lobes, calibrates=calibrates)
+    fitted = fit_clone(behind, seen, y, **metadata)
+    features = features_seen(fitted, seen)
+    return Pipeline([counter.steps[0], *fitted.steps]) if shared else fitted, scores, features
 
 
 def is_network(counter: Any) -> bool:
@@ -200,28 +172,16 @@ def is_network(counter: Any) -> bool:
 
 
 def _cross_validated_scores(
-    counter: BaseEstimator, X: Float, windows: WindowSet, protocol: Protocol | None, lobes: Any
-) -> dict[str, Any] | None:
-    """Return scores with whole assemblies held out; None if there are too few assemblies."""
+    counter: BaseEstimator, X: Float, windows: WindowSet, protocol: Protocol | None, lobes: Any, *,
+    calibrates: bool,
+) -> dict[str, Any] | None:  # fmt: skip
+    """Return scores with whole assemblies held out; None if there are too few assemblies.
+
+    A counter whose calibration is left out, which never changes the count, has no calibration error.
+    """
     if protocol is None or windows.y is None or windows.groups is None:
         return None
     if fewest_assemblies(windows.groups, windows.y) < protocol.n_splits:
         return None
-    uncalibrated = isinstance(counter, GroupCalibratedCounter)
-    if isinstance(counter, GroupCalibratedCounter):
-        # Calibration raises all probabilities to one power, which never changes the count.
-        counter = counter.counter
     scores = evaluate(counter, X, windows.y, windows.groups, lobes=lobes, protocol=protocol).to_dict()
-    if uncalibrated:  # the calibration error is not that of the model
-        scores = {name: value for name, value in scores.items() if not name.startswith("calibration_error")}
-    return scores
-
-
-def _scores_of_training(proba: Float, windows: WindowSet, protocol: Protocol | None) -> dict[str, Any] | None:
-    """Return scores of out-of-fold probabilities; None without folds."""
-    if protocol is None or windows.groups is None or not np.isfinite(proba).all():
-        return None
-    answers = Answers.without_answers(LabelledData.from_arrays(windows.X, windows.y, windows.groups))
-    predictions = answers.classes[proba.argmax(axis=1)]
-    answers = replace(answers, proba=proba, certainty=proba.max(axis=1), predictions=predictions)
-    return score_answers(answers, protocol).to_dict()
+    return {name: value for name, value in scores.items() if calibrates or "calibration_error" not in name}

@@ -52,45 +52,42 @@ _AGREEMENT = 0.4
 def window_faults(recording: Recording, windows: WindowSet, stop_s: Float, n_lobes: int) -> tuple[str, ...]:
     """Return what would spoil the count of each window of a recording, empty where nothing would.
 
-    Parameters
-    ----------
-    recording : Recording
-    windows : WindowSet
-        Windows of one output turn of this recording, over time or over the angle of the input.
-    stop_s : ndarray, shape (n_windows,)
-        Ends of the windows in s from the recording's first sample.
-    n_lobes : int
-
-    Returns
-    -------
-    tuple of str
-        One reason per window.
+    Windows are of one output turn, over time or over the angle of the input; ``stop_s`` are their ends in s
+    from the recording's first sample.
     """
     angle, rate = recording.input_angle(n_lobes), recording.sampling_rate
     over_time = windows.sampling_rate == rate
     unsteady = [""] * len(windows)
     if angle is None or not over_time:
         turns_per_unit = n_lobes / float(stop_s[0] - windows.start_s[0]) if over_time else 1.0
-        unsteady = _speed_changes(windows.X, windows.sampling_rate, turns_per_unit, n_lobes)
+        of_windows = faults.local_speeds(windows.X, windows.sampling_rate, turns_per_unit, n_lobes)
+        for k, (speeds, evidence) in enumerate(zip(*of_windows, strict=True)):
+            known = evidence > _KNOWN
+            # The lines of the input shaft, where they prevail, are those of lobes at 15/16 of its speed.
+            shaft = np.abs(speeds * (n_lobes + 1) / n_lobes - speeds[known].max(initial=0.0)) < _SAME_SPEED
+            steady = speeds[known & ~shaft]
+            change = float(np.ptp(steady)) if steady.size > 1 else 0.0
+            if change > _UNSTEADY:
+                unsteady[k] = f"{_SPEED_CHANGES} by {change:.1%} within the window"
     # Windows over the angle may have any speed, of a run-up too.
     stated = recording.input_speed_hz
-    of_speed = "" if angle is None or over_time else _of_speed(angle, rate, stated)
+    of_speed = "" if angle is None or over_time else _speed_fault(angle, rate, stated)
     reasons = []
     for start, stop, speed_changes in zip(windows.start_s, stop_s, unsteady, strict=True):
         rows = slice(round(float(start) * rate), round(float(stop) * rate))
         speed = n_lobes / float(stop - start)
         if angle is not None and over_time:
-            of_speed = _of_speed(angle[rows], rate, stated)
+            of_speed = _speed_fault(angle[rows], rate, stated)
         reasons.append(
-            _of_samples(recording.torque[rows], rate, speed, n_lobes)
-            or ("" if angle is None else _of_angle(angle[rows], rate, stated or speed))
+            _sample_fault(recording.torque[rows], rate, speed, n_lobes)
+            or ("" if angle is None else _angle_fault(angle[rows], rate, stated or speed))
             or of_speed
             or speed_changes
         )
     return tuple(reasons)
 
 
-def _of_samples(torque: Float, sampling_rate: float, input_speed_hz: float, n_lobes: int) -> str:
+def _sample_fault(torque: Float, sampling_rate: float, input_speed_hz: float, n_lobes: int) -> str:
     """Return what is wrong with the samples of a window, the gravest first."""
     if (share := float(faults.mark_dropouts(torque).mean())) > _MOST_DROPPED:
         return f"{share:.0%} of the samples are lost: they repeat a value or lie on straight lines"
@@ -109,60 +106,50 @@ def _of_samples(torque: Float, sampling_rate: float, input_speed_hz: float, n_lo
     if fall < _FALL_DB and slope < _SLOPE_DB:
         return f"a low-pass filter has removed what lobe lines up to {highest:.0f} Hz need"
     resolved = np.mean(np.diff(torque) == 0) < _MOST_EQUAL
-    if (
-        resolved
-        and sampling_rate > _DENSE * highest
-        and (reason := _of_noise(torque, sampling_rate, n_lobes))
-    ):
-        return reason
+    if resolved and sampling_rate > _DENSE * highest:  # noise shows between adjacent samples
+        noise = faults.noise_level(torque)
+        off = faults.jump_sizes(torque, noise)
+        limit = max(_JUMP, _LEAST_SPIKE * float(torque.std()) / max(noise, np.finfo(float).tiny))
+        beyond = np.flatnonzero(off > limit)
+        # A step puts two adjacent samples off by the same; a spike three, the middle one by twice as much.
+        middle = off[1:-1]
+        spikes = int(np.sum((middle > limit) & (middle > 1.5 * off[:-2]) & (middle > 1.5 * off[2:])))
+        if beyond.size > 3 * spikes:
+            return f"{_JUMPS}, first {beyond[0] / sampling_rate:.3g} s after the window's start"
+        if spikes > _MOST_SPIKES:
+            return f"the torque has {number_of(spikes, 'spike')}"
+        if (change := faults.noise_change(torque, n_lobes)) > _NOISE_CHANGE:
+            return f"the noise changes by a factor of {change:.2g} within the window"
+        mean = abs(float(torque.mean()))
+        # A torque without its mean, of an AC-coupled meter, says nothing about the load.
+        if _MOST_NOISE * mean < noise < mean:
+            return f"noise of {noise:.2g} hides worn lobes: it is {noise / mean:.0%} of the mean"
     if faults.weakest_part(torque, sampling_rate, input_speed_hz, n_lobes, n_lobes) < _WEAKEST_DB:
         return "the lobes pause within the window: the shaft stood still, or the sensor was dead"
     return ""
 
 
-def _of_noise(torque: Float, sampling_rate: float, n_parts: int) -> str:
-    """Return what is wrong with the noise between adjacent samples."""
-    noise = faults.noise_level(torque)
-    off = faults.jump_sizes(torque, noise)
-    limit = max(_JUMP, _LEAST_SPIKE * float(torque.std()) / max(noise, np.finfo(float).tiny))
-    beyond = np.flatnonzero(off > limit)
-    # A step puts two adjacent samples off by the same; a spike three, the middle one by twice as much.
-    middle = off[1:-1]
-    spikes = int(np.sum((middle > limit) & (middle > 1.5 * off[:-2]) & (middle > 1.5 * off[2:])))
-    if beyond.size > 3 * spikes:
-        return f"{_JUMPS}, first {beyond[0] / sampling_rate:.3g} s after the window's start"
-    if spikes > _MOST_SPIKES:
-        return f"the torque has {number_of(spikes, 'spike')}"
-    if (change := faults.noise_change(torque, n_parts)) > _NOISE_CHANGE:
-        return f"the noise changes by a factor of {change:.2g} within the window"
-    mean = abs(float(torque.mean()))
-    # A torque without its mean, of an AC-coupled meter, says nothing about the load.
-    if _MOST_NOISE * mean < noise < mean:
-        return f"noise of {noise:.2g} hides worn lobes: it is {noise / mean:.0%} of the mean"
-    return ""
-
-
-def _of_angle(angle: Float, sampling_rate: float, input_speed_hz: float) -> str:
+def _angle_fault(angle: Float, sampling_rate: float, input_speed_hz: float) -> str:
     """Return what is wrong with the angle of the input within a window.
 
     A run-up is far from the median too, but never changes at once.
     """
     advance = np.diff(angle[:: max(1, round(sampling_rate / input_speed_hz / 8))])
     advance /= np.median(advance)
-    at_once = _is_off(advance[1:] / advance[:-1])
-    if np.any(_is_off(advance[1:]) & at_once) or np.any(_is_off(advance[:-1]) & at_once):
+    at_once = _mark_leaps(advance[1:] / advance[:-1])
+    if np.any(_mark_leaps(advance[1:]) & at_once) or np.any(_mark_leaps(advance[:-1]) & at_once):
         return "the angle jumps or stands still within the window"
     if (jitter := faults.angle_jitter(angle)) > _MOST_JITTER:
         return f"the angle jitters by {jitter:.2g} deg from turn to turn"
     return ""
 
 
-def _is_off(advance: Float) -> NDArray[np.bool_]:
+def _mark_leaps(advance: Float) -> NDArray[np.bool_]:
     """Mark what lies far below or above 1."""
     return (advance < _ANGLE_STEPS[0]) | (advance > _ANGLE_STEPS[1])
 
 
-def _of_speed(angle: Float, sampling_rate: float, input_speed_hz: float | None) -> str:
+def _speed_fault(angle: Float, sampling_rate: float, input_speed_hz: float | None) -> str:
     """Return how the usual speed of the angle differs from the stated one."""
     if input_speed_hz is None:
         return ""
@@ -172,29 +159,12 @@ def _of_speed(angle: Float, sampling_rate: float, input_speed_hz: float | None) 
     return ""
 
 
-def _speed_changes(X: Float, sampling_rate: float, input_speed_hz: float, n_lobes: int) -> list[str]:
-    """Return for each window by how much its speed changes, empty where it is steady or not known."""
-    speeds, evidence = faults.local_speeds(X, sampling_rate, input_speed_hz, n_lobes)
-    reasons = []
-    for row, known in zip(speeds, evidence > _KNOWN, strict=True):
-        # The lines of the input shaft, where they prevail, are those of lobes at 15/16 of its speed.
-        of_shaft = np.abs(row * (n_lobes + 1) / n_lobes - row[known].max(initial=0.0)) < _SAME_SPEED
-        steady = row[known & ~of_shaft]
-        change = float(np.ptp(steady)) if steady.size > 1 else 0.0
-        reasons.append(f"{_SPEED_CHANGES} by {change:.1%} within the window" if change > _UNSTEADY else "")
-    return reasons
-
-
 def disagreement_reason(proba: Float, faults_of_windows: Sequence[str]) -> str:
     """Return why the windows of a recording do not belong together; empty where they do.
 
-    Parameters
-    ----------
-    proba : ndarray, shape (n_windows, n_classes)
-        Probabilities of each count, in the order of time.
-    faults_of_windows : sequence of str
-        Only windows without a fault are compared, and those with a jump, which may part two discs, or with a
-        changing speed, which may change unseen in the others.
+    ``proba`` holds the probabilities of each count, shape (n_windows, n_classes), in the order of time. Only
+    windows without a fault are compared, and those with a jump, which may part two discs, or with a changing
+    speed, which may change unseen in the others.
     """
     compared = [not fault or fault.startswith((_JUMPS, _SPEED_CHANGES)) for fault in faults_of_windows]
     root = np.sqrt(proba[compared])
@@ -212,15 +182,7 @@ def outvoted_reason(proba: Float, reasons: Sequence[str], column: int) -> str:
     What spoils one window is often in the others too, too weak to be seen: where any is left out, more than
     half of all windows must have the count, so that those left out cannot outvote it. After a jump the torque
     may be that of another disc: if no window before it is used, or none after it, nine tenths must have the
-    count.
-
-    Parameters
-    ----------
-    proba : ndarray, shape (n_windows, n_classes)
-    reasons : sequence of str
-        Why each window is left out; empty where it is not.
-    column : int
-        Of the count in ``proba``.
+    count. ``reasons`` say why each window is left out; ``column`` of ``proba`` is the count's.
     """
     used = np.array([not one for one in reasons])
     n_votes = int(np.sum(proba[used].argmax(axis=1) == column))

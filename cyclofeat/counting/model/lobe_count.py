@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cyclofeat._base import displays, plots
 from cyclofeat._base.displays import data_frame, html_card
 from cyclofeat._base.quantities import from_1, lobes_text, number_of
+from cyclofeat.counting.model._verdicts import most_frequent
 from cyclofeat.counting.model.radial_wear import WearDepth
+from cyclofeat.recordings import WindowSet
+from cyclofeat.signal.windows import Float
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
+
+OUTSIDE = "outside the training data"
 
 
 @dataclass(frozen=True)
@@ -100,7 +106,7 @@ class LobeCount:
     wear_um: WearDepth | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the answer of the whole recording in plain types, for JSON. Lobes count from 1.
+        """Return the answer of the whole recording in plain types, for JSON; lobes count from 1.
 
         A refused recording has no ``defect_count``; ``refused_defect_count`` is what it would be. The depth
         of the wear is there where the model states it (:meth:`WearDepth.to_dict`).
@@ -139,13 +145,6 @@ class LobeCount:
         Returns
         -------
         cyclofeat.plotting.CountDisplay
-
-        Raises
-        ------
-        ImportError
-            If matplotlib is not installed.
-        ValueError
-            If there is no such kind, or the model located no lobes.
         """
         return plots.draw_plot(self, kind, ax, **options)
 
@@ -193,11 +192,6 @@ def counts_frame(counts: Mapping[str, LobeCount] | Sequence[LobeCount]) -> pd.Da
         ``warnings``, ``probability_<count>`` of each count, and the depth of the wear
         (:meth:`WearDepth.to_dict`) where a model states it.
 
-    Raises
-    ------
-    ImportError
-        If pandas is not installed.
-
     Examples
     --------
     >>> answer = LobeCount(1, {0: 0.1, 1: 0.9}, (3,), (), False, 2)
@@ -206,15 +200,110 @@ def counts_frame(counts: Mapping[str, LobeCount] | Sequence[LobeCount]) -> pd.Da
     recording
     a.csv                 1          0.9  (3,)
     """
-    names = [*counts] if isinstance(counts, Mapping) else range(len(counts))
-    given = counts.values() if isinstance(counts, Mapping) else counts
+    given = counts if isinstance(counts, Mapping) else dict(enumerate(counts))
     rows = []
-    for one in given:
+    for one in given.values():
         of_counts = {f"probability_{count}": p for count, p in one.probability.items()}
         row = one.to_dict() | {"probability": one.probability[one.defect_count], "lobes": one.lobes}
         rows.append({name: row[name] for name in row if name != "lobe_probability"} | of_counts)
-    made = data_frame(rows)
+    frame = data_frame(rows)
     if rows:
-        made = made.astype({"defect_count": "Int64", "refused_defect_count": "Int64"})
-    made.index = data_frame({"recording": names}).set_index("recording").index
-    return made
+        frame = frame.astype({"defect_count": "Int64", "refused_defect_count": "Int64"})
+    frame.index = data_frame({"recording": [*given]}).set_index("recording").index
+    return frame
+
+
+@dataclass(frozen=True)
+class PreparedWindows:
+    """Windows of a recording, or of a part of it, and what is known of them before they are counted."""
+
+    windows: WindowSet
+    stop_s: Float  # ends of the windows in s
+    faults: tuple[str, ...]  # what would spoil the count of each window
+    doubt: str  # why the speed is doubted, else empty
+    notes: tuple[str, ...]  # what the reader should know
+    first_angle: float  # of the input at the recording's first window in rad; NaN where it is not known
+
+    @property
+    def absolute(self) -> bool:
+        """Whether lobes of the recording are numbered as on the disc."""
+        return bool(self.windows.absolute.all())
+
+
+@dataclass(frozen=True)
+class AnsweredWindows:
+    """Answers for windows of one recording, in order of time."""
+
+    start_s: Float
+    stop_s: Float
+    proba: Float  # (n_windows, n_classes)
+    distance: Float  # from the training windows, in units of the largest inside; NaN without a domain
+    faults: tuple[str, ...]
+    # Probability of each lobe of being worn, (n_places, n_windows, n_lobes), for each place at which the
+    # recording may begin between two lobes; None where positions are not known.
+    lobe_proba: Float | None
+    # What the runs of windows without a fault tell (RadialWear.answers), (n_runs, n_classes + n_features);
+    # None where the model learned no depth of wear, or there is no run.
+    wear: Float | None = None
+
+    def __len__(self) -> int:
+        """Number of windows."""
+        return len(self.proba)
+
+    @classmethod
+    def join_parts(cls, parts: Sequence[AnsweredWindows]) -> AnsweredWindows:
+        """Return the answers of parts of one recording, one after the other."""
+        if len(parts) == 1:
+            return parts[0]
+        located = [part.lobe_proba for part in parts if part.lobe_proba is not None]
+        runs = [part.wear for part in parts if part.wear is not None]
+
+        def column(name: str) -> Any:
+            return np.concatenate([getattr(part, name) for part in parts])
+
+        return cls(
+            column("start_s"), column("stop_s"), column("proba"), column("distance"),
+            faults=tuple(fault for part in parts for fault in part.faults),
+            lobe_proba=np.concatenate(located, axis=1) if len(located) == len(parts) else None,
+            wear=np.concatenate(runs) if runs else None,
+        )  # fmt: skip
+
+    def find_refusals(self, doubt: str) -> tuple[str, list[str]]:
+        """Return why the recording is refused, and why each window is; empty where it is not."""
+        # A faulty signal explains that the speed is not found, a wrong speed that windows lie outside.
+        if doubt and sum(map(bool, self.faults)) <= len(self) / 2:
+            return doubt, [doubt] * len(self)
+        reasons = self.window_reasons()
+        return most_frequent(reasons) if sum(map(bool, reasons)) > len(self) / 2 else "", reasons
+
+    def window_reasons(self) -> list[str]:
+        """Return why each window is left out; empty where it is not."""
+        outside = np.where(self.distance > 1, OUTSIDE, "").tolist()
+        return [fault or reason for fault, reason in zip(self.faults, outside, strict=True)]
+
+    def window_counts(self, classes: NDArray[np.int64], reasons: Sequence[str]) -> tuple[WindowCount, ...]:
+        """Return the answer of each window."""
+        columns = (
+            self.start_s.tolist(),
+            self.stop_s.tolist(),
+            classes[self.proba.argmax(axis=1)].tolist(),
+            self.proba.max(axis=1).tolist(),
+            self.distance.tolist(),
+            reasons,
+        )
+        return tuple(WindowCount(*answer) for answer in zip(*columns, strict=True))
+
+    def mean_lobe_proba(self, used: NDArray[np.bool_]) -> Float:
+        """Return the probability of each lobe of being worn, by some windows; empty if it is not known.
+
+        Of the places at which the recording may begin between two lobes, that with the most decided answer
+        counts.
+        """
+        if self.lobe_proba is None:
+            return np.zeros(0)
+        places = self.lobe_proba[:, used].mean(axis=1)
+        return np.asarray(places[np.abs(places - 0.5).sum(axis=1).argmax()])
+
+    def shift_time(self, seconds: float) -> AnsweredWindows:
+        """Return the same answers at a later time."""
+        return replace(self, start_s=self.start_s + seconds, stop_s=self.stop_s + seconds)

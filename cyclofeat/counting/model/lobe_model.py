@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import cumulative_trapezoid
 from sklearn.base import BaseEstimator, ClassifierMixin, clone
-from sklearn.metrics import accuracy_score
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._base import displays
 from cyclofeat._base.arguments import ArgumentError
+from cyclofeat._base.checks import whole
 from cyclofeat._base.displays import html_card
 from cyclofeat._base.files import MODEL_PACKAGES, package_versions
 from cyclofeat._base.quantities import TORQUES, factor_to_output, number_of
@@ -30,10 +30,10 @@ from cyclofeat.counting.evaluation.evaluation import score_text
 from cyclofeat.counting.model._training import (
     SPEED_MARGIN,
     common_samples_per_turn,
-    counter_of_windows,
     draw_of_each_count,
     fit_counter,
     is_network,
+    make_counter,
     windows_to_learn,
 )
 from cyclofeat.counting.model._verdicts import (
@@ -42,15 +42,15 @@ from cyclofeat.counting.model._verdicts import (
     outvoted_reason,
     window_faults,
 )
-from cyclofeat.counting.model._window_answers import OUTSIDE, AnsweredWindows, PreparedWindows
-from cyclofeat.counting.model.lobe_count import LobeCount
+from cyclofeat.counting.model.lobe_count import OUTSIDE, AnsweredWindows, LobeCount, PreparedWindows
 from cyclofeat.counting.model.radial_wear import RadialWear, stated_depths
 from cyclofeat.counting.model.turning import Turning, turning_of
 from cyclofeat.features import LobeMap
 from cyclofeat.recordings import Recording, WindowSet
 from cyclofeat.recordings.recording import common_n_lobes, common_quantity
 from cyclofeat.recordings.windower import SAMPLES_PER_TURN, Windower, lobe_windower
-from cyclofeat.signal.lobes import SPEED_TOLERANCE, LobeLines, lobe_frequency
+from cyclofeat.signal.lobes import N_LINES, SPEED_TOLERANCE, LobeLines, lobe_frequency
+from cyclofeat.signal.orders import samples_at
 from cyclofeat.signal.speed import FOLLOWED_TOLERANCE
 from cyclofeat.signal.windows import Float
 
@@ -186,9 +186,18 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             states no depth within the range; where ``y`` has another length than ``recordings``, or parts or
             joins what their ``defect_count`` states.
         """
-        make_counter = counter_of_windows(
-            self.counter, self.windower, n_trees=self.n_trees, epochs=self.epochs, seed=self.random_state
-        )
+        kind = self.counter
+        if isinstance(kind, str) and kind not in ("trees", "rows"):
+            raise ValueError(f"counter must be 'trees', 'rows' or a classifier of windows, got {kind!r}")
+        if kind == "trees" and (self._chosen_windower.samples_per_turn or 0) > SAMPLES_PER_TURN:
+            raise ValueError(
+                f"samples_per_turn must be at most {SAMPLES_PER_TURN} for counter='trees', which uses "
+                f"{N_LINES} lobe lines, got {self._chosen_windower.samples_per_turn}"
+            )
+        if self.epochs is not None and whole("epochs", self.epochs, 1) and kind != "rows":
+            raise ValueError(
+                f"epochs must be None unless counter='rows', got {self.epochs} with counter={kind!r}"
+            )
         known, label_of = _label_recordings(recordings, y, groups)
         n_lobes, quantity = common_n_lobes(known), common_quantity(known)
         stated = None if self.wear_um is None else stated_depths(known, self.wear_um)
@@ -198,8 +207,10 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         assert windows.y is not None
         if np.unique(windows.y).size < 2:
             raise ValueError(f"recordings must hold at least two defect counts, got {windows.y[0]} only")
-        counter = make_counter(windows, n_lobes)
-        rows = self.counter == "rows" or is_network(self.counter)
+        counter = make_counter(
+            kind, windows, n_lobes, n_trees=self.n_trees, epochs=self.epochs, random_state=self.random_state
+        )
+        rows = kind == "rows" or is_network(kind)
         epochs = counter.n_epochs if rows else None
         if rows and stated is not None:
             counter.set_params(n_epochs=None)
@@ -221,9 +232,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             "sources": sorted({str(recording.source) for recording in known}),
             "assemblies": names if 0 < len(names) <= _MOST_NAMED else None,
             "classes": np.unique(windows.y).tolist(),
-            "calibrated": any(
-                getattr(part, "calibrated_", False) for part in (self.counter_, self._deciding_part())
-            ),
+            "calibrated": getattr(self._deciding_part, "calibrated_", False),
             "cross_validation": scores,
             "versions": package_versions(*MODEL_PACKAGES),
         }
@@ -250,8 +259,12 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         self, recordings: Sequence[Recording], turnings: Sequence[Turning], n_lobes: int, quantity: str
     ) -> tuple[WindowSet, WindowSet]:
         """Return the windows that the counter learns, and those from which the depth of wear is learned."""
-        windower = self._chosen_windower()
-        assert windower.samples_per_turn is not None
+        windower = self._chosen_windower
+        if windower.samples_per_turn is None:
+            raise ValueError(
+                "windower must have samples_per_turn, because the model counts windows over the angle of the "
+                f"shaft, got {windower}"
+            )
         per_turn = common_samples_per_turn(recordings, turnings, n_lobes, windower.samples_per_turn)
         windower = replace(windower, reduction=n_lobes, samples_per_turn=per_turn)
         rows = self.counter == "rows" or is_network(self.counter)
@@ -268,23 +281,15 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             windows = windows.part(np.flatnonzero(np.diff(windows.recording, prepend=-1)))
         return windows, of_tachometer
 
+    @property
     def _chosen_windower(self) -> Windower:
-        """Return the windower as given, or the default one."""
-        windower = self.windower
-        if windower is None:
-            windower = lobe_windower()
-        if windower.samples_per_turn is None:
-            raise ValueError(
-                "windower must have samples_per_turn, because the model counts windows over the angle of the "
-                f"shaft, got {windower}"
-            )
-        return windower
+        return lobe_windower() if self.windower is None else self.windower
 
     @property
     def windower_(self) -> Windower:
         """Windower of the fitted model."""
         return replace(
-            self._chosen_windower(), reduction=self.n_lobes_, samples_per_turn=self.samples_per_turn_
+            self._chosen_windower, reduction=self.n_lobes_, samples_per_turn=self.samples_per_turn_
         )
 
     def with_coarser(self, coarser: LobeModel) -> LobeModel:
@@ -299,11 +304,6 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         Returns
         -------
         LobeModel
-
-        Raises
-        ------
-        ValueError
-            If it differs in one of these, or has no fewer samples per turn.
         """
         check_is_fitted(self)
         check_is_fitted(coarser)
@@ -355,11 +355,6 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         -------
         ndarray, shape (n_recordings,)
             Values of ``classes_``.
-
-        Raises
-        ------
-        TypeError, ValueError
-            As :meth:`count_all`.
         """
         answers = self.count_all(recordings)
         return self._labels_of([answer.defect_count for answer in answers])
@@ -375,11 +370,6 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         -------
         ndarray, shape (n_recordings, n_classes)
             :attr:`LobeCount.probability`, columns in the order of ``classes_``.
-
-        Raises
-        ------
-        TypeError, ValueError
-            As :meth:`count_all`.
         """
         answers = self.count_all(recordings)
         rows = [[*answer.probability.values()] for answer in answers]
@@ -403,24 +393,18 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         Returns
         -------
         float
-
-        Raises
-        ------
-        TypeError, ValueError
-            As :meth:`count_all`, and where there is no recording or no true count.
         """
         check_is_fitted(self)
         given = list(recordings)
         if not given:
             raise ValueError("recordings must hold at least one recording, got none")
-        true = y
-        if true is None:
+        if y is None:
             stated = [recording.defect_count for recording in given]
             if None in stated:
                 place = stated.index(None)
                 raise ValueError(f"recording {place} states no defect_count: give the true counts as y")
-            true = self._labels_of(stated)
-        return float(accuracy_score(true, self.predict(given), sample_weight=sample_weight))
+            y = self._labels_of(stated)
+        return float(super().score(given, y, sample_weight=sample_weight))
 
     def _labels_of(self, counts: Sequence[int | None]) -> NDArray[Any]:
         """Return the labels of counts, as ``classes_`` has them."""
@@ -496,15 +480,11 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         Returns
         -------
         WindowSet
-
-        Raises
-        ------
-        ValueError
-            Where the recording does not suit the model or is shorter than one output turn.
         """
         check_is_fitted(self)
         self.check_recording(recording)
-        return self.suited_to(recording)._cut_windows(recording)[0]
+        model = self.suited_to(recording)
+        return model.windower_.windows([recording], [turning_of(recording, self.n_lobes_).angle])
 
     def speed_of(self, recording: Recording) -> float:
         """Return the input speed in turns per second at which a recording is drawn.
@@ -518,11 +498,6 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             return stated
         return max(measured, self.n_lobes_ / recording.duration)
 
-    def _cut_windows(self, recording: Recording) -> tuple[WindowSet, Turning]:
-        """Return the windows, and how the shaft turned."""
-        turning = turning_of(recording, self.n_lobes_)
-        return self.windower_.windows([recording], [turning.angle]), turning
-
     def count(self, recording: Recording) -> LobeCount:
         """Count and locate the worn lobes of one recording.
 
@@ -533,12 +508,14 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         windows disagree, where its speed lies outside those of training, or where, without a tachometer, its
         lines are those of another speed or show none; it still has a count.
 
-        Raises
-        ------
-        TypeError
-            Where something else than a recording is given.
-        ValueError
-            Where the recording does not suit the model or is shorter than one output turn.
+        Parameters
+        ----------
+        recording : Recording
+            Of the model's quantity and disc, at least one output turn long.
+
+        Returns
+        -------
+        LobeCount
         """
         if not isinstance(recording, Recording):
             raise TypeError(f"recording must be a Recording object, got {type(recording).__name__}")
@@ -561,14 +538,6 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         -------
         list of LobeCount
             In order; see also :func:`counts_frame`.
-
-        Raises
-        ------
-        TypeError
-            Where something else than recordings is given.
-        ValueError
-            Where a recording does not suit the model or is shorter than one output turn; the message states
-            its place.
         """
         if isinstance(recordings, Recording):
             raise TypeError("recordings must be a list of Recording objects, got one: use count")
@@ -596,36 +565,32 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
     def _prepare_windows(self, recording: Recording) -> PreparedWindows:
         """Cut a recording that suits the model into windows, and look for faults."""
         self.check_recording(recording)
-        windows, turning = self._cut_windows(recording)
+        turning = turning_of(recording, self.n_lobes_)
+        windows = self.windower_.windows([recording], [turning.angle])
         notes = [turning.note] if turning.note else []
-        if far := self._far_from_loads(recording):
-            notes.append(far)
+        # A count does not depend on the load, but unit and scale may be wrong.
+        loads = self.card_.get("loads_nm")
+        if loads and recording.quantity in TORQUES:
+            factor = factor_to_output(recording.quantity, self.n_lobes_)
+            low, high = sorted(abs(load) / factor for load in loads)
+            low = low if min(loads) * max(loads) > 0 else 0.0
+            mean = abs(float(recording.torque.mean()))
+            # A mean below the ripple may have been removed.
+            if high > 0 and mean >= recording.torque.std() and not low / _FAR <= mean <= high * _FAR:
+                notes.append(
+                    f"the mean torque, {mean:.4g} Nm, is far from the {low:.3g} to {high:.3g} Nm of the "
+                    "training: are unit and scale right?"
+                )
         turned = 2 * np.pi * windows.X.shape[1] / windows.sampling_rate
-        stops = turning.passing_times(windows.start_angle + turned, recording.sampling_rate)
+        stops = samples_at(windows.start_angle + turned, turning.angle) / recording.sampling_rate
         faults = window_faults(recording, windows, stops, self.n_lobes_)
         doubt = turning.doubt or self.untrained_speed(turning.speed_hz)
         return PreparedWindows(windows, stops, faults, doubt, tuple(notes), float(windows.start_angle[0]))
 
-    def _far_from_loads(self, recording: Recording) -> str:
-        """Return a note on a mean torque that no load of the training had; a count does not depend on it."""
-        loads = self.card_.get("loads_nm")
-        if not loads or recording.quantity not in TORQUES:
-            return ""
-        low, high = sorted(abs(load) / factor_to_output(recording.quantity, self.n_lobes_) for load in loads)
-        low = low if min(loads) * max(loads) > 0 else 0.0
-        mean = abs(float(recording.torque.mean()))
-        # A mean below the ripple may have been removed.
-        if high == 0 or mean < recording.torque.std() or low / _FAR <= mean <= high * _FAR:
-            return ""
-        return (
-            f"the mean torque, {mean:.4g} Nm, is far from the {low:.3g} to {high:.3g} Nm of the training: "
-            "are unit and scale right?"
-        )
-
     def _count_prepared(self, batch: Sequence[PreparedWindows]) -> list[LobeCount]:
         """Count recordings, their windows together."""
         return [
-            self._count_of(answered, one.doubt, one.notes, absolute=_is_absolute(one))
+            self._count_of(answered, one.doubt, one.notes, absolute=one.absolute)
             for one, answered in zip(batch, self._answer_windows(batch), strict=True)
         ]
 
@@ -640,7 +605,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         reason = reason or disagreement_reason(answered.proba, answered.faults)
         used = np.array([not one for one in reasons])
         used |= not used.any()
-        learned = getattr(self._deciding_part(), "dependence_", None)
+        learned = getattr(self._deciding_part, "dependence_", None)
         member = np.zeros(used.sum(), dtype=int)
         probability = combine_proba(answered.proba[used], member, 1.0 if learned is None else learned)[0]
         if self.wear_ is None and not reason:
@@ -701,14 +666,26 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         if not batch:
             return []
         X = np.concatenate([one.windows.X for one in batch])
-        proba, features, lines = self._window_answers(X)
-        distances = self._distances(X, features)
+        # Lobe lines and features take most of the time: locator and domain reuse those of the counter.
+        counter, lines, features = self.counter_, None, None
+        if isinstance(counter, LobeCounter):
+            lines = counter.lobe_map_.lines(X)
+            features = counter.lobe_map_.from_lines(lines)
+            proba = counter.proba_of_lines(lines, features)
+        elif isinstance(counter, Pipeline) and len(counter) > 1:
+            transformed = counter[:-1].transform(X)
+            proba, features = np.asarray(counter[-1].predict_proba(transformed)), np.asarray(transformed)
+        else:
+            proba = np.asarray(counter.predict_proba(X))
+            features = None if self.domain_ is None else features_seen(counter, X)
+        distances = np.full(len(X), np.nan)
+        if self.domain_ is not None and features is not None:
+            distances = self.domain_.distance(features)
         ends = np.cumsum([len(one.windows) for one in batch])
         rows = [slice(end - len(one.windows), end) for end, one in zip(ends.tolist(), batch, strict=True)]
         located: Sequence[Float | None] = [None] * len(batch)
-        if self.locator_ is not None:
-            assert lines is not None
-            located = self._lobe_proba(batch, lines, rows, proba)
+        if lines is not None and self.locator_ is not None:
+            located = self._lobe_proba(self.locator_, batch, lines, rows, proba)
         return [
             AnsweredWindows(
                 one.windows.start_s,
@@ -722,33 +699,13 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             for one, row, lobes in zip(batch, rows, located, strict=True)
         ]
 
+    @property
     def _deciding_part(self) -> Any:
-        """Return the part of the counter that decides: behind the lobe map, which other parts reuse."""
-        if isinstance(self.counter_, Pipeline) and isinstance(self.counter_[0], LobeMap):
-            rest = self.counter_[1:]
-            return rest[0] if len(rest) == 1 else rest
-        return self.counter_
-
-    def _window_answers(self, X: Float) -> tuple[Float, Float | None, LobeLines | None]:
-        """Return the probabilities of each count for each window.
-
-        Also return the features in which the domain measures distances, and the lobe lines: they take most of
-        the time, so that locator and domain reuse those of the counter. None where the counter has none.
-        """
-        lines, features = None, None
-        deciding, seen = self._deciding_part(), X
-        if deciding is not self.counter_:
-            lines = self.counter_[0].lines(X)
-            features = seen = self.counter_[0].from_lines(lines)
-            if isinstance(deciding, Pipeline) and self.domain_ is not None:
-                features = np.asarray(deciding[:-1].transform(features))
-        elif isinstance(self.counter_, LobeCounter):
-            lines = self.counter_.lobe_map_.lines(X)
-            features = self.counter_.lobe_map_.from_lines(lines)
-            return self.counter_.proba_of_lines(lines, features), features, lines
-        elif self.domain_ is not None:
-            features = features_seen(self.counter_, X)
-        return np.asarray(deciding.predict_proba(seen)), features, lines
+        """The counter, or what decides behind a lobe map, which learns nothing from other windows."""
+        counter = self.counter_
+        if isinstance(counter, Pipeline) and isinstance(counter[0], LobeMap) and len(counter) == 2:
+            return counter[1]
+        return counter
 
     def untrained_speed(self, speed_hz: float) -> str:
         """Return why a mean speed is not one of training; else empty."""
@@ -758,27 +715,24 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             return ""
         return f"it turns at {rpm:.5g} RPM, but the model was trained at {_range_text((low, high))} RPM"
 
-    def _distances(self, X: Float, features: Float | None) -> Float:
-        """Return the distance of each window to the domain's nearest class; NaN without a domain."""
-        if self.domain_ is None or features is None:
-            return np.full(len(X), np.nan)
-        return self.domain_.distance(features)
-
     def _lobe_proba(
-        self, batch: Sequence[PreparedWindows], lines: LobeLines, rows: Sequence[slice], of_counts: Float
-    ) -> list[Float]:
+        self, locator: LobeCounter, batch: Sequence[PreparedWindows], lines: LobeLines,
+        rows: Sequence[slice], of_counts: Float,
+    ) -> list[Float]:  # fmt: skip
         """Return the probability of each lobe, numbered as on the disc or from the first sample.
 
         Each of shape (n_places, n_windows, n_lobes), see :class:`AnsweredWindows`.
         """
-        assert self.locator_ is not None
         begins: list[Float] = []
         for one, row in zip(batch, rows, strict=True):
-            if _is_absolute(one):
-                begins.append(passage_of_lobe_zero(one.windows.start_angle, self.n_lobes_)[np.newaxis])
+            windows = one.windows
+            if one.absolute:
+                begins.append(passage_of_lobe_zero(windows.start_angle, self.n_lobes_)[np.newaxis])
                 continue
-            # Windows are aligned by the turns between them.
-            turned = _turns_since_start(one, lines.input_speed_hz[row])
+            # Windows are aligned by the input turns between them.
+            turned = (windows.start_angle - one.first_angle) / (2 * np.pi)
+            if not np.isfinite(windows.start_angle).all():
+                turned = cumulative_trapezoid(lines.input_speed_hz[row], windows.start_s, initial=0)
             places = np.arange(_BEGINNINGS)[:, np.newaxis] / (_BEGINNINGS * self.n_lobes_)
             begins.append(places - lobe_frequency(1.0, self.n_lobes_) * turned)
         repeated = [
@@ -786,7 +740,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         ]
         passages = np.concatenate([places.ravel() for places in begins])
         row_of = np.concatenate(repeated)
-        proba = self.locator_.lobe_proba_of_lines(lines.part(row_of), passages, of_counts[row_of])
+        proba = locator.lobe_proba_of_lines(lines.part(row_of), passages, of_counts[row_of])
         parts = np.split(proba, np.cumsum([places.size for places in begins])[:-1])
         return [part.reshape(*places.shape, -1) for part, places in zip(parts, begins, strict=True)]
 
@@ -831,16 +785,3 @@ def _value_range(values: Sequence[float]) -> list[float] | None:
 def _range_text(ends: Sequence[float]) -> str:
     low, high = (f"{end:.4g}" for end in ends)
     return low if low == high else f"{low} to {high}"
-
-
-def _is_absolute(prepared: PreparedWindows) -> bool:
-    """Return True if lobes of the recording are numbered as on the disc."""
-    return bool(prepared.windows.absolute.all())
-
-
-def _turns_since_start(prepared: PreparedWindows, speed_hz: Float) -> Float:
-    """Return the input turns from the start of a recording's first window to the start of each."""
-    windows = prepared.windows
-    if np.isfinite(windows.start_angle).all():
-        return np.asarray((windows.start_angle - prepared.first_angle) / (2 * np.pi))
-    return np.asarray(cumulative_trapezoid(speed_hz, windows.start_s, initial=0))

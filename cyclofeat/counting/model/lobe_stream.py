@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from cyclofeat._base import checks
 from cyclofeat._base.quantities import number_of
 from cyclofeat.counting.model._verdicts import window_faults
-from cyclofeat.counting.model._window_answers import AnsweredWindows, PreparedWindows
-from cyclofeat.counting.model.lobe_count import LobeCount, WindowCount
+from cyclofeat.counting.model.lobe_count import AnsweredWindows, LobeCount, PreparedWindows, WindowCount
 from cyclofeat.counting.model.lobe_model import LobeModel
 from cyclofeat.recordings import Recording
 from cyclofeat.recordings.window_stream import StreamWindow, WindowStream
@@ -48,11 +47,6 @@ class LobeStream:
         As of :class:`~cyclofeat.Recording`.
     block_turns : int, optional
         Output turns of a block, for a rig without a tachometer.
-
-    Raises
-    ------
-    ValueError
-        If the model does not suit the rate, or a speed is needed and missing.
 
     Examples
     --------
@@ -135,11 +129,9 @@ class LobeStream:
         Raises
         ------
         ValueError
-            If samples are not finite, the angle is missing, superfluous, of another length, does not increase
-            or leaps an output turn (the piece is then not taken); if a window or block is constant or its
-            rate too low (it is left out, and the stream goes on with the next piece).
-        TypeError
-            If samples or angles are no real numbers.
+            If samples are not finite, or the angle is missing, superfluous, of another length, does not
+            increase or leaps an output turn (the piece is then not taken); if a window or block is constant
+            or its rate too low (it is left out, and the stream goes on with the next piece).
         """
         torque = checks.number_series("samples", samples, least=0)
         if self.block_turns is not None:
@@ -229,19 +221,14 @@ class LobeStream:
             self._first_angle = float(windows.start_angle[0])
         prepared = PreparedWindows(windows, stop_s, faults, "", (), self._first_angle)
         (answered,) = self.model._answer_windows([prepared])
-        answered = dataclasses.replace(answered, wear=self._wear_answers(windows.X[0], faults[0]))
+        wear, of_run = self.model.wear_, None
+        if wear is not None:
+            self._run = [] if faults[0] else [*self._run, windows.X[0]]
+            if len(self._run) >= wear.n_windows:  # the window completes a run
+                of_run = wear.answers(np.array(self._run), [""] * len(self._run))
+                self._run = []
+        answered = dataclasses.replace(answered, wear=of_run)
         self._keep_answers(answered.shift_time(window.first_sample / self.sampling_rate))
-
-    def _wear_answers(self, window: Float, fault: str) -> Float | None:
-        """Return what the run tells that a window completes; None where it completes none."""
-        wear = self.model.wear_
-        if wear is None:
-            return None
-        self._run = [] if fault else [*self._run, window]
-        if len(self._run) < wear.n_windows:
-            return None
-        run, self._run = np.array(self._run), []
-        return wear.answers(run, [""] * len(run))
 
     def _count_blocks(self, torque: Float) -> None:
         """Count the blocks that the samples complete."""

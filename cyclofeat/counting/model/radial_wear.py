@@ -38,25 +38,14 @@ _LEAST_NM = 1e-5
 
 @dataclass(frozen=True)
 class WearDepth:
-    """Depth of the radial wear of a recording's worn lobes, in um.
+    """Depth of the radial wear of a recording's worn lobes, in um."""
 
-    Attributes
-    ----------
-    depth_um : float or None
-        Estimate; None where no wear was seen.
-    low_um, high_um : float
-        Ends of the interval. Where no wear was seen, wear up to ``high_um`` may be there.
-    coverage : float
-        Share of assemblies with visible wear whose interval holds the true depth.
-    limit_um : float or None
-        Least depth at which 9 of 10 worn assemblies of the training were not counted as healthy; None where
-        not even the deepest wear of the training was seen so often, or none of its assemblies was healthy.
-    """
-
-    depth_um: float | None
-    low_um: float
+    depth_um: float | None  # estimate; None where no wear was seen
+    low_um: float  # ends of the interval; where no wear was seen, wear up to high_um may be there
     high_um: float
-    coverage: float
+    coverage: float  # share of assemblies with visible wear whose interval holds the true depth
+    # Least depth at which 9 of 10 worn assemblies of the training were not counted as healthy; None where not
+    # even the deepest wear of the training was seen so often, or none of its assemblies was healthy.
     limit_um: float | None
 
     def in_words(self) -> tuple[str, str]:
@@ -99,7 +88,8 @@ class RadialWear:
     range_um : tuple of float
         Least and largest depth of the training.
     limit_um : float or None
-        As in :class:`WearDepth`.
+        Least depth at which 9 of 10 worn assemblies were not counted as healthy; None where not even the
+        deepest wear was seen so often, or no assembly was healthy.
     accuracy : float or None
         Share of runs counted right by counters that have not seen their assembly; None where assemblies are
         too few.
@@ -150,25 +140,18 @@ class RadialWear:
         Returns
         -------
         RadialWear
-
-        Raises
-        ------
-        ValueError
-            If the wear of fewer than two runs shows.
         """
         assert windows.y is not None
         depths_um, (low, high) = stated
         n_windows = min(MOST_WINDOWS, int(np.bincount(windows.recording).min()))
         of_recordings = [np.flatnonzero(windows.recording == k) for k in range(windows.recording[-1] + 1)]
         # The first window of each run.
-        first = np.concatenate(
-            [one[: one.size // n_windows * n_windows : n_windows] for one in of_recordings]
-        )
+        first = np.concatenate([k[: k.size // n_windows * n_windows : n_windows] for k in of_recordings])
         recording, count = windows.recording[first], windows.y[first]
         member = recording if windows.groups is None else windows.groups[first]
-        runs = [runs_of(windows.X[one], n_windows) for one in of_recordings]
+        runs = [runs_of(windows.X[k], n_windows) for k in of_recordings]
         per_turn = round(windows.sampling_rate)
-        features = np.vstack([wear_features(one, n_lobes, per_turn) for one in runs])
+        features = np.vstack([wear_features(of_one, n_lobes, per_turn) for of_one in runs])
         counter: GroupCalibratedCounter | LobeCounter
         if network is not None:
             counter = network.set_params(n_lines=_n_lines(n_lobes, per_turn))
@@ -185,12 +168,15 @@ class RadialWear:
         worn = seen = count > 0
         if counter.calibrated_:
             if not worn.all():
-                odds = _sound_odds(proba[~worn])
+                # The odds of a sound disc, of the first class, at which 5 % of these are counted as worn.
+                sound = proba[~worn]
+                needed = sound[:, 1:].max(axis=1) / np.maximum(sound[:, 0], np.finfo(float).tiny)
+                odds = max(float(np.quantile(needed, 1 - _FALSE_ALARMS, method="lower")), 1.0)
             answer = counter.classes_[_with_odds(proba, odds).argmax(axis=1)]
             accuracy = float(np.mean(answer == count))
             seen = worn & (answer > 0)
             if not worn.all():
-                limit = _visible_from(log_depth[worn], seen[worn])
+                limit = least_visible_depth(log_depth[worn], seen[worn])
                 false_alarms = float(np.mean(answer[~worn] > 0))
         else:
             proba = np.full_like(proba, 1 / counter.classes_.size)  # nothing was held out: it tells nothing
@@ -262,13 +248,7 @@ class RadialWear:
 
 
 def stated_depths(recordings: Sequence[Recording], range_um: Any) -> tuple[Float, tuple[float, float]]:
-    """Return the depth that each recording states, 1 where no lobe is worn, and the checked range.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the range is none, or a recording with worn lobes states no depth within it.
-    """
+    """Return the depth that each recording states, 1 where no lobe is worn, and the checked range."""
     low, high = number_pair("wear_um", range_um)
     if not 0 < low < high:
         raise ValueError(f"wear_um must be a range (low, high) in um with 0 < low < high, got {range_um!r}")
@@ -287,16 +267,9 @@ def stated_depths(recordings: Sequence[Recording], range_um: Any) -> tuple[Float
 
 
 def runs_of(X: Float, n_windows: int, used: NDArray[np.bool_] | None = None) -> Float:
-    """Join windows that follow each other to runs, shape (n_runs, n_windows * n_samples).
+    """Join windows of one recording that follow each other to runs, shape (n_runs, n_windows * n_samples).
 
-    Parameters
-    ----------
-    X : ndarray, shape (n, n_samples)
-        Windows of one recording, each beginning where the last one ends.
-    n_windows : int
-        Windows of a run.
-    used : ndarray of bool, shape (n,), optional
-        Windows that may be part of a run. Default: all.
+    ``used``, shape (n,), marks windows that may be part of a run. Default: all.
     """
     usable = np.ones(len(X), dtype=bool) if used is None else used
     rows, at = [], 0
@@ -310,21 +283,11 @@ def runs_of(X: Float, n_windows: int, used: NDArray[np.bool_] | None = None) -> 
 
 
 def wear_features(runs: Float, n_lobes: int, samples_per_turn: int = SAMPLES_PER_TURN) -> Float:
-    """Features of runs over the angle of the shaft, for count and depth of radial wear.
+    """Return features of runs, torque in Nm over the shaft's angle, for count and depth of radial wear.
 
-    Parameters
-    ----------
-    runs : ndarray, shape (n_runs, n_samples)
-        Torque in Nm over the angle of the shaft.
-    n_lobes, samples_per_turn : int
-        Lobes of a disc; samples per input turn.
-
-    Returns
-    -------
-    ndarray, shape (n_runs, n_features)
-        Those of a :class:`~cyclofeat.features.LobeMap`: the disturbance of each lobe, and each lobe line over
-        its surroundings, without the resonance. Then contrast and level (logarithm of the power in Nm^2) of
-        each line with the resonance: the depth needs the level.
+    Those of a :class:`~cyclofeat.features.LobeMap`: the disturbance of each lobe, and each lobe line over its
+    surroundings, without the resonance. Then contrast and level (logarithm of the power in Nm^2) of each line
+    with the resonance: the depth needs the level.
     """
     n_lines = _n_lines(n_lobes, samples_per_turn)
     white = LobeMap(samples_per_turn, 1.0, n_lobes, n_lines, speed_tolerance=0.0)
@@ -345,19 +308,13 @@ def _n_lines(n_lobes: int, samples_per_turn: int) -> int:
     return int(_SHARE_OF_BAND * samples_per_turn / 2 / lobe_frequency(1.0, n_lobes))
 
 
-def _sound_odds(proba: Float) -> float:
-    """Return the odds of a sound disc, of the first class, at which 5 % of these are counted as worn."""
-    needed = proba[:, 1:].max(axis=1) / np.maximum(proba[:, 0], np.finfo(float).tiny)
-    return max(float(np.quantile(needed, 1 - _FALSE_ALARMS, method="lower")), 1.0)
-
-
 def _with_odds(proba: Float, sound_odds: float) -> Float:
     """Return probabilities of counts where a sound disc, the first, is this many times as frequent."""
     weighed = proba * np.where(np.arange(proba.shape[1]) == 0, sound_odds, 1.0)
     return np.asarray(weighed / weighed.sum(axis=1, keepdims=True))
 
 
-def _visible_from(log_depth: Float, seen: NDArray[np.bool_]) -> float | None:
+def least_visible_depth(log_depth: Float, seen: NDArray[np.bool_]) -> float | None:
     """Return the least depth from which 9 of 10 worn assemblies are seen; None if there is none."""
     order = np.argsort(log_depth, kind="stable")
     share = IsotonicRegression().fit_transform(log_depth[order], seen[order].astype(float))

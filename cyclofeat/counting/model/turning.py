@@ -11,7 +11,7 @@ from cyclofeat._base.quantities import in_words
 from cyclofeat.recordings import Recording
 from cyclofeat.recordings.windower import WINDOW_TURNS
 from cyclofeat.signal.drive import follow_motor
-from cyclofeat.signal.orders import mean_speed, samples_at
+from cyclofeat.signal.orders import mean_speed
 from cyclofeat.signal.speed import (
     FOLLOWED_TOLERANCE,
     SEARCHED_HZ,
@@ -24,45 +24,20 @@ from cyclofeat.signal.windows import Float
 
 @dataclass(frozen=True)
 class Turning:
-    """Angle of the input shaft during a recording.
+    """Angle of the input shaft during a recording."""
 
-    Attributes
-    ----------
-    angle : ndarray, shape (n,)
-        In rad, at the samples.
-    speed_hz : float
-        Mean speed in turns per second.
-    note : str
-        How the angle is known; empty for a tachometer.
-    doubt : str
-        Why the speed is not to be trusted, else empty.
-    """
-
-    angle: Float
-    speed_hz: float
-    note: str = ""
-    doubt: str = ""
-
-    def passing_times(self, angle: Float, sampling_rate: float) -> Float:
-        """Return when the shaft passed angles, in s from the first sample."""
-        return samples_at(angle, self.angle) / sampling_rate
+    angle: Float  # in rad, at the samples
+    speed_hz: float  # mean, in turns per second
+    note: str = ""  # how the angle is known; empty for a tachometer
+    doubt: str = ""  # why the speed is not to be trusted, else empty
 
 
 def turning_of(recording: Recording, n_lobes: int, *, by_faint_lines: bool = True) -> Turning:
     """Return how the shaft turned.
 
-    Parameters
-    ----------
-    recording : Recording
-    n_lobes : int
-    by_faint_lines : bool
-        Whether lines that do not stand out may tell the angle where a speed is stated; otherwise the shaft
-        is taken to turn steadily at that speed.
-
-    Raises
-    ------
-    ArgumentError
-        If the recording has neither an angle nor a nominal speed, and its torque allows none or several.
+    Lines that do not stand out tell the angle where a speed is stated, unless ``by_faint_lines`` is False:
+    the shaft is then taken to turn steadily at that speed. ``ArgumentError`` where the recording has neither
+    an angle nor a nominal speed, and its torque allows none or several.
     """
     rate = recording.sampling_rate
     angle = recording.input_angle(n_lobes)
@@ -70,7 +45,20 @@ def turning_of(recording: Recording, n_lobes: int, *, by_faint_lines: bool = Tru
         return Turning(angle, float(mean_speed(angle, rate)))
     stated = recording.input_speed_hz
     if stated is None:
-        return _search_turning(recording, n_lobes)
+        found = search_speed(recording.torque, rate, n_lobes)
+        # A motor's own lines may look like a disc's at another speed: its current proposes speeds only.
+        if len(found) == 1 and recording.quantity != "motor_current":
+            rpm = f"{60 * found[0].speed_hz:.5g} RPM"
+            note = f"neither tachometer nor stated speed: {rpm} found in the torque"
+            return Turning(found[0].angle, found[0].speed_hz, note)
+        low, high = (f"{60 * end:,.0f}" for end in SEARCHED_HZ)
+        speeds = " or ".join(f"{60 * one.speed_hz:.4g}" for one in found)
+        seen = f"allows {speeds} RPM" if found else f"shows none from {low} to {high} RPM"
+        raise ArgumentError(
+            "the recording has neither a tachometer's angle nor a speed, and its {seen}: give {speed_rpm:=} "
+            "(nominal speed of the input in RPM)",
+            seen=f"{in_words(recording.quantity)} {seen}",
+        )
     followed = _follow_lines(recording, stated, n_lobes)
     rpm = f"{60 * stated:.5g} RPM"
     speed = f"{60 * followed.speed_hz:.5g} RPM"
@@ -114,30 +102,3 @@ def angle_by_lines(recording: Recording, turning: Turning, n_lobes: int) -> Floa
     if not followed.fits or np.ptp(beside) > one_lobe or not _holds_a_window(followed.angle, n_lobes):
         return None
     return np.asarray(followed.angle + beside.mean())
-
-
-def _search_turning(recording: Recording, n_lobes: int) -> Turning:
-    """Return how the shaft turned by the torque alone, if only one speed is possible.
-
-    A motor's own lines may look like a disc's at another speed: its current proposes speeds only.
-    """
-    found = search_speed(recording.torque, recording.sampling_rate, n_lobes)
-    if len(found) == 1 and recording.quantity != "motor_current":
-        speed_hz = found[0].speed_hz
-        return Turning(
-            found[0].angle,
-            speed_hz,
-            f"neither tachometer nor stated speed: {60 * speed_hz:.5g} RPM found in the torque",
-        )
-    what = in_words(recording.quantity)
-    if found:
-        speeds = " or ".join(f"{60 * one.speed_hz:.4g}" for one in found)
-        seen = f"its {what} allows {speeds} RPM"
-    else:
-        low, high = (f"{60 * end:,.0f}" for end in SEARCHED_HZ)
-        seen = f"its {what} shows none from {low} to {high} RPM"
-    raise ArgumentError(
-        "the recording has neither a tachometer's angle nor a speed, and {seen}: give {speed_rpm:=} "
-        "(nominal speed of the input in RPM)",
-        seen=seen,
-    )
