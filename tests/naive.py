@@ -94,20 +94,6 @@ def torque_statistics(x: Sequence[float]) -> dict[str, float]:
     }
 
 
-def fourier_lines(x: Sequence[float], sampling_rate: float, frequencies: Sequence[float]) -> list[complex]:
-    """Complex amplitudes of cosines at given frequencies, under a periodic Hann window."""
-    taper = hann_periodic(len(x))
-    return [
-        2
-        * sum(
-            w * value * cmath.exp(-2j * cmath.pi * frequency * k / sampling_rate)
-            for k, (w, value) in enumerate(zip(taper, x, strict=True))
-        )
-        / sum(taper)
-        for frequency in frequencies
-    ]
-
-
 def synchronous_average(x: Sequence[float], samples_per_period: int) -> list[float]:
     """Mean over whole periods, sample by sample."""
     n_periods = len(x) // samples_per_period

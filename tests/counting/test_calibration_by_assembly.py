@@ -144,12 +144,6 @@ def test_a_class_with_one_assembly_leaves_probabilities_as_they_are():
     assert_allclose(counter.predict_proba(X), GaussianNB().fit(X, y).predict_proba(X), atol=3e-3)
 
 
-def test_nested_parameters_are_reachable():
-    counter = GroupCalibratedCounter(make_pipeline(StandardScaler(), GaussianNB()))
-    counter.set_params(counter__gaussiannb__var_smoothing=0.5)
-    assert counter.counter.get_params()["gaussiannb__var_smoothing"] == 0.5
-
-
 # Recordings
 
 

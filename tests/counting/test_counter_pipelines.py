@@ -7,7 +7,7 @@ from sklearn.base import clone
 from sklearn.experimental import enable_halving_search_cv  # noqa: F401 - makes HalvingGridSearchCV importable
 from sklearn.model_selection import GroupKFold, HalvingGridSearchCV
 
-from cyclofeat.counting import GroupCalibratedCounter, LobeCounter, make_lobe_counter
+from cyclofeat.counting import LobeCounter, make_lobe_counter
 from cyclofeat.counting.estimators.pipelines import KINDS
 from cyclofeat.counting.estimators.trees import CountingTrees
 
@@ -89,18 +89,3 @@ def test_unknown_kinds_are_refused():
     assert type(make_lobe_counter(SAMPLING_RATE, kind="trees")) is LobeCounter
     with pytest.raises(ValueError, match=r"kind must be one of \('lobe_map'.*got 'forest'"):
         make_lobe_counter(SAMPLING_RATE, kind="forest")
-
-
-@pytest.mark.slow
-def test_calibration_raises_the_probability_of_right_counts(data):
-    """Shares of trees are far below the accuracy: with folds by assembly probabilities come up to it."""
-    X, y, groups, train = data
-    plain = make_lobe_counter(SAMPLING_RATE, n_trees=60).fit(X[train], y[train])
-    calibrated = GroupCalibratedCounter(make_lobe_counter(SAMPLING_RATE, n_trees=60))
-    calibrated.fit(X[train], y[train], groups=groups[train])
-    right = plain.predict(X[~train]) == y[~train]
-    before = plain.predict_proba(X[~train]).max(axis=1).mean()
-    after = calibrated.predict_proba(X[~train]).max(axis=1).mean()
-    assert right.mean() >= 7 / 8
-    assert before < right.mean() - 0.1
-    assert abs(after - right.mean()) < abs(before - right.mean()) / 2

@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import butter, sosfilt
-from sklearn.base import clone
 from sklearn.dummy import DummyClassifier
-from sklearn.ensemble import ExtraTreesClassifier
-from sklearn.pipeline import Pipeline
 from small_model import recording, shaft_model, small_model
 
 from cyclofeat._base.arguments import ArgumentError
@@ -46,22 +43,6 @@ def held_out(recording, recordings):
 
 
 # Pipelines
-
-
-def test_counters_are_plain_pipelines_with_reachable_parameters():
-    counter = make_lobe_counter(sampling_rate=25_600)
-    assert type(counter) is Pipeline
-    copy = clone(counter).set_params(lobe_map__n_lines=30, trees__n_estimators=10)
-    assert copy.get_params()["lobe_map__n_lines"] == 30
-    assert make_entropy_counter(25_600).get_params()["entropy__preset"] == "matlab_pwelch"
-
-
-def test_probabilities_and_ordered_classes(windows):
-    counter = make_lobe_counter(25_600, n_trees=50).fit(windows.X, windows.y)
-    assert counter.classes_.tolist() == [0, 1, 3, 5]
-    probability = counter.predict_proba(windows.X)
-    assert_allclose(probability.sum(axis=1), 1)
-    assert_array_equal(counter.classes_[probability.argmax(axis=1)], counter.predict(windows.X))
 
 
 # Evaluation
@@ -102,49 +83,9 @@ def test_evaluation_agrees_with_counting_by_hand():
     assert high == pytest.approx(9 / 12, abs=0.05)
 
 
-def test_windows_of_one_assembly_never_stand_on_both_sides():
-    """Features that only tell the assembly: shuffled folds would score 1, folds by assembly cannot."""
-    assemblies = np.repeat(np.arange(40), 5)
-    labels = assemblies % 4
-    X = assemblies[:, np.newaxis] * np.ones((1, 3)) + 0.01 * np.random.default_rng(1).normal(size=(200, 3))
-    result = evaluate(ExtraTreesClassifier(50, random_state=0), X, labels, assemblies)
-    assert result.accuracy < 0.5
-
-
-@pytest.mark.slow
-def test_equal_seeds_give_equal_results(windows):
-    first, second = (
-        evaluate(counter, windows.X, windows.y, windows.groups, protocol=Protocol(n_splits=2, random_state=0))
-        for counter in (make_lobe_counter(25_600, n_trees=20, random_state=0) for _ in range(2))
-    )
-    assert first.to_dict() == second.to_dict()
-
-
 X4 = np.random.default_rng(2).normal(size=(8, 6))
 Y4 = np.repeat([0, 1], 4)
 G4 = np.arange(8)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"groups": None}, "groups must name the assembly.*got None.*Windower"),
-        ({"groups": np.zeros(8)}, "class 0 has 1 assembly, fewer than n_splits=2"),
-        ({"groups": G4[:5]}, "inconsistent numbers of samples"),
-        ({"y": Y4.astype(str)}, "y must hold defect counts.*'0'"),
-        ({"y": Y4[:, np.newaxis]}, r"y must hold one value per window, got shape \(8, 1\)"),
-        ({"X": np.where(X4 > 1, np.nan, X4)}, "X contains NaN"),
-        ({"X": np.vstack([X4[:7], np.ones(6)])}, "window 7 is constant"),
-        ({"X": X4[0]}, "Expected 2D array"),
-        ({"n_splits": 1}, "n_splits must be at least 2, got 1"),
-        ({"confidence": 95}, "confidence must lie between 0 and 1, got 95"),
-    ],
-)
-def test_bad_input_to_evaluate(changes, message):
-    arguments = {"X": X4, "y": Y4, "groups": G4, "n_splits": 2, **changes}
-    protocol = {name: arguments.pop(name) for name in ("n_splits", "confidence") if name in arguments}
-    with pytest.raises(ValueError, match=message):
-        evaluate(DummyClassifier(), **arguments, protocol=Protocol(**protocol))
 
 
 # Locating

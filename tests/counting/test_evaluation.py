@@ -187,11 +187,21 @@ def test_metadata_leave_no_trace_in_the_counter_and_obey_its_requests():
         ({"conditions": [1, 2]}, "conditions must hold one value per window"),
         ({"lobes": np.ones((48, 4))}, r"lobes must be a tuple \(worn, passage\)"),
         ({"lobes": (np.ones(48), np.ones(48))}, r"worn must have shape \(n_windows, n_lobes\)"),
+        ({"groups": np.zeros(48)}, "class 0 has 1 assembly, fewer than n_splits=5"),
+        ({"groups": GROUPS[:5]}, "inconsistent numbers of samples"),
+        ({"y": COUNTS.astype(str)}, "y must hold defect counts.*'0'"),
+        ({"y": COUNTS[:, np.newaxis]}, r"y must hold one value per window, got shape \(48, 1\)"),
+        ({"X": np.full((48, 3), np.nan)}, "X contains NaN"),
+        ({"X": np.vstack([held(COUNTS, GROUPS)[:47], np.ones(3)])}, "window 47 is constant"),
+        ({"X": np.arange(48.0)}, "Expected 2D array"),
+        ({"n_splits": 1}, "n_splits must be at least 2, got 1"),
+        ({"confidence": 95}, "confidence must lie between 0 and 1, got 95"),
     ],
 )
 def test_bad_input(changes, message):
     arguments = {"X": held(COUNTS, GROUPS), "y": COUNTS, "groups": GROUPS, **changes}
-    protocol = {name: arguments.pop(name) for name in ("hold_out", "conditions") if name in arguments}
+    options = ("hold_out", "conditions", "n_splits", "confidence")
+    protocol = {name: arguments.pop(name) for name in options if name in arguments}
     with pytest.raises(ValueError, match=message):
         evaluate(Recorder(), **arguments, protocol=Protocol(**protocol))
 

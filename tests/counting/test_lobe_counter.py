@@ -129,13 +129,6 @@ def test_groups_keep_windows_of_an_assembly_in_one_fold(data, parts):
     assert np.log(said[True]).mean() > np.log(said[False]).mean()
 
 
-@pytest.mark.slow
-def test_equal_seeds_give_equal_answers(data, parts, counter):
-    X, y, worn, passage = (values[parts[0]] for values in data)
-    again = small().fit(X, y, worn=worn, passage=passage)
-    assert_array_equal(again.predict_proba(X), counter.predict_proba(X))
-
-
 def test_labels_that_are_no_counts_have_no_lobes(data):
     X, y, _, _ = data
     counter = small(n_trees=5).fit(X, np.where(y > 1, "worn", "sound"))

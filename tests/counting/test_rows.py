@@ -206,20 +206,6 @@ def test_rejects_lobes_that_are_no_row():
         network().fit(X, [0, 0, 2, 2], worn=worn)
 
 
-def test_model_names_the_counters_that_it_knows():
-    with pytest.raises(
-        ValueError, match="counter must be 'trees', 'rows' or a classifier of windows, got 'lines'"
-    ):
-        LobeModel(counter="lines").fit([])
-
-
-def test_more_samples_per_turn_than_trees_use_are_refused():
-    with pytest.raises(
-        ValueError, match="at most 128 for counter='trees', which uses 44 lobe lines, got 256"
-    ):
-        LobeModel(lobe_windower(samples_per_turn=256)).fit([])
-
-
 def test_what_is_learned_without_its_tachometer_is_a_share_of_each_count():
     """Also where counts come in turn, and their number is a multiple of what the share leaves out."""
     recordings = [SimpleNamespace(defect_count=number % 3) for number in range(36)]
@@ -228,6 +214,17 @@ def test_what_is_learned_without_its_tachometer_is_a_share_of_each_count():
     assert some == sorted({*some}) == draw_of_each_count(recordings, 1 / 3, 0)
 
 
-def test_epochs_are_refused_where_they_have_no_effect():
-    with pytest.raises(ValueError, match="epochs must be None unless counter='rows', got 80 with counter="):
-        LobeModel(epochs=80).fit([])
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        (LobeModel(counter="lines"), "must be 'trees', 'rows' or a classifier of windows, got 'lines'"),
+        (
+            LobeModel(lobe_windower(samples_per_turn=256)),
+            "at most 128 for counter='trees', which uses 44 lobe lines, got 256",
+        ),
+        (LobeModel(epochs=80), "epochs must be None unless counter='rows', got 80 with counter="),
+    ],
+)
+def test_settings_that_exclude_each_other_are_refused(model, message):
+    with pytest.raises(ValueError, match=message):
+        model.fit([])

@@ -31,7 +31,6 @@ from cyclofeat.signal import (
     band_power,
     high_pass,
     narrowband_ratio,
-    octave_bands,
     spectral_centroid,
     spectral_flatness,
     spectral_rolloff,
@@ -191,15 +190,6 @@ def test_composite_is_its_parts_side_by_side(preset, n_samples):
     )
 
 
-@pytest.mark.parametrize("name", PARTS)
-def test_each_part_alone_and_as_in_all(name):
-    X = torque(3, 6000)
-    y = ["healthy", "worn", "worn"]
-    alone = TorqueFeatures(SAMPLING_RATE, [name]).set_output(transform="pandas").fit(X, y).transform(X)
-    together = TorqueFeatures(SAMPLING_RATE, PARTS).set_output(transform="pandas").fit(X, y)
-    assert_array_equal(together.transform(X)[alone.columns], alone)
-
-
 def test_all_is_every_transformer_of_numbers():
     """A new transformer has to be entered in the composite or here."""
     parts = TorqueFeatures(SAMPLING_RATE).fit(torque(2, 500), [0, 1]).parts_
@@ -323,16 +313,6 @@ def test_what_does_not_see_the_mean(transformer):
     assert_allclose(clone(transformer).fit_transform(X + 1000), before, rtol=1e-6, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "transformer",
-    [SpectralFlatness, SpectralCentroid, NarrowbandRatio, BandPower, WelchPSD, AmplitudeSpectrum],
-)
-def test_what_does_see_the_mean(transformer):
-    X = torque(3, 4000)
-    before, after = (transformer(SAMPLING_RATE).fit_transform(x)[:, 0] for x in (X, X + 1000))
-    assert (np.abs(after / before - 1) > 0.5).all()
-
-
 # Parameters and errors
 
 
@@ -343,19 +323,13 @@ def test_what_does_see_the_mean(transformer):
             SpectralEntropy(SAMPLING_RATE, band=(0, 13_000)),
             r"\(0, 13000\) Hz reaches beyond the highest frequency, 12800 Hz",
         ),
-        (SpectralEntropy(SAMPLING_RATE, band=(500.0, 100.0)), r"got \(500.0, 100.0\)"),
-        (SpectralEntropy(SAMPLING_RATE, band=(1, 2)), "none of the 129 spectral lines"),
-        (SpectralEntropy(SAMPLING_RATE, band=(1, 2, 3)), r"got \(1, 2, 3\)"),
         (
             SpectralEntropy(SAMPLING_RATE, band=100.0),
             "'band' parameter of SpectralEntropy .* Got 100.0 instead",
         ),
         (SpectralEntropy(SAMPLING_RATE, preset="welch"), r"'preset' parameter .* Got 'welch' instead"),
-        (SpectralFlatness(SAMPLING_RATE, band=(0, 13_000)), "beyond the highest frequency, 12800 Hz"),
-        (SpectralCentroid(SAMPLING_RATE, band=(1, 2)), "none of the 129 spectral lines"),
         (SpectralCentroid(SAMPLING_RATE, n_parts=0), "'n_parts' parameter .* Got 0 instead"),
         (SpectralRolloff(SAMPLING_RATE, fraction=0.0), "'fraction' parameter .* Got 0.0 instead"),
-        (SpectralRolloff(SAMPLING_RATE, fraction=1.01), "Got 1.01 instead"),
         (NarrowbandRatio(SAMPLING_RATE, n_harmonics=129), "harmonic 129 .* 12900 Hz"),
         (NarrowbandRatio(SAMPLING_RATE, fundamental_hz=0.0), "'fundamental_hz' parameter .* Got 0.0"),
         (BandPower(SAMPLING_RATE, bands=[(0, 100), (500, 400)]), r"got \(500, 400\)"),
@@ -372,10 +346,3 @@ def test_what_does_see_the_mean(transformer):
 def test_bad_parameters_are_quoted_by_fit(transformer, message):
     with pytest.raises(ValueError, match=message):
         transformer.fit(torque(2, 100))
-
-
-def test_bands_by_default():
-    X = torque(2, 46_080)
-    names = BandPower(SAMPLING_RATE).fit(X).get_feature_names_out()
-    assert len(names) == len(octave_bands(SAMPLING_RATE))
-    assert names[1] == "band_power_nm2(matlab_pwelch;100..200Hz)"  # holds the mesh frequency, 133.3 Hz

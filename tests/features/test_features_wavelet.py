@@ -4,13 +4,12 @@ import itertools
 
 import numpy as np
 import pytest
-import pywt
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from sklearn.base import clone
-from transformers import BANK, WAVELET, torque
 from transformers import SAMPLING_RATE as RATE
+from transformers import WAVELET, torque
 
 from cyclofeat.features import WaveletEnvelopeSpectrum, WaveletLevelStatistics
 from cyclofeat.signal.wavelets import (
@@ -19,7 +18,6 @@ from cyclofeat.signal.wavelets import (
     envelope_lines,
     level_envelope,
     level_statistics,
-    wavelet_qualifier,
 )
 
 every_transformer = pytest.mark.parametrize("transformer", WAVELET, ids=lambda t: repr(t)[:60])
@@ -95,13 +93,6 @@ def test_one_transform_serves_all(transformer):
     fitted = clone(transformer).fit(X, y)
     deeper = dwt(X, transformer.wavelet, fitted._deepest_level() + 3)
     assert_array_equal(fitted._from_coefficients(X, deeper), fitted.transform(X))
-
-
-def test_names_of_wavelets_are_those_of_their_filters():
-    names = [wavelet_qualifier(wavelet) for wavelet in ("db2", BANK, pywt.Wavelet("db2"), "db3")]
-    assert names[0] == names[2]
-    assert names[1] == wavelet_qualifier(np.array(BANK))
-    assert len(set(names)) == 3
 
 
 @every_transformer

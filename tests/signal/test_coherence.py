@@ -248,12 +248,3 @@ def test_without_another_reference_or_power_there_is_no_coherence():
     assert_array_equal(transformer.transform(X)[0], 0)
     assert (transformer.transform(X)[1] > 0).all()
     assert_array_equal(transformer.transform(np.zeros((1, 500))), 0)
-
-
-def test_input_and_output_torque_alike():
-    """The features do not see the unit, scale or sign of a torque: input torque is 1/15 of the output's."""
-    X = torque(4, 3000)
-    y = [0, 0, 0, 1]
-    output = CoherenceToReference(SAMPLING_RATE).fit(X, y).transform(X)
-    as_input = CoherenceToReference(SAMPLING_RATE).fit(-X / 15, y).transform(-X / 15)
-    assert_allclose(as_input, output, rtol=1e-9)

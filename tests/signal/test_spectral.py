@@ -70,22 +70,6 @@ def test_segmentation_is_that_of_matlab():
     assert (46_080 - 5_120) // 5_120 == 8
 
 
-@both_presets
-@pytest.mark.parametrize("n_samples", [300, 1152, 5000])
-def test_psd_is_scipys_with_explicit_arguments(preset, n_samples):
-    X = torque(3, n_samples)
-    n_fft = max(256, 1 << math.ceil(math.log2(segment_length(n_samples))))
-    window, detrend = {
-        "matlab_pwelch": (signal.windows.hamming(segment_length(n_samples), sym=True), False),
-        "ripple": ("hann", "constant"),
-    }[preset]
-    expected = signal.welch(
-        X, SAMPLING_RATE, window, nperseg=segment_length(n_samples), nfft=n_fft, detrend=detrend
-    )
-    for ours, theirs in zip(welch_psd(X, SAMPLING_RATE, preset), expected, strict=True):
-        assert_allclose(ours, theirs, rtol=1e-9, atol=1e-13)
-
-
 def octave_rows(path: Path) -> list[dict[str, str]]:
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
@@ -163,6 +147,7 @@ def test_amplitudes_against_octave(octave_input, window):
                 "mscohere_coherence.csv": "coherence",
             },
         ),
+        ("wavelet_oracle.m", {"wavelet_details.csv": "detail", "wavelet_colours.csv": ""}),
     ],
 )
 def test_octave_still_says_the_same(tmp_path, script, outputs):
@@ -175,9 +160,9 @@ def test_octave_still_says_the_same(tmp_path, script, outputs):
     subprocess.run([*command, script, str(tmp_path)], cwd=ORACLES, capture_output=True, check=True)
     for name, column in outputs.items():
         committed, now = octave_rows(ORACLES / name), octave_rows(tmp_path / name)
-        values = [np.array([float(row.pop(column)) for row in rows]) for rows in (committed, now)]
+        values = [np.array([float(row.pop(column, 0)) for row in rows]) for rows in (committed, now)]
         assert committed == now
-        assert_allclose(values[1], values[0], rtol=1e-10)
+        assert_allclose(values[1], values[0], rtol=1e-10, atol=1e-11 * script.startswith("wavelet"))
 
 
 def test_power_of_the_ripple_is_its_variance():
@@ -228,26 +213,6 @@ def test_leading_axes_and_integers(preset):
     assert_array_equal(cube.reshape(6, 129), psd)
     assert shannon_entropy(cube).shape == (2, 3)
     assert welch_psd(X[:0], SAMPLING_RATE, preset)[1].shape == (0, 129)
-
-
-@both_presets
-def test_chunks_change_nothing(preset):
-    X = torque(30, 20_000)  # more than is worked on at one time
-    whole = welch_psd(X, SAMPLING_RATE, preset)[1], torque_statistics(X)["std"]
-    alone = [(welch_psd(x, SAMPLING_RATE, preset)[1], torque_statistics(x)["std"]) for x in X]
-    for together, parts in zip(whole, zip(*alone, strict=True), strict=True):
-        assert_allclose(together, parts, rtol=1e-12)
-
-
-def test_input_is_not_written_to():
-    X = torque(2, 100)
-    X.flags.writeable = False
-    for preset in PRESETS:
-        _, psd = welch_psd(X, SAMPLING_RATE, preset)
-        psd.flags.writeable = False
-        shannon_entropy(psd)
-        normalized_entropy(psd)
-    torque_statistics(X)
 
 
 # Bad input
@@ -317,16 +282,6 @@ def test_bad_densities(entropy):
 
 
 # Entropy
-
-
-@both_presets
-@pytest.mark.parametrize("n_samples", [9, 20, 60])
-def test_entropies_against_brute_force(preset, n_samples):
-    x = torque(1, n_samples)[0]
-    _, expected = naive.welch_psd(x, SAMPLING_RATE, preset)
-    _, psd = welch_psd(x, SAMPLING_RATE, preset)
-    assert_allclose(shannon_entropy(psd), naive.shannon_entropy(expected), rtol=1e-11)
-    assert_allclose(normalized_entropy(psd), naive.normalized_entropy(expected), rtol=1e-11)
 
 
 def test_entropy_of_known_densities():
@@ -429,6 +384,8 @@ def test_shapes_against_brute_force(preset, n_samples):
     x = torque(1, n_samples)[0]
     frequencies, expected = naive.welch_psd(x, SAMPLING_RATE, preset)
     ours, psd = welch_psd(x, SAMPLING_RATE, preset)
+    assert_allclose(shannon_entropy(psd), naive.shannon_entropy(expected), rtol=1e-11)
+    assert_allclose(normalized_entropy(psd), naive.normalized_entropy(expected), rtol=1e-11)
     assert_allclose(spectral_flatness(psd), naive.spectral_flatness(expected), rtol=1e-10)
     assert_allclose(spectral_centroid(psd, ours), naive.spectral_centroid(expected, frequencies), rtol=1e-11)
     for fraction in (0.3, 0.95):
@@ -494,12 +451,6 @@ def test_bands_by_default_are_octaves_and_hold_lines_however_short_the_window():
     for n_samples in (1, 46_080):
         frequencies, psd = welch_psd(torque(2, n_samples), SAMPLING_RATE)
         assert_array_equal(band_power(psd, frequencies), band_power(psd, frequencies, bands))
-
-
-def test_power_of_all_bands_is_the_mean_square():
-    X = torque(3, 46_080)
-    frequencies, psd = welch_psd(X, SAMPLING_RATE)
-    assert_allclose(band_power(psd, frequencies, [(0, 12_800)])[:, 0], (X**2).mean(1), rtol=0.01)
 
 
 @pytest.mark.parametrize(
@@ -628,14 +579,6 @@ def test_statistics_against_brute_force():
         assert list(ours) == list(expected)
         for name, value in expected.items():
             assert_allclose(ours[name][i], value, rtol=1e-11, err_msg=name)
-
-
-def test_statistics_against_scipy():
-    X = torque(4, 1000) ** 3
-    ours = torque_statistics(X)
-    assert_allclose(ours["skewness"], stats.skew(X, axis=1), rtol=1e-11)
-    assert_allclose(ours["kurtosis"], stats.kurtosis(X, axis=1, fisher=False), rtol=1e-11)
-    assert_allclose(ours["std"], X.std(axis=1, ddof=1), rtol=1e-12)
 
 
 def test_statistics_of_degenerate_windows():
