@@ -99,11 +99,6 @@ class ConformalRegressor(RegressorMixin, BaseEstimator):
         Returns
         -------
         self
-
-        Raises
-        ------
-        ValueError
-            If shapes do not match.
         """
         features, values = validate_data(self, X, y, dtype=np.float64, y_numeric=True)
         values = np.asarray(values, dtype=np.float64)
@@ -119,19 +114,16 @@ class ConformalRegressor(RegressorMixin, BaseEstimator):
                 self.held_out_[test], spread[test] = _mean_and_spread(trees, features[test])
         self.values_ = values
         self.trees_ = self._trees(seed).fit(features, values)
-        self._set_width(np.abs(values - self.held_out_), spread, member)
-        return self
-
-    def _trees(self, seed: int) -> ExtraTreesRegressor:
-        return ExtraTreesRegressor(self.n_trees, max_features=0.3, min_samples_leaf=2, random_state=seed)
-
-    def _set_width(self, error: Float, spread: Float, member: Int) -> None:
         self.least_spread_, self.ratio_ = 0.0, float("inf")
         if np.isfinite(spread).all():
             # Values that are all alike have no spread.
             self.least_spread_ = max(_LEAST_SPREAD * float(np.median(spread)), np.finfo(float).tiny)
-            ratio = error / (spread + self.least_spread_)
+            ratio = np.abs(values - self.held_out_) / (spread + self.least_spread_)
             self.ratio_ = conformal_threshold(ratio, member, self.coverage)
+        return self
+
+    def _trees(self, seed: int) -> ExtraTreesRegressor:
+        return ExtraTreesRegressor(self.n_trees, max_features=0.3, min_samples_leaf=2, random_state=seed)
 
     def predict(self, X: ArrayLike) -> Float:
         """Return the predicted value of each sample, shape (n_samples,)."""

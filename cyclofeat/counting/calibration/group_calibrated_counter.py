@@ -116,18 +116,11 @@ class GroupCalibratedCounter(Counter):
             Assembly of each window. Without groups every window counts as one assembly; if windows share an
             assembly, the calibration is then learned on windows like those in training.
         **metadata : array-like, shape (n_windows, ...)
-            What else the counter takes of each window, such as ``worn`` and ``passage``.
+            What else a step of the counter takes of each window, such as ``worn`` and ``passage``.
 
         Returns
         -------
         self
-
-        Raises
-        ------
-        TypeError
-            If no step of the counter takes one of the metadata.
-        ValueError
-            If there is one class only, or shapes do not match.
         """
         self.fit_cross_val_proba(X, y, groups, **metadata)
         return self
@@ -138,7 +131,7 @@ class GroupCalibratedCounter(Counter):
     ) -> Float:
         """Fit, and return what counters that did not see a window's assembly say of it.
 
-        Arguments and errors are those of :meth:`fit`.
+        Arguments are those of :meth:`fit`.
 
         Returns
         -------

@@ -93,11 +93,6 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         Returns
         -------
         self
-
-        Raises
-        ------
-        ValueError
-            If there are fewer than two assemblies.
         """
         features: Float = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
         n_windows = len(features)
@@ -116,7 +111,13 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         for train, test in folds:
             present = self._place(features[train], rank[train])
             held_out[np.ix_(test, present)] = self._mahalanobis(features[test])
-        spreads = _spreads(held_out, rank)
+        # Root mean square distance of each class's windows to it.
+        own = held_out[np.arange(n_windows), rank]
+        # A class of a single assembly is absent where that is held out.
+        squares = np.where(np.isfinite(own), own, held_out.min(axis=1)) ** 2
+        spreads = np.sqrt(np.bincount(rank, squares) / np.bincount(rank))
+        # Without a spread of its own, as of equal windows, a class has that of all.
+        spreads = np.where(spreads > 0, spreads, np.sqrt(squares.mean()) or 1.0)
         farthest = np.zeros(n_assemblies)
         np.maximum.at(farthest, member, (held_out / spreads).min(axis=1))
         k = min(int(np.ceil((1 - self.false_refusal) * (n_assemblies + 1) - 1e-9)), n_assemblies)
@@ -180,13 +181,3 @@ def features_seen(counter: Any, X: NDArray[Any]) -> Float:
     if isinstance(counter, Pipeline) and len(counter.steps) > 1:
         return np.asarray(counter[:-1].transform(X))
     return np.asarray(X)
-
-
-def _spreads(distances: Float, rank: Int) -> Float:
-    """Return the root mean square distance of each class's windows to it."""
-    own = distances[np.arange(rank.size), rank]
-    # A class of a single assembly is absent where that is held out.
-    squares = np.where(np.isfinite(own), own, distances.min(axis=1)) ** 2
-    spreads = np.sqrt(np.bincount(rank, squares) / np.bincount(rank))
-    # Without a spread of its own, as of equal windows, a class has that of all.
-    return np.where(spreads > 0, spreads, np.sqrt(squares.mean()) or 1.0)

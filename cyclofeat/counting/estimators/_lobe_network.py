@@ -45,13 +45,10 @@ _NEVER = -30.0
 def place_turns(n_lobes: int, n_lines: int, n_places: int) -> NDArray[np.complex64]:
     """Return the factors that turn the used lobe lines to each place, shape (n_lobes * n_places, n_used)."""
     at = np.arange(n_lobes * n_places) / (n_lobes * n_places)
-    turns = np.asarray(np.exp(2j * np.pi * np.outer(at, _used_numbers(n_lines))), dtype=np.complex64)
+    numbers = np.arange(min(_LOWEST_LINE, n_lines), n_lines + 1)
+    turns = np.asarray(np.exp(2j * np.pi * np.outer(at, numbers)), dtype=np.complex64)
     turns.flags.writeable = False  # shared by all callers
     return turns
-
-
-def _used_numbers(n_lines: int) -> NDArray[np.int64]:
-    return np.arange(min(_LOWEST_LINE, n_lines), n_lines + 1)
 
 
 def log_odds(
@@ -63,23 +60,9 @@ def log_odds(
 ) -> tuple[Array, Array]:
     """Return logarithms of the probabilities of rows and of a sound disc, up to a constant of each window.
 
-    Parameters
-    ----------
-    xp : module
-        numpy or jax.numpy.
-    weights : mapping from str to array
-    lines : array of complex, shape (n_windows, n_lines)
-        Lobe lines.
-    turns : array of complex, shape (n_places, n_used)
-        From :func:`place_turns`.
-    drop : callable, optional
-        Drops units of a layer in training (Srivastava et al. 2014).
-
-    Returns
-    -------
-    rows : array, shape (n_windows, n_places, n_lengths)
-        For a row of each length that begins at each place.
-    sound : array, shape (n_windows,)
+    ``xp`` is numpy or jax.numpy, ``lines`` are lobe lines, shape (n_windows, n_lines), ``turns`` are from
+    :func:`place_turns`; ``drop`` drops units of a layer in training (Srivastava et al. 2014). The first
+    result, shape (n_windows, n_places, n_lengths), is for a row of each length that begins at each place.
     """
     used = lines[:, lines.shape[1] - turns.shape[1] :]
     power = (used.real**2 + used.imag**2).sum(1)
@@ -119,21 +102,9 @@ def train_network(
     another rotor and torque meter. A fifth of the variants get noise, or impacts of a neighbouring machine
     at the lobe rate, which look like a worn lobe.
 
-    Parameters
-    ----------
-    lines : ndarray of complex, shape (n_windows, n_lines)
-    length : ndarray of int, shape (n_windows,)
-        Number of the length of the row, from 0 on; -1 for a sound disc.
-    begins : ndarray, shape (n_windows,)
-        Where the row begins, in turns of the fold.
-    n_lobes, n_lengths, random_state : int
-    n_epochs : int or None
-
-    Returns
-    -------
-    dict from str to ndarray
-        Weights, in half precision: their errors are far below those of the network, and files are half as
-        large.
+    For each window, ``length`` is the number of the length of the row, from 0 on, or -1 for a sound disc, and
+    ``begins`` where the row begins, in turns of the fold. The weights are in half precision: their errors are
+    far below those of the network, and files are half as large.
     """
     jax, _, _ = import_jax()
     n, n_lines = lines.shape

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import issparse
 from sklearn.ensemble import ExtraTreesClassifier
-from sklearn.tree import ExtraTreeClassifier
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat.counting.estimators._counter import PoorOnArbitraryData
@@ -56,7 +55,19 @@ class CountingTrees(PoorOnArbitraryData, ExtraTreesClassifier):
         stacked, first = state.pop("stacked_trees", None), state.pop("first_tree", None)
         super().__setstate__(state)
         if stacked is not None:
-            self.estimators_ = _unstack_trees(first, stacked)
+            # The first tree has what all of them share.
+            kind, arguments, _ = first.tree_.__reduce__()
+            ends = np.cumsum(stacked["node_counts"])[:-1]
+            nodes, values = np.split(stacked["nodes"], ends), np.split(stacked["values"], ends)
+            self.estimators_ = []
+            for seed, depth, own_nodes, own_values in zip(
+                stacked["seeds"].tolist(), stacked["max_depths"].tolist(), nodes, values, strict=True
+            ):
+                tree = object.__new__(type(first))
+                vars(tree).update(vars(first), random_state=seed, tree_=kind(*arguments))
+                stored = {"max_depth": depth, "node_count": len(own_nodes), "nodes": own_nodes}
+                tree.tree_.__setstate__(stored | {"values": own_values})
+                self.estimators_.append(tree)
         if hasattr(self, "estimators_"):
             self.make_table()
 
@@ -72,24 +83,6 @@ class CountingTrees(PoorOnArbitraryData, ExtraTreesClassifier):
         if not few or not np.isfinite(features).all():
             return super().predict_proba(X)
         return table.predict_proba(features)
-
-
-def _unstack_trees(first: ExtraTreeClassifier, stacked: dict[str, NDArray[Any]]) -> list[ExtraTreeClassifier]:
-    """Return the trees of a forest from their stacked nodes, and the first of them for what they share."""
-    kind, arguments, _ = first.tree_.__reduce__()
-    ends = np.cumsum(stacked["node_counts"])[:-1]
-    nodes, values = np.split(stacked["nodes"], ends), np.split(stacked["values"], ends)
-    trees = []
-    for seed, depth, own_nodes, own_values in zip(
-        stacked["seeds"].tolist(), stacked["max_depths"].tolist(), nodes, values, strict=True
-    ):
-        tree = object.__new__(type(first))
-        vars(tree).update(vars(first), random_state=seed, tree_=kind(*arguments))
-        tree.tree_.__setstate__(
-            {"max_depth": depth, "node_count": len(own_nodes), "nodes": own_nodes, "values": own_values}
-        )
-        trees.append(tree)
-    return trees
 
 
 @dataclass(frozen=True)
