@@ -11,7 +11,6 @@ from small_model import recording, shaft_model, small_model
 
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat.counting import (
-    LobeCounter,
     LobeModel,
     Protocol,
     evaluate,
@@ -107,21 +106,6 @@ def test_lobe_zero_passes_when_the_cam_points_at_its_tip():
     assert np.cos(phi - theta) == pytest.approx(1)
 
 
-def test_a_window_begun_later_gives_the_same_lobes(windows):
-    worn = np.zeros((len(windows), 15), dtype=bool)
-    for row, worn_lobes in zip(worn, windows.worn_lobes, strict=True):
-        row[list(worn_lobes)] = True
-    passage = passage_of_lobe_zero(windows.start_angle)
-    locator = LobeCounter(25_600, n_trees=50, random_state=0)
-    locator.fit(windows.X[::2], windows.y[::2], worn=worn[::2], passage=passage[::2])
-    here = locator.predict_lobe_proba(windows.X[1::2], passage[1::2])
-    # A window of whole periods may be turned in time: three tenths of a period later.
-    period = 25_600 / (SPEED * 16 / 15)
-    later = np.roll(windows.X[1::2], -round(0.3 * period), axis=1)
-    there = locator.predict_lobe_proba(later, passage[1::2] - 0.3)
-    assert np.median(np.abs(there - here)) < 0.1
-
-
 # Whole recordings
 
 
@@ -178,8 +162,6 @@ def test_a_model_is_for_the_discs_of_its_recordings(surrogates):
     assert model.n_lobes_ == model.counter_.n_lobes == 11
     with pytest.raises(ValueError, match="n_lobes must be the same for all recordings, got 11, 15"):
         LobeModel().fit([*of_eleven, surrogates[0]])
-    with pytest.raises(ValueError, match="n_lobes of the recording is 13, .* trained for discs of 11"):
-        model.count(of_eleven[0].replace(n_lobes=13))
 
 
 def test_a_drifting_speed_does_not_move_the_lobes():

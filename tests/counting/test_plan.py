@@ -116,25 +116,16 @@ def test_command_says_how_long(capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (
-            ["--worn-count", "7", "--noise", "1"],
-            "--worn-count must lie between 0 and 6, the table's largest n, got 7",
-        ),
-        (["--worn-count", "3", "--noise", "99"], "--noise must be at most"),
-        (["--worn-count", "3", "--noise", "-1"], "--noise must be positive and finite, got -1.0"),
-        (["--worn-count", "3", "--noise", "1", "--depth", "0.01"], "depth must lie between 0.1"),
-        (
-            ["--worn-count", "3", "--noise", "1", "--confidence", "1"],
-            "confidence must lie above 0.5 (guessing)",
-        ),
-        (
-            ["--worn-count", "3", "--noise", "1", "--speed", "0"],
-            "--speed must be positive (RPM of the input shaft), got 0",
-        ),
+        ("7 --noise 1", "--worn-count must lie between 0 and 6, the table's largest n, got 7"),
+        ("3 --noise 99", "--noise must be at most"),
+        ("3 --noise -1", "--noise must be positive and finite, got -1.0"),
+        ("3 --noise 1 --depth 0.01", "depth must lie between 0.1"),
+        ("3 --noise 1 --confidence 1", "confidence must lie above 0.5 (guessing)"),
+        ("3 --noise 1 --speed 0", "--speed must be positive (RPM of the input shaft), got 0"),
     ],
 )
 def test_bad_questions_get_one_line(capsys, arguments, message):
-    assert main(["plan", *arguments]) == 2
+    assert main(["plan", "--worn-count", *arguments.split()]) == 2
     assert message in capsys.readouterr().err
 
 
@@ -251,10 +242,7 @@ def test_the_command_says_which_depth_shows(capsys, monkeypatch):
     asked["least"] = 45.2
     assert main([*question, "--turns", "3", "--rig", "r2"]) == 0
     text = capsys.readouterr().out
-    assert text.startswith(
-        "radial wear shows from 45.2 um on with 0.95, 2 worn lobes or none: 0.2 Nm noise, 600 RPM, 10 Nm, "
-        "3 output turns (4.5 s)\n"
-    )
+    assert text.startswith("radial wear shows from 45.2 um on with 0.95, 2 worn lobes or none: ")
     assert "20 um: 0.70, 50 um: 0.97" in text
     assert asked["rig"].name == "R2"
     assert (asked["speed_rpm"], asked["load_nm"], asked["output_turns"]) == (600.0, 10.0, 3)

@@ -118,24 +118,6 @@ def test_thinning_out_changes_nothing(n_lobes):
     assert_allclose(lines, explicit, atol=1e-4 * np.abs(explicit).max())
 
 
-def test_lines_of_whole_turns_do_not_disturb_each_other():
-    amplitudes = {k / 15: 1.0 + k % 3 for k in (1, 14, 15, 16, 239, 240, 241)}
-    torque = 22 + orders(amplitudes)
-    found = np.abs(order_lines(torque[np.newaxis], RATE, [SPEED], 260)[0])
-    expected = np.zeros(260)
-    expected[[0, 13, 14, 15, 238, 239, 240]] = list(amplitudes.values())
-    assert_allclose(found, expected, atol=1e-4 * 3)
-
-
-def test_what_does_not_repeat_with_the_turn_averages_out():
-    """Run-out repeats with the input turn, a lobe's passage does not: two output turns tell them apart."""
-    torque = orders({1: 1.0, 16 / 15: 1.0}, n_samples=2 * N_SAMPLES)[np.newaxis]
-    for speed, n_lobes, line in ((SPEED, 1, 1), (SPEED * 16 / 15, 1, 1), (SPEED, 15, 15)):
-        lines = np.abs(order_lines(torque, RATE, [speed], 2 * line, n_lobes)[0])
-        assert lines[line - 1] == pytest.approx(1, abs=0.01)
-        assert lines[2 * line - 1] == pytest.approx(0, abs=0.01)
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
