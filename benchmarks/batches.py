@@ -9,7 +9,7 @@ import numpy as np
 from _markdown import table
 
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig, Solver, simulate_many
-from cyclofeat.simulators.batch.runs import integrate_machines
+from cyclofeat.simulators.batch.runs import BatchIntegration
 from cyclofeat.simulators.courses import drive_and_load
 from cyclofeat.simulators.simulation import STAGES, Integration
 from cyclofeat.simulators.tables import kernel_input, rest_state
@@ -83,8 +83,9 @@ class Machines:
         constants = [kernel_input(*one) for one in zip(self.gearboxes, self.defects, strict=True)]
         states = [rest_state(gearbox) for gearbox in self.gearboxes]
         pieces = [Prepared(course, 2 // STAGES[solver.integrator]) for course in courses]
-        results, reached = integrate_machines(constants, pieces, states, solver)
-        if not reached[: len(states)].all():
+        batch = BatchIntegration(constants, pieces, states, solver)
+        results = np.concatenate([results.copy() for _, results in batch.pieces()])
+        if not batch.has_reached_end.all():
             raise RuntimeError("a lane did not reach its end")
         return results[:, :2, : len(states)]
 

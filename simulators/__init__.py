@@ -3,8 +3,7 @@
 ===============  ================================================================================
 module           responsibility
 ===============  ================================================================================
-``geometry``     closed-form geometry of profile, lobes and chords
-``gearbox``      parameters of gearbox and rig: a frozen dataclass in SI units
+``gearbox``      parameters of gearbox and rig: a frozen dataclass in SI units; geometry of the profile
 ``defects``      worn and removed lobes
 ``effects``      properties of real rigs: parameters, bounds, priors, place in the chain
 ``motor``        the motor on the input shaft with control of its speed; runs as it would have made them
@@ -19,7 +18,6 @@ module           responsibility
 ``campaign``     thousands of runs from a declared design to files: resumable, on joblib or Dask
 ``_jit``         numba, or plain Python where it is switched off
 ``machine``      one machine of a rig, its run, and records of the run
-``_rig_file``    rigs as JSON
 ``_simulator``   base of users' simulators
 ``_kernels``     the reduced model in numba: floats and arrays only
 ``_outline``     contacts of pins and wheels, likewise

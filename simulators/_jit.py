@@ -34,7 +34,12 @@ def inner_njit(**options: Any) -> Any:
     return compiler(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)
 
 
-def _addresses(typingctx: Any, arrays: Any) -> Any:
+# Interpreted functions take the arrays themselves.
+_intrinsic: Any = (lambda function: lambda arrays: arrays) if _config.DISABLE_JIT else intrinsic
+
+
+@_intrinsic
+def addresses(typingctx: Any, arrays: Any) -> Any:
     """Addresses of the first elements of contiguous arrays (a tuple), which are indexed like the arrays.
 
     None stays None.
@@ -43,17 +48,13 @@ def _addresses(typingctx: Any, arrays: Any) -> Any:
     kernel's time; it counts none to an address. The arrays have to be kept elsewhere as long.
     """
 
-    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def generate_ir(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         values = (builder.extract_value(arguments[0], i) for i in range(len(arrays)))
-        found = [
+        pointers = [
             context.make_array(kind)(context, builder, value).data if kind is not _types.none else value
             for kind, value in zip(arrays, values, strict=True)
         ]
-        return context.make_tuple(builder, signature.return_type, found)
+        return context.make_tuple(builder, signature.return_type, pointers)
 
     kinds = [_types.CPointer(kind.dtype) if kind is not _types.none else kind for kind in arrays]
-    return _types.Tuple(kinds)(arrays), code
-
-
-# Interpreted functions take the arrays themselves.
-addresses: Any = (lambda arrays: arrays) if _config.DISABLE_JIT else intrinsic(_addresses)
+    return _types.Tuple(kinds)(arrays), generate_ir

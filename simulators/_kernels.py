@@ -29,7 +29,7 @@ from cyclofeat.simulators._jit import addresses, njit
 from cyclofeat.simulators._outline import FASTMATH, describe, moved_on, small_sincos
 
 # Of _outline.py: numba's cache on disk notices changes of this file only.
-OUTLINE_CHECKSUM = 0xD0EF73E6
+OUTLINE_CHECKSUM = 0x788C62FD
 
 PAPER_LAW = 0
 HUNT_CROSSLEY_LAW = 1
@@ -75,7 +75,6 @@ FrictionConstants = namedtuple(
 
 # Tables of the internal sleeves: rows of one length, as in the outline's.
 SLEEVE_COS, SLEEVE_SIN = (np.uintp(row * rows.COLUMNS) for row in range(2))
-SLEEVE_TABLE_SIZE = 2 * rows.COLUMNS
 # Per wheel and sleeve: force, its vector on the wheel in the fixed frame, and the vector with friction, which
 # presses the sleeve on its axle.
 S_FORCE, S_X, S_Y, S_LOAD_X, S_LOAD_Y = (np.uintp(row * rows.COLUMNS) for row in range(5))

@@ -62,10 +62,8 @@ BLOCK = 8
 PIN_COS, PIN_SIN, PIN_RADIAL_ERROR, PIN_TANGENTIAL_ERROR, PIN_ANGLE = (
     np.uintp(row * COLUMNS) for row in range(5)
 )
-PIN_TABLE_SIZE = 5 * COLUMNS
 # Rows of the table of lobes; from PITCH_ERROR on, one for each wheel.
 LOBE_COS, LOBE_SIN, PITCH_ERROR = (np.uintp(row * COLUMNS) for row in range(3))
-LOBE_TABLE_SIZE = 4 * COLUMNS
 # Mounts, descriptions and numbers of contacts have one row for each wheel.
 WHEEL_TABLE_SIZE = 2 * COLUMNS
 # Rows of the table of wear, each for both wheels: share of the chord or REMOVED, and radial wear in m.

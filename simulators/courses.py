@@ -100,16 +100,8 @@ class DriveAndLoad:
         before, after = min(first, 1), min(self.n - 1 - last, 1)
         around = np.arange(first - before, last + after + 1, dtype=float) * self._step
         inside = slice(before, around.size - after)
-        self._fill_drive(block[:3], around, inside)
-        self._fill_torque(block[3], around, inside)
-        return block
-
-    def _fill_drive(self, out: Float, around: Float, inside: slice) -> None:
-        """Drive with linear ramp to a constant speed.
-
-        The angle is its integral: paper B eq. 6 has a jump.
-        """
-        angle, omega, alpha = out
+        # Drive with a linear ramp to a constant speed. The angle is its integral: paper B eq. 6 has a jump.
+        angle, omega, alpha, torque = block
         time = around[inside]
         speed = self._speed(around)
         steady = speed.ndim == 0
@@ -140,18 +132,16 @@ class DriveAndLoad:
             alpha += np.gradient(numeric, self._step)[inside]
             omega += extra[inside]
         angle += self._start_angle
-
-    def _fill_torque(self, out: Float, around: Float, inside: slice) -> None:
-        """Load torque on the output (paper B eq. 9-10), plus its fluctuation, both under the ramp."""
-        time, given, extra = around[inside], self._load(around), self._heavier(around)
-        if extra.ndim:
-            extra = extra[inside]
+        # The load (paper B eq. 9-10), plus its fluctuation, both under the ramp.
+        given, extra = self._load(around), self._heavier(around)
+        heavier = extra[inside] if extra.ndim else extra
         if given.ndim > 0:
-            out[:] = given[inside] + extra * _ramp_share(self._gearbox, time)
-            return
-        np.add(given, extra, out=out)
-        n_rising = _n_rising(self._gearbox, time)
-        out[:n_rising] *= time[:n_rising] / self._gearbox.ramp_time
+            torque[:] = given[inside] + heavier * _ramp_share(self._gearbox, time)
+        else:
+            np.add(given, heavier, out=torque)
+            n_rising = _n_rising(self._gearbox, time)
+            torque[:n_rising] *= time[:n_rising] / self._gearbox.ramp_time
+        return block
 
     def _course_function(self, name: str, values: TimeCourse | None) -> Callable[[Float], Float]:
         """Return a course as a function of times that gives a number where it is one."""

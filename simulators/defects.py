@@ -94,7 +94,23 @@ class LobeDefects:
         both = set(self.worn_lobes) & set(self.removed_lobes)
         if both:
             raise ValueError(f"worn_lobes and removed_lobes must not overlap, both hold {sorted(both)}")
-        object.__setattr__(self, "wear_um", _wear_of_lobes(self.wear_um, worn_lobes))
+        depths: Any = self.wear_um
+        if depths is not None:
+            values = (depths,) if is_number(depths) else list_members(depths)
+            what = "a number of um, or one for each worn lobe"
+            if values is None:
+                raise TypeError(f"wear_um must be {what}, got {repr_of(depths)}")
+            for value in values:
+                if not 0 <= number("wear_um", value, what) <= MOST_WEAR_UM:
+                    raise ValueError(f"wear_um must lie between 0 and {MOST_WEAR_UM:g} um, got {value!r}")
+            if is_number(depths):
+                wear_um: float | tuple[float, ...] = float(depths)
+            elif len(values) != len(worn_lobes):
+                got = f"{len(values)} values for {len(worn_lobes)} worn lobes"
+                raise ValueError(f"wear_um must be {what}, got {got}")
+            else:
+                wear_um = tuple(float(value) for _, value in sorted(zip(worn_lobes, values, strict=True)))
+            object.__setattr__(self, "wear_um", wear_um)
         share, centre = number("wear_share", self.wear_share), number("wear_centre", self.wear_centre)
         if self.wear_um is None:
             if (share, centre) != (_WEAR_SHARE, _WEAR_CENTRE):
@@ -297,24 +313,6 @@ def _lobe_indices(lobes: int | Iterable[int]) -> tuple[int, ...]:
 
 def _is_index(value: Any) -> bool:
     return is_number(value) and float(value).is_integer() and float(value) >= 0
-
-
-def _wear_of_lobes(wear_um: Any, lobes: tuple[int, ...]) -> float | tuple[float, ...] | None:
-    """Return the checked radial wear; one for each lobe in the order of the sorted lobes."""
-    if wear_um is None:
-        return None
-    values = (wear_um,) if is_number(wear_um) else list_members(wear_um)
-    what = "a number of um, or one for each worn lobe"
-    if values is None:
-        raise TypeError(f"wear_um must be {what}, got {repr_of(wear_um)}")
-    for value in values:
-        if not 0 <= number("wear_um", value, what) <= MOST_WEAR_UM:
-            raise ValueError(f"wear_um must lie between 0 and {MOST_WEAR_UM:g} um, got {value!r}")
-    if is_number(wear_um):
-        return float(wear_um)
-    if len(values) != len(lobes):
-        raise ValueError(f"wear_um must be {what}, got {len(values)} values for {len(lobes)} worn lobes")
-    return tuple(float(value) for _, value in sorted(zip(lobes, values, strict=True)))
 
 
 def _wheel_indices(wheels: Iterable[int]) -> tuple[int, ...]:

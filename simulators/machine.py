@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -133,8 +134,11 @@ class Machine:
                 for effect, key in zip(self.effects, library.stream_keys(self.effects), strict=True)
                 if effect.overrides(name)
             ]
-            if acting := [part for part in parts if part is not None]:
-                totals[name] = _sum_of(acting)
+            acting = [part for part in parts if part is not None]
+            if len(acting) == 1:
+                totals[name] = acting[0]
+            elif acting:
+                totals[name] = partial(_sum_at, acting)
         return Courses(**totals)
 
     def measure_channels(
@@ -164,22 +168,16 @@ class Machine:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class _RunOfMachine:
-    """What a run of a machine is, before and after its simulation."""
+class PlannedRun:
+    """A run that is still to be simulated; made by :meth:`cyclofeat.simulators.Rig.plan_run`."""
 
     machine: Machine
+    arguments: dict[str, Any]  #: Of :func:`cyclofeat.simulators.simulate`
     random_state: np.random.SeedSequence = dataclasses.field(repr=False)  #: Seed of the run
     n_samples: int  #: Length of a record
     n_settling: int  #: Number of samples before it
     from_rest: bool  #: True if the record begins with the start
     quantity: str = "output_torque"  #: Quantity that is measured
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class PlannedRun(_RunOfMachine):
-    """A run that is still to be simulated; made by :meth:`cyclofeat.simulators.Rig.plan_run`."""
-
-    arguments: dict[str, Any]  #: Of :func:`cyclofeat.simulators.simulate`
 
     def simulate(self) -> MachineRun:
         """Simulate the run; raise :class:`cyclofeat.simulators.SimulationFailed` if it diverges or locks.
@@ -190,23 +188,23 @@ class PlannedRun(_RunOfMachine):
 
     def finish_run(self, run: SimulationRun) -> MachineRun:
         """Return the machine's run, made of its simulation."""
-        own = {one.name: getattr(self, one.name) for one in dataclasses.fields(_RunOfMachine)}
         motor = self.machine.motor
         if motor is not None:
             start = self.n_settling - math.ceil(motor.warm_up * run.sampling_rate)
             run = drive_run(run, motor, start, library.stream(self.random_state, _CURRENT))
-        return MachineRun(run=run, **own)
+        # Without the courses, which may be large.
+        return MachineRun(dataclasses.replace(self, arguments={}), run)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class MachineRun(_RunOfMachine):
+@dataclasses.dataclass(frozen=True)
+class MachineRun:
     """A run before measurement, for one or several chains of measurement.
 
     Made by :meth:`PlannedRun.simulate` or :func:`cyclofeat.simulators.sampling.sample_runs`.
     """
 
-    #: Channels from the start on, settling included.
-    run: SimulationRun = dataclasses.field(repr=False)
+    plan: PlannedRun
+    run: SimulationRun = dataclasses.field(repr=False)  #: Channels from the start on, settling included
 
     def record(self, effects: Sequence[Effect] = ()) -> SimulationRun:
         """Return the record of the chain of measurement.
@@ -227,24 +225,23 @@ class MachineRun(_RunOfMachine):
         ValueError
             If the gearbox answers an effect, or effects need more samples than the machine ran for.
         """
-        machine = self.machine.measured_by(library.checked_effects(effects))
-        needed = machine.samples_needed(self.n_samples)
+        plan, rate = self.plan, self.run.sampling_rate
+        machine = plan.machine.measured_by(library.checked_effects(effects))
+        needed = machine.samples_needed(plan.n_samples)
         channels = {
-            name: values[self.n_settling :]
+            name: values[plan.n_settling :]
             for name, values in vars(self.run).items()
             if isinstance(values, np.ndarray)
         }
-        ran = len(channels["torque_out"])
-        rate = self.run.sampling_rate
-        if ran < needed:
+        if (ran := len(channels["torque_out"])) < needed:
             raise ValueError(
                 f"effects need {needed} samples, the machine ran for {ran}: its spare_s must be "
                 f"{(needed - ran) / rate:.3g} s longer"
             )
         channels = {name: values[:needed] for name, values in channels.items()}
-        measured = machine.measure_channels(channels, rate, self.random_state, self.from_rest, self.quantity)
+        measured = machine.measure_channels(channels, rate, plan.random_state, plan.from_rest, plan.quantity)
         changes: dict[str, Any] = {
-            name: np.ascontiguousarray(values[: self.n_samples]) for name, values in measured.items()
+            name: np.ascontiguousarray(values[: plan.n_samples]) for name, values in measured.items()
         }
         return dataclasses.replace(self.run, **changes)
 
@@ -262,12 +259,6 @@ def _draw_effects(
     )
 
 
-def _sum_of(parts: Sequence[Fluctuation]) -> Fluctuation:
+def _sum_at(parts: Sequence[Fluctuation], time: Float) -> Float:
     """Return the sum of functions of time."""
-    if len(parts) == 1:
-        return parts[0]
-
-    def total(time: Float) -> Float:
-        return np.asarray(sum(part(time) for part in parts))
-
-    return total
+    return np.asarray(sum(part(time) for part in parts))

@@ -125,7 +125,7 @@ def simulate_each(
     numbers = [tuple(task.runs) for task in tasks]
     del runs  # the arguments of a run that is done, with their courses, go with their task
     workers = joblib.Parallel(n_jobs=n_jobs, prefer="threads", return_as="generator")
-    made = workers(joblib.delayed(_run_task)(tasks.popleft(), then) for _ in numbers)
+    made = workers(joblib.delayed(_Task.simulate_runs)(tasks.popleft(), then) for _ in numbers)
     with stopped_quietly(made):
         for indices, results in zip(numbers, made, strict=True):
             yield from zip(indices, results, strict=True)
@@ -138,17 +138,38 @@ class _Task:
     runs: dict[int, dict[str, Any]]
     batch: Sequence[Request] | None = None
 
+    def simulate_runs(self, then: Callable[[int, SimulationRun | SimulationFailed], Any] | None) -> list[Any]:
+        """Return the runs, or their failures, or what ``then`` makes of them."""
+        if self.batch is None:
+            runs = [_simulate_or_fail(arguments) for arguments in self.runs.values()]
+        else:
+            from cyclofeat.simulators.batch.runs import run_batch
+
+            # A run that diverges or locks has its reason from the exact kernel.
+            runs = [
+                _simulate_or_fail(arguments) if run is None else run
+                for arguments, run in zip(self.runs.values(), run_batch(self.batch), strict=True)
+            ]
+        return runs if then is None else list(map(then, self.runs, runs))
+
 
 def _split_tasks(runs: Sequence[dict[str, Any]], kernel: str) -> list[_Task]:
     """Return batches of runs, and runs alone; the task of the earliest run first."""
     alone = [_Task({index: run}) for index, run in enumerate(runs)]
     of_gearbox = {index: run for index, run in enumerate(runs) if run.get("simulator") is None}
-    if kernel == "exact" or not of_gearbox or not _can_batch(required=kernel == "batch"):
+    if kernel == "exact" or not of_gearbox:
         return alone
-    from cyclofeat.simulators.batch.runs import Request, group_requests, obstacle
+    from cyclofeat.simulators.batch import runs as batches
 
-    requests = {index: Request.from_arguments(run) for index, run in of_gearbox.items()}
-    obstacles = {index: obstacle(request, runs[index]) for index, request in requests.items()}
+    if (error := batches.compile_error()) is not None:
+        message = f"runs in batches cannot be compiled here: {error}"
+        if kernel == "batch":
+            raise RuntimeError(f"{message}; give kernel='exact'")
+        warnings.warn(f"{message}; the exact kernel makes all runs", RuntimeWarning, stacklevel=3)
+        return alone
+
+    requests = {index: batches.Request.from_arguments(run) for index, run in of_gearbox.items()}
+    obstacles = {index: batches.obstacle(request, runs[index]) for index, request in requests.items()}
     for index, what in obstacles.items():
         if what and kernel == "batch":
             raise ValueError(f"kernel 'batch' does not simulate {what} (run {index}): give kernel='auto'")
@@ -156,38 +177,9 @@ def _split_tasks(runs: Sequence[dict[str, Any]], kernel: str) -> list[_Task]:
     if not suited:
         return alone
     tasks = [task for index, task in enumerate(alone) if index not in suited]
-    for batch in group_requests(suited):
+    for batch in batches.group_requests(suited):
         tasks.append(_Task({index: runs[index] for index in batch}, list(batch.values())))
     return sorted(tasks, key=lambda task: min(task.runs))
-
-
-def _can_batch(required: bool) -> bool:
-    """Return True if batches can be compiled here; else warn, or raise RuntimeError if they are required."""
-    from cyclofeat.simulators.batch import runs
-
-    error = runs.compile_error()
-    if error is None:
-        return True
-    message = f"runs in batches cannot be compiled here: {error}"
-    if required:
-        raise RuntimeError(f"{message}; give kernel='exact'")
-    warnings.warn(f"{message}; the exact kernel makes all runs", RuntimeWarning, stacklevel=4)
-    return False
-
-
-def _run_task(task: _Task, then: Callable[[int, SimulationRun | SimulationFailed], Any] | None) -> list[Any]:
-    """Return the runs of a task, or their failures, or what is made of them."""
-    if task.batch is None:
-        runs = [_simulate_or_fail(arguments) for arguments in task.runs.values()]
-    else:
-        from cyclofeat.simulators.batch.runs import run_batch
-
-        # A run that diverges or locks has its reason from the exact kernel.
-        runs = [
-            _simulate_or_fail(arguments) if run is None else run
-            for arguments, run in zip(task.runs.values(), run_batch(task.batch), strict=True)
-        ]
-    return runs if then is None else [then(index, run) for index, run in zip(task.runs, runs, strict=True)]
 
 
 def _one_each(name: str, values: Any, one: type | None) -> list[Any] | None:

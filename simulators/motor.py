@@ -134,6 +134,34 @@ class _Constants(NamedTuple):
     ripple_order: float
     ripple_phase: float
 
+    @classmethod
+    def from_motor(cls, motor: Motor, gearbox: CycloidalGearbox) -> _Constants:
+        """Return the constants of a motor on the input shaft of a gearbox."""
+        z = gearbox.n_lobes
+        stiffness, damping = torsion(gearbox) if gearbox.brake_inertia > 0 else (0.0, 0.0)
+        gear = 2 * gearbox.wheel_mass * gearbox.eccentricity**2
+        gear += (2 * gearbox.wheel_inertia + gearbox.output_inertia) / z**2
+        inertia = motor.inertia + gearbox.input_shaft_inertia + gear
+        bandwidth = 2 * math.pi * motor.bandwidth_hz
+        proportional = bandwidth * (inertia + gearbox.brake_inertia / z**2)
+        return cls(
+            inertia=inertia,
+            gear_inertia=gear,
+            output_inertia=float(gearbox.output_inertia),
+            brake_inertia=float(gearbox.brake_inertia),
+            stiffness=stiffness,
+            damping=damping,
+            reduction=float(z),
+            proportional=proportional,
+            integral=proportional * bandwidth / 4,
+            lag=2 * math.pi * motor.current_bandwidth_hz,
+            coulomb=float(motor.coulomb_nm),
+            viscous=float(motor.viscous),
+            ripple=float(motor.ripple),
+            ripple_order=6.0 * motor.pole_pairs,
+            ripple_phase=float(motor.ripple_phase),
+        )
+
 
 def drive_run(run: SimulationRun, motor: Motor, start: int, random: np.random.Generator) -> SimulationRun:
     """Return a run with ``torque_in`` as the motor makes it from sample ``start`` on, with its current.
@@ -150,10 +178,11 @@ def drive_run(run: SimulationRun, motor: Motor, start: int, random: np.random.Ge
     course = np.column_stack(
         [interpolate_rows(values, at) for values in (run.input_angle, speed, np.gradient(speed, 1 / rate))]
     )
-    torques = np.column_stack(
-        [_upsample_torque(one, finer)[: at.size] for one in (run.torque_in, run.torque_out)]
-    )
-    constants = _driven_constants(motor, run.gearbox)
+    torques = np.column_stack([run.torque_in, run.torque_out])
+    if finer > 1:  # band-limited
+        mean, low_pass = [run.torque_in.mean(), run.torque_out.mean()], anti_alias_filter(finer, 1)
+        torques = resample_poly(torques - mean, finer, 1, window=low_pass)[: at.size] + mean
+    constants = _Constants.from_motor(motor, run.gearbox)
     waves = np.array([motor.cogging_orders, motor.cogging_nm, motor.cogging_phases], dtype=float)
     carried = float(run.torque_in[start:].mean()) + motor.coulomb_nm + motor.viscous * float(speed[start])
     result = np.empty((n - start, 6))
@@ -182,41 +211,6 @@ def drive_run(run: SimulationRun, motor: Motor, start: int, random: np.random.Ge
     return dataclasses.replace(run, **channels, motor_current=current)
 
 
-def _upsample_torque(values: Float, finer: int) -> Float:
-    """Return values at a multiple of their rate, band-limited."""
-    if finer == 1:
-        return values
-    mean = values.mean()
-    return np.asarray(resample_poly(values - mean, finer, 1, window=anti_alias_filter(finer, 1)) + mean)
-
-
-def _driven_constants(motor: Motor, gearbox: CycloidalGearbox) -> _Constants:
-    z = gearbox.n_lobes
-    stiffness, damping = torsion(gearbox) if gearbox.brake_inertia > 0 else (0.0, 0.0)
-    gear = 2 * gearbox.wheel_mass * gearbox.eccentricity**2
-    gear += (2 * gearbox.wheel_inertia + gearbox.output_inertia) / z**2
-    inertia = motor.inertia + gearbox.input_shaft_inertia + gear
-    bandwidth = 2 * math.pi * motor.bandwidth_hz
-    proportional = bandwidth * (inertia + gearbox.brake_inertia / z**2)
-    return _Constants(
-        inertia=inertia,
-        gear_inertia=gear,
-        output_inertia=float(gearbox.output_inertia),
-        brake_inertia=float(gearbox.brake_inertia),
-        stiffness=stiffness,
-        damping=damping,
-        reduction=float(z),
-        proportional=proportional,
-        integral=proportional * bandwidth / 4,
-        lag=2 * math.pi * motor.current_bandwidth_hz,
-        coulomb=float(motor.coulomb_nm),
-        viscous=float(motor.viscous),
-        ripple=float(motor.ripple),
-        ripple_order=6.0 * motor.pole_pairs,
-        ripple_phase=float(motor.ripple_phase),
-    )
-
-
 @inner_njit(fastmath=False)
 def _cubic_at(values, column, k, share):  # type: ignore[no-untyped-def]
     """Cubic between ``values[k]`` and ``values[k + 1]`` through their neighbours (Catmull and Rom)."""
@@ -224,18 +218,6 @@ def _cubic_at(values, column, k, share):  # type: ignore[no-untyped-def]
     c, d = values[k + 1, column], values[min(k + 2, values.shape[0] - 1), column]
     bend = 2 * a - 5 * b + 4 * c - d + share * (3 * (b - c) + d - a)
     return b + 0.5 * share * (c - a + share * bend)
-
-
-@inner_njit(fastmath=False)
-def _place_at(course, angle, k):  # type: ignore[no-untyped-def]
-    """Return the step of the run that holds an angle, near step ``k``, and the share of it that is passed."""
-    last = course.shape[0] - 2
-    while k < last and course[k + 1, 0] <= angle:
-        k += 1
-    while k > 0 and angle < course[k, 0]:
-        k -= 1
-    share = (angle - course[k, 0]) / (course[k + 1, 0] - course[k, 0])
-    return k, min(max(share, 0.0), 1.0)
 
 
 @inner_njit(fastmath=False)
@@ -248,7 +230,14 @@ def _motor_rates(constants, waves, course, torques, set_speed, k, state, rates):
     of = constants
     angle, speed, held = state[0], state[1], state[2]
     produced, turned, turning = state[3], state[4], state[5]
-    k, share = _place_at(course, angle, k)
+    # The step of the run that holds the angle, and the share of it that is passed.
+    last = course.shape[0] - 2
+    while k < last and course[k + 1, 0] <= angle:
+        k += 1
+    while k > 0 and angle < course[k, 0]:
+        k -= 1
+    share = (angle - course[k, 0]) / (course[k + 1, 0] - course[k, 0])
+    share = min(max(share, 0.0), 1.0)
     planned = course[k, 2] + share * (course[k + 1, 2] - course[k, 2])
     against = of.coulomb + of.viscous * speed + _cubic_at(torques, 0, k, share) - of.gear_inertia * planned
     for wave in range(3):

@@ -132,43 +132,12 @@ class ReferenceGearbox:
     pin_errors: ArrayLike | None = None
     wheel_runouts: tuple[complex, complex] = (0j, 0j)
 
-    def __post_init__(self) -> None:
-        if self.n_pins < 4 or self.n_pins % 2:
-            raise ValueError(f"n_pins must be even and at least 4, got {self.n_pins}")
-        if not 0 < self.shortening < 1:
-            raise ValueError(f"shortening must lie between 0 and 1, got {self.shortening}")
-        if len(self.worn_lobes) != 2 or not {*sum(self.worn_lobes, ())} <= {*range(self.n_lobes)}:
-            raise ValueError(
-                f"worn_lobes must be two tuples of 0..{self.n_lobes - 1}, got {self.worn_lobes!r}"
-            )
-        if not 0 <= self.depth <= 1:
-            raise ValueError(
-                f"depth must lie between 0 (healthy) and 1 (the papers' chord), got {self.depth}"
-            )
-        if len(self.wheel_runouts) != 2:
-            raise ValueError(f"wheel_runouts must be two offsets in m, got {self.wheel_runouts!r}")
-        if self.radial_wear is not None and np.shape(self.radial_wear) != (2, self.n_lobes):
-            raise ValueError(f"radial_wear must be (2, {self.n_lobes}), got {np.shape(self.radial_wear)}")
-        if self.pin_errors is not None and np.shape(self.pin_errors) != (self.n_pins, 2):
-            raise ValueError(f"pin_errors must be ({self.n_pins}, 2), got {np.shape(self.pin_errors)}")
-        if (smallest := 1 / float(self.curvature(self._search_grid).max())) <= self.pin_radius:
-            raise ValueError(f"pin_radius must be below {smallest} m (no undercut), got {self.pin_radius}")
-
     # The wheel in its own frame -----------------------------------------------------------------------------
 
     @property
     def n_lobes(self) -> int:
         """Number of lobes z_s of a wheel."""
         return self.n_pins - 1
-
-    @cached_property
-    def _search_grid(self) -> Real:
-        """Profile parameters for the search of foot points, 64 per lobe."""
-        return np.linspace(0.0, 2 * np.pi, 64 * self.n_lobes, endpoint=False)
-
-    @cached_property
-    def _search_points(self) -> Plane:
-        return self.trochoid(self._search_grid)
 
     def trochoid(self, t: ArrayLike, derivative: int = 0) -> Plane:
         """Centre (complex, m) of a sleeve that touches the profile at parameter ``t`` (rad), or a derivative.
@@ -199,8 +168,9 @@ class ReferenceGearbox:
         Newton's method on (p - T) . T' = 0, bracketed around the nearest grid point: beyond the pit's radius
         of curvature, half a millimetre, the derivative has the wrong sign.
         """
-        t = self._search_grid[np.argmin(np.abs(p[..., None] - self._search_points), axis=-1)]
-        low, high = t - self._search_grid[1], t + self._search_grid[1]
+        grid = np.linspace(0.0, 2 * np.pi, 64 * self.n_lobes, endpoint=False)
+        t = grid[np.argmin(np.abs(p[..., None] - self.trochoid(grid)), axis=-1)]
+        low, high = t - grid[1], t + grid[1]
         for _ in range(60):
             offset, tangent = p - self.trochoid(t), self.trochoid(t, 1)
             ahead = _dot_of(offset, tangent)
@@ -220,8 +190,18 @@ class ReferenceGearbox:
         trochoid, from which steps of Gauss and Newton find it.
         """
         t = self.foot_point(p)
+        flank = np.pi / self.n_lobes
+        begin, end = np.array(self.radial_span) * flank
+        frequency = 2 * np.pi / (end - begin)
+        depths = np.zeros((2, self.n_lobes)) if self.radial_wear is None else np.asarray(self.radial_wear)
         for _ in range(60):
-            wear, slope = self._radial_wear(t)
+            # Wear (m), and its derivative (m/rad).
+            lobe, past_tip = np.divmod(t % (2 * np.pi), 2 * flank)
+            depth = np.take_along_axis(depths, lobe.astype(int) % self.n_lobes, axis=1)
+            depth = np.where((past_tip > begin) & (past_tip < end), depth, 0.0)
+            half_angle = frequency * (past_tip - begin) / 2
+            sine, cosine = np.sin(half_angle), np.cos(half_angle)
+            wear, slope = depth * sine**4, 2 * depth * frequency * sine**3 * cosine
             normal, tangent = self.normal(t), self.trochoid(t, 1)
             path = self.trochoid(t) - wear * normal
             along = tangent * (1 - wear * self.curvature(t)) - slope * normal
@@ -230,20 +210,6 @@ class ReferenceGearbox:
                 break
             t = t + ahead
         return t, path, np.asarray(-1j * along / np.abs(along))
-
-    def _radial_wear(self, t: Real) -> tuple[Real, Real]:
-        """Wear (m) of either wheel at parameters ``t`` (2, n), and its derivative (m/rad)."""
-        if self.radial_wear is None:
-            return np.zeros(t.shape), np.zeros(t.shape)
-        flank = np.pi / self.n_lobes
-        lobe, past_tip = np.divmod(t % (2 * np.pi), 2 * flank)
-        depth = np.take_along_axis(np.asarray(self.radial_wear), lobe.astype(int) % self.n_lobes, axis=1)
-        begin, end = np.array(self.radial_span) * flank
-        depth = np.where((past_tip > begin) & (past_tip < end), depth, 0.0)
-        frequency = 2 * np.pi / (end - begin)
-        half_angle = frequency * (past_tip - begin) / 2
-        sine, cosine = np.sin(half_angle), np.cos(half_angle)
-        return depth * sine**4, 2 * depth * frequency * sine**3 * cosine
 
     # Contact ------------------------------------------------------------------------------------------------
 
@@ -260,58 +226,42 @@ class ReferenceGearbox:
         ramp = np.minimum(depth / RAMP_DEPTH, 1.0)
         return np.asarray(np.maximum(ramp * (stiffness * depth**1.5 - self.contact_damping * gap_rate), 0.0))
 
-    def _chord_contact(self, p: Plane, rate: Plane) -> tuple[Real, Plane]:
-        """Force (N) and normal on the chord of worn lobe 0, for sleeve centres ``p`` past its tip.
-
-        The line continues beyond the pit: in the re-entrant corner a sleeve touches chord and flank at once.
-        """
-        q = self.pin_radius
-        tip, pit = self.profile([0.0, np.pi / self.n_lobes])
-        chord_normal = -1j * (pit - tip) / abs(pit - tip)
-        from_tip = p - tip
-        on_vertex = _dot_of(from_tip, pit - tip) < 0
-        normal = np.where(on_vertex, from_tip / np.abs(from_tip), chord_normal)
-        # The effective radius follows the normal around the vertex, from 0 at the tip: no jump of stiffness.
-        turned = normal.imag / chord_normal.imag
-        radius = q * (1 - (1 - turned) * self.curvature(0.0) * q)
-        return self.normal_force(_dot_of(from_tip, normal) - q, _dot_of(rate, normal), radius), normal
-
-    def _flank_end_contact(self, p: Plane, rate: Plane) -> tuple[Real, Plane]:
-        """Force (N) and normal on the end of worn lobe 0's flank at the pit.
-
-        A displaced sleeve before the pit may touch the flank behind it, whose nearest point is this end.
-        """
-        q, pit = self.pin_radius, self.profile(np.pi / self.n_lobes)
-        distance = np.abs(p - pit)
-        normal = (p - pit) / distance
-        radius = q * (1 - self.curvature(np.pi / self.n_lobes) * q)
-        return self.normal_force(distance - q, _dot_of(rate, normal), radius), normal
-
     def _outline_contact(self, p: Plane, rate: Plane) -> tuple[Real, Plane]:
         """Magnitudes and vectors (N, wheel frame) of the external sleeves' forces on the wheels, (2, n_pins).
 
         Tangents at tips and pits are perpendicular to the radius: the polar angle says which side a sleeve is
         on. Magnitudes of simultaneous contacts add.
         """
-        pitch = 2 * np.pi / self.n_lobes
+        q, pitch = self.pin_radius, 2 * np.pi / self.n_lobes
         lobe, past_tip = np.divmod(np.angle(p) % (2 * np.pi), pitch)
         lobe %= self.n_lobes  # rounding of an angle of -0
         on_worn = np.array([np.isin(row, worn) for row, worn in zip(lobe, self.worn_lobes, strict=True)])
         chord_width = np.where(on_worn, self.depth, 0.0)
         end_width = np.where(past_tip < pitch / 2, chord_width, 0.0)
-        turn = np.exp(1j * lobe * pitch)
-        magnitude, vector = np.zeros(p.shape), np.zeros(p.shape, dtype=complex)
         # Radial wear leaves the stiffness as it was.
         t, path, along = self.worn_foot(p)
-        radius = self.pin_radius * (1 - self.curvature(t) * self.pin_radius)
-        on_profile = self.normal_force(_dot_of(p - path, along), _dot_of(rate, along), radius), along
-        for width, (force, normal) in (
-            (1 - end_width, on_profile),
-            (chord_width, _turn_contact(turn, self._chord_contact(p / turn, rate / turn))),
-            (end_width, _turn_contact(turn, self._flank_end_contact(p / turn, rate / turn))),
-        ):
+        contacts = [(1 - end_width, _dot_of(p - path, along), along, q * (1 - self.curvature(t) * q))]
+        # The chord of the worn lobe continues beyond the pit: in the re-entrant corner a sleeve touches chord
+        # and flank at once. In the frame of the lobe:
+        turn = np.exp(1j * lobe * pitch)
+        tip, pit = self.profile([0.0, pitch / 2])
+        chord_normal = -1j * (pit - tip) / abs(pit - tip)
+        from_tip, from_pit = p / turn - tip, p / turn - pit
+        on_vertex = _dot_of(from_tip, pit - tip) < 0
+        normal = np.where(on_vertex, from_tip / np.abs(from_tip), chord_normal)
+        # The effective radius follows the normal around the vertex, from 0 at the tip: no jump of stiffness.
+        turned = normal.imag / chord_normal.imag
+        radius = q * (1 - (1 - turned) * self.curvature(0.0) * q)
+        contacts.append((chord_width, _dot_of(from_tip, normal) - q, turn * normal, radius))
+        # A displaced sleeve before the pit may touch the flank behind it, whose nearest point is its end.
+        distance = np.abs(from_pit)
+        radius = q * (1 - self.curvature(pitch / 2) * q)
+        contacts.append((end_width, distance - q, turn * from_pit / distance, radius))
+        magnitude, vector = np.zeros(p.shape), np.zeros(p.shape, dtype=complex)
+        for width, gap, direction, radius in contacts:
+            force = self.normal_force(gap, _dot_of(rate, direction), radius)
             magnitude += width * force
-            vector -= width * force * normal
+            vector -= width * force * direction
         return magnitude, vector
 
     def contact_forces(self, coordinates: Real, velocities: Real) -> tuple[Real, Plane, Real, Plane]:
@@ -323,7 +273,9 @@ class ReferenceGearbox:
         (at, angle), (speed, spin) = _split_bodies(coordinates), _split_bodies(velocities)
         wheel, wheel_speed, wheel_spin = at[WHEELS, None], speed[WHEELS, None], 1j * spin[WHEELS, None]
         turn = np.exp(1j * angle[WHEELS, None])
-        arm, hole = at[EXTERNAL] - wheel, turn * self._hole_centres
+        # The holes face the internal sleeves in the rest position.
+        facing = self._internal_points * np.exp(-1j * self.rest_angles(0.0)[:2, None])
+        arm, hole = at[EXTERNAL] - wheel, turn * facing
         rate = speed[EXTERNAL] - wheel_speed - wheel_spin * arm
         centre = np.array(self.wheel_runouts)[:, None]
         external_force, external_vector = self._outline_contact(arm / turn - centre, rate / turn)
@@ -355,11 +307,6 @@ class ReferenceGearbox:
         return np.asarray(
             self.internal_pitch_radius * np.exp(2j * np.pi * np.arange(N_INTERNAL) / N_INTERNAL)
         )
-
-    @cached_property
-    def _hole_centres(self) -> Plane:
-        """Hole centres (2, 8) in the wheels' frames (m), facing the internal sleeves in the rest position."""
-        return np.asarray(self._internal_points * np.exp(-1j * self.rest_angles(0.0)[:2, None]))
 
     @cached_property
     def _joint_mounts(self) -> tuple[NDArray[np.intp], Plane]:
@@ -428,7 +375,7 @@ class ReferenceGearbox:
         parents, points = self._joint_mounts
         return np.append(_as_xy(-(spin[parents] ** 2) * np.exp(1j * angle[parents]) * points), alpha)
 
-    def _applied_forces(self, at: Plane, on_wheels: tuple[Plane, Plane], load_torque: float) -> Real:
+    def applied_forces(self, at: Plane, on_wheels: tuple[Plane, Plane], load_torque: float) -> Real:
         """F of paper B eq. 2; normal forces do not turn sleeves."""
         force, moment = np.zeros(len(at), dtype=complex), np.zeros(len(at))
         moment[OUTPUT] = load_torque
@@ -460,7 +407,7 @@ class ReferenceGearbox:
         external_force, external_vector, internal_force, internal_vector = self.contact_forces(u, v)
         d = self.jacobian(u)
         system = np.block([[self.mass_matrix, -d.T], [d, np.zeros((len(d), len(d)))]])
-        forces = self._applied_forces(at, (external_vector, internal_vector), load_torque)
+        forces = self.applied_forces(at, (external_vector, internal_vector), load_torque)
         solved = np.linalg.solve(system, np.concatenate([forces, self.gamma(u, v, alpha)]))
         acceleration, multipliers = solved[: len(u)], solved[len(u) :]
         reactions = multipliers[:-1].reshape(-1, 2)[WHEELS]
@@ -505,14 +452,12 @@ class ReferenceGearbox:
 
         def evaluate(t: float, y: Real) -> tuple[Real, Solution]:
             solution = self.accelerations(*driver(t), y[:3], y[3:], load(t))
-            for kind in ("external", "internal"):
-                force = getattr(solution, f"{kind}_force")
-                for wheel, sleeve in np.argwhere(~(force < ABSURD_FORCE))[:1]:
-                    raise FloatingPointError(
-                        f"diverged at t = {t:.6g} s: {force[wheel, sleeve]:.3g} N between {kind} sleeve "
-                        f"{sleeve} and wheel {wheel}; use a smaller dt, a smaller stiffness_scale or fewer "
-                        "worn lobes"
-                    )
+            forces = np.concatenate([solution.external_force, solution.internal_force], axis=1)
+            if not np.all(forces < ABSURD_FORCE):
+                raise FloatingPointError(
+                    f"diverged at t = {t:.6g} s: {forces.max():.3g} N between a sleeve and a wheel; use a "
+                    "smaller dt, a smaller stiffness_scale or fewer worn lobes"
+                )
             return np.concatenate([y[3:], solution.theta_acceleration, [solution.psi_acceleration]]), solution
 
         time = [t0 + dt * step for step in range(round((t1 - t0) / dt) + 1)]
@@ -547,12 +492,6 @@ def ramped_driver(speed: float = 52.36, ramp: float = 0.2) -> Driver:
 def ramped_load(torque: float = 22.0, ramp: float = 0.2) -> Load:
     """Load torque that rises linearly to ``torque`` (Nm) in ``ramp`` seconds: paper B eq. 10."""
     return lambda t: torque * min(t / ramp, 1.0)
-
-
-def _turn_contact(turn: Plane, contact: tuple[Real, Plane]) -> tuple[Real, Plane]:
-    """Force and normal of a contact, the normal turned by the unit complex number ``turn``."""
-    force, normal = contact
-    return force, normal * turn
 
 
 def _dot_of(a: Any, b: Any) -> Real:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.stats import rayleigh, uniform
@@ -18,7 +20,6 @@ from cyclofeat._base.checks import check_type, is_number, one_of, positive, repr
 from cyclofeat._base.displays import html_card
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import QUANTITIES
-from cyclofeat.simulators import _rig_file
 from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.defects import LobeDefects
 from cyclofeat.simulators.effects import (
@@ -34,14 +35,23 @@ from cyclofeat.simulators.effects import (
     library,
 )
 from cyclofeat.simulators.effects._gearbox import GEARBOX_NUMBERS
-from cyclofeat.simulators.effects._parameter import is_distribution, suggest_key, value_text
+from cyclofeat.simulators.effects._parameter import is_distribution, suggest_key, to_plain, value_text
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.machine import Machine, PlannedRun, RandomState, seed_sequence
 from cyclofeat.simulators.simulation import SimulationRun, settling_samples
 
+Made = TypeVar("Made")
+
 # Children of a run's seed. Those of an effect begin with the bytes of its name, which are larger numbers.
 DEFECTS, _START, _VARIANT = 1, 2, 3
 _GEARBOX = "gearbox."
+FORMAT = "cyclofeat rig"
+_NOTE = (
+    "SI units: m, kg, kg m2, s, rad/s, Nm, Nm/rad, Pa; keys in _nm are Nm, in _hz Hz. effects is a list like "
+    '[{"effect": "hum", "amplitude_nm": 0.2}]. A value may be a number, a range [low, high], or a '
+    'distribution {"distribution": "norm", "loc": 0.2, "scale": 0.05}, from which each assembly draws. Keys '
+    "left out keep their default."
+)
 # Samples for which speed and load are known after the end of a run, for the anti-alias filter.
 _SPARE_SAMPLES = 64
 # Time in s by which a motor may run ahead of the given speed.
@@ -115,33 +125,30 @@ class Rig:
         variants = library.read_variants(self.variants, library.checked_effects)
         object.__setattr__(self, "variants", variants)
         for index, effects in enumerate(self.effect_sets()):
-            self._check_together(effects, f"effects and variants[{index}]" if variants else "effects")
-
-    def _check_together(self, effects: Sequence[Effect], name: str) -> None:
-        """Raise ValueError unless effects fit together and to the gearbox."""
-        motors = [effect.effect_id for effect in effects if effect.place == "motor"]
-        if len(set(motors)) < len(motors):
-            raise ValueError(
-                f"{name} must hold each effect of the motor once at most, got {', '.join(motors)}"
-            )
-        if motors and self.simulator is not None:
-            raise ValueError(
-                f"simulator must be None for a rig with a motor, which turns the toolkit's gearbox, got "
-                f"{self.simulator!r} beside {motors[0]}"
-            )
-        brakes = (self.gearbox.brake_inertia > 0) + sum(isinstance(one, BrakeRotor) for one in effects)
-        if brakes > 1:
-            raise ValueError(
-                f"{name} must hold one {BrakeRotor.effect_id} at most, and none where the gearbox has a "
-                f"brake, got {brakes} brakes in all"
-            )
-        for effect in effects:
-            if isinstance(effect, GearboxParameter):
-                for share in (0.0, 1.0):  # the gearbox rejects wrong values
-                    value = effect.parameters["value"].draw(effect.value, share)
-                    self.gearbox.replace(**{effect.parameter: value})
-            if self.simulator is None and effect.overrides("change_simulator"):
-                raise ValueError(f"simulator must be given for {effect!r}, which changes it, got None")
+            name = f"effects and variants[{index}]" if variants else "effects"
+            motors = [effect.effect_id for effect in effects if effect.place == "motor"]
+            if len(set(motors)) < len(motors):
+                raise ValueError(
+                    f"{name} must hold each effect of the motor once at most, got {', '.join(motors)}"
+                )
+            if motors and self.simulator is not None:
+                raise ValueError(
+                    "simulator must be None for a rig with a motor, which turns the toolkit's gearbox, got "
+                    f"{self.simulator!r} beside {motors[0]}"
+                )
+            brakes = (self.gearbox.brake_inertia > 0) + sum(isinstance(one, BrakeRotor) for one in effects)
+            if brakes > 1:
+                raise ValueError(
+                    f"{name} must hold one {BrakeRotor.effect_id} at most, and none where the gearbox has a "
+                    f"brake, got {brakes} brakes in all"
+                )
+            for effect in effects:
+                if isinstance(effect, GearboxParameter):
+                    for share in (0.0, 1.0):  # the gearbox rejects wrong values
+                        value = effect.parameters["value"].draw(effect.value, share)
+                        self.gearbox.replace(**{effect.parameter: value})
+                if self.simulator is None and effect.overrides("change_simulator"):
+                    raise ValueError(f"simulator must be given for {effect!r}, which changes it, got None")
 
     @classmethod
     def r0(cls) -> Rig:
@@ -195,15 +202,19 @@ class Rig:
             "simulator": "" if self.simulator is None else repr(self.simulator),
         }
         for label, effect in self.labelled_effects().items():
-            units = {name: parameter.unit for name, parameter in effect.parameters.items()}
-            given = effect.get_params(deep=False)
-            rows[label] = ", ".join(
-                f"{name} {_format_value(value)} {units.get(name, '1')}".removesuffix(" 1")
-                for name, value in given.items()
-            )
+            texts = []
+            for name, value in effect.get_params(deep=False).items():
+                text = value_text(value) if is_distribution(value) else repr_of(value)
+                if is_number(value):
+                    text = f"{value:.4g}"
+                elif isinstance(value, tuple) and len(value) == 2 and all(map(is_number, value)):
+                    text = f"{value[0]:.4g} to {value[1]:.4g}"
+                unit = effect.parameters[name].unit if name in effect.parameters else "1"
+                texts.append(f"{name} {text}" + (f" {unit}" if unit != "1" else ""))
+            rows[label] = ", ".join(texts)
         if self.variants:
             rows["variants"] = f"{len(self.variants)} sets of further effects, of which each assembly has one"
-        # Return the outlines of a wheel in its rest position and of the external sleeves.
+        # Outlines of a wheel in its rest position and of the external sleeves.
         wheel = gearbox.outline_profile.outline(points_per_lobe=20) * np.exp(-1j * np.pi / gearbox.n_lobes)
         circle = gearbox.pin_radius * np.exp(2j * np.pi * np.arange(24) / 24)
         centres = gearbox.pin_circle_radius * np.exp(2j * np.pi * np.arange(gearbox.n_pins) / gearbox.n_pins)
@@ -527,14 +538,39 @@ class Rig:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of a rig's file in types that JSON knows, without format and note."""
-        content = _rig_file.rig_to_dict(self.name, self.gearbox, self.effects)
-        variants = [[effect.to_dict() for effect in variant] for variant in self.variants]
-        simulator = {} if self.simulator is None else {"simulator": self.simulator.to_dict()}
-        return content | simulator | ({"variants": variants} if variants else {})
+        gearbox: dict[str, Any] = {}
+        for name, value in vars(self.gearbox).items():
+            if not isinstance(value, tuple):
+                gearbox[name] = to_plain(value, is_parameter=False)
+            elif value:
+                gearbox[name] = [[x.real, x.imag] if isinstance(x, complex) else float(x) for x in value]
+        content: dict[str, Any] = {
+            "name": self.name,
+            "gearbox": gearbox,
+            "effects": [one.to_dict() for one in self.effects],
+        }
+        if self.simulator is not None:
+            content["simulator"] = self.simulator.to_dict()
+        if self.variants:
+            content["variants"] = [[effect.to_dict() for effect in variant] for variant in self.variants]
+        return content
 
     def to_text(self) -> str:
-        """Return the JSON text that :meth:`to_json` writes, equal for equal rigs."""
-        return _rig_file.rig_to_text(self.to_dict())
+        """Return the JSON text that :meth:`to_json` writes, equal for equal rigs.
+
+        It has one line for each field of the gearbox, each effect and each variant.
+        """
+        line = partial(json.dumps, ensure_ascii=False, allow_nan=False)
+        content = self.to_dict()
+        parts = {name: line(value) for name, value in {"format": FORMAT, "note": _NOTE, **content}.items()}
+        fields = ",\n".join(f"    {line(key)}: {line(value)}" for key, value in content["gearbox"].items())
+        parts["gearbox"] = f"{{\n{fields}\n  }}"
+        for name in ("effects", "variants"):
+            if content.get(name):
+                parts[name] = "[\n" + ",\n".join(f"    {line(item)}" for item in content[name]) + "\n  ]"
+        if "simulator" in parts:
+            parts["simulator"] = parts.pop("simulator")  # the last
+        return "{\n" + ",\n".join(f'  "{key}": {text}' for key, text in parts.items()) + "\n}\n"
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
         """Write the rig to a JSON file, every value explicit.
@@ -564,7 +600,36 @@ class Rig:
         TypeError, ValueError
             If a key or value is wrong; the message names it.
         """
-        return cls(**_rig_file.rig_from_dict(content))
+        given = dict(_check_object("the file", content))
+        reject_unknown(given, ["format", "note", "name", "gearbox", "effects", "variants", "simulator"])
+        note, form = given.pop("note", ""), given.pop("format", FORMAT)
+        if not isinstance(note, str):
+            raise TypeError(f"note must be text, got {repr_of(note)}")
+        if form != FORMAT:
+            raise ValueError(f"format must be {FORMAT!r}, got {repr_of(form)}")
+        if "gearbox" in given:
+            values = dict(_check_object("gearbox", given["gearbox"]))
+            defaults = {item.name: item.default for item in dataclasses.fields(CycloidalGearbox)}
+            reject_unknown(values, defaults, _GEARBOX)
+            for name, value in values.items():
+                if isinstance(value, list):
+                    values[name] = [
+                        complex(*x) if isinstance(x, list) and len(x) == 2 and all(map(is_number, x)) else x
+                        for x in value
+                    ]
+                elif isinstance(defaults[name], float) and is_number(value):
+                    values[name] = float(value)
+            try:
+                given["gearbox"] = CycloidalGearbox(**values)
+            except (TypeError, ValueError) as error:
+                raise type(error)(f"gearbox: {error}") from None
+        if "effects" in given:
+            given["effects"] = library.effects_from_list(given["effects"])
+        if "variants" in given:
+            given["variants"] = library.read_variants(given["variants"], library.effects_from_list)
+        if given.get("simulator") is not None:
+            given["simulator"] = Simulator.from_dict(_check_object("simulator", given["simulator"]))
+        return cls(**given)
 
     @classmethod
     def from_json(cls, path: str | os.PathLike[str]) -> Rig:
@@ -604,20 +669,7 @@ class Rig:
         True
         """
         example = '{"name": "mine", "effects": [{"effect": "noise", "rms_nm": 0.2}]}'
-        return _rig_file.read_json(path, cls.from_dict, "a rig", example)
-
-
-def _format_value(value: Any) -> str:
-    """Return a number, range, distribution or setting of an effect as short text."""
-    if isinstance(value, tuple) and len(value) == 2 and all(map(is_number, value)):
-        return f"{value[0]:.4g} to {value[1]:.4g}"
-    return (
-        f"{value:.4g}"
-        if is_number(value)
-        else value_text(value)
-        if is_distribution(value)
-        else repr_of(value)
-    )
+        return read_json(path, cls.from_dict, "a rig", example)
 
 
 def _assembly_errors() -> tuple[Effect, ...]:
@@ -632,3 +684,62 @@ def _assembly_errors() -> tuple[Effect, ...]:
         Drift(3.0, 1.5),
         Noise(0.2),
     )
+
+
+def read_json(path: str | os.PathLike[str], make: Callable[[Any], Made], what: str, example: str) -> Made:
+    """Return what ``make`` makes of the content of a JSON file in UTF-8 without repeated keys.
+
+    ``what`` names the description in messages ("a rig"), ``example`` is one in a line. Errors name the file.
+    """
+    name = os.fspath(path)
+
+    def unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        distinct: dict[str, Any] = {}
+        for key, value in pairs:
+            if key in distinct:
+                values = f"{repr_of(distinct[key])} and with {repr_of(value)}"
+                raise ValueError(f"key {key!r} must stand only once in its object, got it with {values}")
+            distinct[key] = value
+        return distinct
+
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise FileNotFoundError(f"{name}: no such file; to_json writes a description of {what}") from None
+    except UnicodeDecodeError as error:
+        raise ValueError(
+            f"{name}: is not text in UTF-8 (byte {error.start}); a description of {what} is a JSON file"
+        ) from None
+    except OSError as error:
+        raise OSError(f"{name}: cannot be read ({error.strerror}); give a JSON file") from None
+    try:
+        content = json.loads(
+            text,
+            object_pairs_hook=unique_keys,
+            parse_int=lambda digits: int(digits) if len(digits) <= 308 else math.inf,  # as floats
+        )
+        return make(content)
+    except json.JSONDecodeError as error:
+        raise ValueError(
+            f"{name}: is not valid JSON: {error.msg} at line {error.lineno}, column {error.colno}; "
+            f"a description of {what} looks like {example}"
+        ) from None
+    except RecursionError:
+        raise ValueError(f"{name}: is not a description of {what}: brackets are nested too deeply") from None
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
+def reject_unknown(given: Mapping[str, Any], known: Iterable[str], prefix: str = "") -> None:
+    """Raise ValueError for the first unknown key; the message has the nearest."""
+    names = list(known)
+    for key, value in given.items():
+        if key not in names:
+            right = suggest_key(key, names, prefix)
+            raise ValueError(f"unknown key {prefix + key!r} with value {repr_of(value)}: {right}")
+
+
+def _check_object(name: str, content: Any) -> Mapping[str, Any]:
+    if not isinstance(content, dict):
+        raise TypeError(f"{name} must hold a JSON object {{...}}, got {repr_of(content)}")
+    return content

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import math
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, NamedTuple
@@ -436,7 +435,16 @@ class Integration:
         done = self.attempt(state, begin, end, instants, forces=forces)
         if done.finished < end - begin:
             time = (begin + done.finished) * self.dt
-            contact, force = _largest_contact(done.last_external, done.last_internal)
+            # The most loaded contact, or the first whose force is not a number.
+            contact, force = "", -1.0
+            for kind, sizes in (("external", done.last_external), ("internal", done.last_internal)):
+                values = np.where(np.isfinite(sizes), sizes, np.inf)
+                wheel, sleeve = np.unravel_index(int(np.argmax(values)), values.shape)
+                if values[wheel, sleeve] > force:
+                    contact = (
+                        f"the contact of wheel {wheel + 1} with {kind} sleeve {sleeve + 1} (counted from 1)"
+                    )
+                    force = float(values[wheel, sleeve])
             if np.all(np.abs(done.torques[: done.finished + 1]) < ABSURD_TORQUE):
                 raise GearboxLocked(time, contact, force)
             raise SimulationDiverged(time, contact, force, self.dt)
@@ -521,53 +529,33 @@ def friction_rates(
     bearing[..., _OUTPUT] = 1.0
     turning = (motion[:, 6] - omega / gearbox.n_lobes)[:, None] / gearbox.bearing_transition_speed
     coulomb = gearbox.output_bearing_torque / gearbox.bearing_transition_speed * (1 - np.tanh(turning) ** 2)
-    rubbing = [
-        (bearing, coulomb + gearbox.output_bearing_viscosity),
-        *_of_sleeves(gearbox, _Sleeves(pins, gearbox.pin_radius, _FIRST_SPIN), external, cams, bearing * 0.0),
-        *_of_sleeves(
-            gearbox,
-            _Sleeves(sleeves, gearbox.internal_sleeve_radius, _FIRST_SPIN + n_pins),
-            internal,
-            cams,
-            bearing,
-        ),
-    ]
-    slides, slopes = (np.concatenate(parts, axis=1) for parts in zip(*rubbing, strict=True))
-    scaled = slides * np.sqrt(slopes)[..., None] / np.sqrt(inertias)
-    return np.asarray(np.linalg.eigvalsh(np.swapaxes(scaled, 1, 2) @ scaled)[:, -1])
-
-
-class _Sleeves(NamedTuple):
-    """One kind of sleeves: their axles (n, n_sleeves), radius, and the first of them among the bodies."""
-
-    axles: Complex
-    radius: float
-    first: int
-
-
-def _of_sleeves(
-    gearbox: CycloidalGearbox, sleeves: _Sleeves, forces: Float, cams: Complex, carrier: Float
-) -> Iterator[tuple[Float, Float]]:
-    """Sliding speeds per unit of the bodies' rates (n, n_sleeves, n_bodies), and slopes (n, n_sleeves).
-
-    The axles turn about the origin with the bodies' rates times ``carrier`` (n, 1, n_bodies).
-    """
-    axles, radius, first = sleeves
-    vector = forces[..., 1] + 1j * forces[..., 2]
-    size = np.abs(vector)
-    toward = vector / np.where(size > 0, size, 1.0)  # from the sleeve to the wheel
-    spin = np.zeros((*axles.shape, carrier.shape[2]))
-    sleeve = np.arange(axles.shape[1])
-    spin[:, sleeve, first + sleeve] = radius
+    # Sliding speeds per unit of the bodies' rates (n, n_sleeves, n_bodies), and slopes (n, n_sleeves).
+    slides, slopes = [bearing], [coulomb + gearbox.output_bearing_viscosity]
     at_rest = gearbox.sleeve_static_friction or gearbox.sleeve_friction
-    for w in range(2):
-        normal = toward[:, w].conj()
-        slide = -spin - (axles * normal).real[..., None] * carrier
-        slide[..., w] = ((axles + radius * toward[:, w] - cams[:, w, None]) * normal).real
-        viscous = gearbox.sleeve_viscous_friction * (size[:, w] > 0)
-        yield slide, at_rest * size[:, w] / gearbox.friction_transition_speed + viscous
-    on_axle = np.abs(vector.sum(axis=1))
-    yield spin - radius * carrier, gearbox.journal_friction * on_axle / gearbox.friction_transition_speed
+    # Axles turn about the origin with the bodies' rates times the carrier's.
+    for axles, radius, first, forces, carrier in (
+        (pins, gearbox.pin_radius, _FIRST_SPIN, external, bearing * 0.0),
+        (sleeves, gearbox.internal_sleeve_radius, _FIRST_SPIN + n_pins, internal, bearing),
+    ):
+        vector = forces[..., 1] + 1j * forces[..., 2]
+        size = np.abs(vector)
+        toward = vector / np.where(size > 0, size, 1.0)  # from the sleeve to the wheel
+        spin = np.zeros((*axles.shape, inertias.size))
+        sleeve = np.arange(axles.shape[1])
+        spin[:, sleeve, first + sleeve] = radius
+        for w in range(2):
+            normal = toward[:, w].conj()
+            slide = -spin - (axles * normal).real[..., None] * carrier
+            slide[..., w] = ((axles + radius * toward[:, w] - cams[:, w, None]) * normal).real
+            slides.append(slide)
+            viscous = gearbox.sleeve_viscous_friction * (size[:, w] > 0)
+            slopes.append(at_rest * size[:, w] / gearbox.friction_transition_speed + viscous)
+        on_axle = np.abs(vector.sum(axis=1))
+        slides.append(spin - radius * carrier)
+        slopes.append(gearbox.journal_friction * on_axle / gearbox.friction_transition_speed)
+    slope = np.concatenate(slopes, axis=1)
+    scaled = np.concatenate(slides, axis=1) * np.sqrt(slope)[..., None] / np.sqrt(inertias)
+    return np.asarray(np.linalg.eigvalsh(np.swapaxes(scaled, 1, 2) @ scaled)[:, -1])
 
 
 def relax(integration: Integration, state: Float) -> Float:
@@ -619,18 +607,6 @@ def contact_points(centres: Complex, radius: float, forces: Float) -> Complex:
         return np.where(size > 0, centres + radius * vector / size, np.nan)
 
 
-def _largest_contact(external: Float, internal: Float) -> tuple[str, float]:
-    """Name and force of the most loaded contact, or of the first whose force is not a number."""
-    name, force = "", -1.0
-    for kind, forces in (("external", external), ("internal", internal)):
-        values = np.where(np.isfinite(forces), forces, np.inf)
-        wheel, sleeve = np.unravel_index(int(np.argmax(values)), values.shape)
-        if values[wheel, sleeve] > force:
-            name = f"the contact of wheel {wheel + 1} with {kind} sleeve {sleeve + 1} (counted from 1)"
-            force = float(values[wheel, sleeve])
-    return name, force
-
-
 def settling_time(gearbox: CycloidalGearbox) -> float:
     """Return the time until a run from rest is steady: ramp and decay of the slowest torsional mode.
 
@@ -671,33 +647,29 @@ def settling_time(gearbox: CycloidalGearbox) -> float:
 
 def torsion(gearbox: CycloidalGearbox) -> tuple[float, float]:
     """Return torsional stiffness (Nm/rad) and damping (Nms/rad) of torque meter and gearbox in series."""
-    stages = (
-        (gearbox.n_pins, gearbox.eccentricity * gearbox.n_lobes, gearbox.pin_radius),
-        (gearbox.n_internal_sleeves, gearbox.internal_pitch_radius, joint_effective_radius(gearbox)),
-    )
-    stiffness, damping = np.array([_contact_stage(gearbox, *stage) for stage in stages]).T
+    torque = gearbox.load_torque / 2  # per wheel
+    stiffness, damping = np.empty((2, 2))
+    for stage, (n_sleeves, largest_arm, radius) in enumerate(
+        (
+            (gearbox.n_pins, gearbox.eccentricity * gearbox.n_lobes, gearbox.pin_radius),
+            (gearbox.n_internal_sleeves, gearbox.internal_pitch_radius, joint_effective_radius(gearbox)),
+        )
+    ):
+        loaded = max(n_sleeves // 2, 1)
+        arms = largest_arm * np.sin(np.pi * (np.arange(loaded) + 0.5) / loaded)
+        contact = stiffness_factor(gearbox) * math.sqrt(radius)
+        # torque = contact * twist^1.5 * sum(arm^2.5), and the stiffness is its derivative
+        levers = contact * float(np.sum(arms**2.5))
+        stiffness[stage] = 2 * (1.5 * torque ** (1 / 3) * levers ** (2 / 3))
+        weights = np.ones(loaded)
+        if gearbox.contact_law == "hunt_crossley":
+            weights = contact * ((torque / levers) ** (2 / 3) * arms) ** 1.5
+        damping[stage] = 2 * gearbox.contact_damping * float(np.sum(weights * arms**2))
     gear_stiffness = stiffness.prod() / stiffness.sum() if stiffness.all() else 0.0
     gear_damping = damping.prod() / damping.sum() if damping.all() else 0.0
     meter_part = gear_stiffness / (gear_stiffness + gearbox.meter_stiffness)
     series = gearbox.meter_damping * meter_part**2 + gear_damping * (1 - meter_part) ** 2
     return float(meter_part * gearbox.meter_stiffness), float(series)
-
-
-def _contact_stage(
-    gearbox: CycloidalGearbox, n_sleeves: int, largest_arm: float, radius: float
-) -> tuple[float, float]:
-    """Return torsional stiffness (Nm/rad) and damping (Nms/rad) of one ring of contacts of both wheels."""
-    loaded = max(n_sleeves // 2, 1)
-    arms = largest_arm * np.sin(np.pi * (np.arange(loaded) + 0.5) / loaded)
-    contact = stiffness_factor(gearbox) * math.sqrt(radius)
-    torque = gearbox.load_torque / 2  # per wheel
-    # torque = contact * twist^1.5 * sum(arm^2.5), and the stiffness is its derivative
-    levers = contact * float(np.sum(arms**2.5))
-    stiffness = 1.5 * torque ** (1 / 3) * levers ** (2 / 3)
-    weights = np.ones(loaded)
-    if gearbox.contact_law == "hunt_crossley":
-        weights = contact * ((torque / levers) ** (2 / 3) * arms) ** 1.5
-    return 2 * stiffness, 2 * gearbox.contact_damping * float(np.sum(weights * arms**2))
 
 
 def settling_samples(gearbox: CycloidalGearbox, sampling_rate: float) -> int:

@@ -6,7 +6,6 @@ Parameters of contacts by material and geometry: paper B eq. 12-16.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,10 +48,15 @@ def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput
         wear[w, list(defects.worn_lobes)] = defects.depth
         wear[w, list(defects.removed_lobes)] = _outline.REMOVED
         radial[w, list(defects.worn_lobes)] = 1e-6 * np.asarray(defects.wear_um or 0.0)
-    lobe_angles = 2 * np.pi * np.arange(n_lobes) / n_lobes
+    lobe_angles, pin_angles, sleeve_angles = (
+        2 * np.pi * np.arange(n) / n for n in (n_lobes, gearbox.n_pins, gearbox.n_internal_sleeves)
+    )
     pitch_errors = np.reshape(gearbox.lobe_pitch_errors or np.zeros(2 * n_lobes), (2, n_lobes))
-    pin_angles = 2 * np.pi * np.arange(gearbox.n_pins) / gearbox.n_pins
-    sleeve_angles = 2 * np.pi * np.arange(gearbox.n_internal_sleeves) / gearbox.n_internal_sleeves
+    # The wheels are mounted as close to 180 deg apart as their lobes allow (exactly, if z_s is odd).
+    rest = np.array([-math.pi / n_lobes, 2 * math.pi * ((n_lobes + 1) // 2 - 1) / n_lobes])
+    runouts = np.asarray(gearbox.wheel_runouts or (0j, 0j), dtype=complex)
+    cams = gearbox.eccentricity * np.array([1, -1]) + np.asarray(gearbox.cam_errors or (0j, 0j))
+    mounts = [rest, np.cos(rest), np.sin(rest), runouts.real, runouts.imag, cams.real, cams.imag]
     return KernelInput(
         wheel=_wheel_constants(gearbox, defects),
         joint=_kernels.JointConstants(
@@ -74,32 +78,17 @@ def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput
             if gearbox.has_friction
             else None
         ),
-        pins=_table_with(
-            _outline.PIN_TABLE_SIZE,
-            {
-                _outline.PIN_COS: np.cos(pin_angles),
-                _outline.PIN_SIN: np.sin(pin_angles),
-                _outline.PIN_RADIAL_ERROR: gearbox.pin_radial_errors or np.zeros(gearbox.n_pins),
-                _outline.PIN_TANGENTIAL_ERROR: gearbox.pin_tangential_errors or np.zeros(gearbox.n_pins),
-                _outline.PIN_ANGLE: pin_angles,
-            },
+        pins=_table_of_rows(
+            np.cos(pin_angles), np.sin(pin_angles), gearbox.pin_radial_errors,
+            gearbox.pin_tangential_errors, pin_angles,
         ),
-        mounts=_wheel_rows(_mount_columns(gearbox, wear)),
-        lobes=_table_with(
-            _outline.LOBE_TABLE_SIZE,
-            {
-                _outline.LOBE_COS: np.cos(lobe_angles),
-                _outline.LOBE_SIN: np.sin(lobe_angles),
-                _outline.PITCH_ERROR: pitch_errors[0] / gearbox.pin_circle_radius,
-                _outline.PITCH_ERROR + _outline.COLUMNS: pitch_errors[1] / gearbox.pin_circle_radius,
-            },
+        mounts=_table_of_rows(*np.column_stack([*mounts, (wear > 0).any(axis=1)])),
+        lobes=_table_of_rows(
+            np.cos(lobe_angles), np.sin(lobe_angles), *pitch_errors / gearbox.pin_circle_radius
         ),
-        wear=np.concatenate([_wheel_rows(wear), _wheel_rows(radial)]),
-        sleeves=_table_with(
-            _kernels.SLEEVE_TABLE_SIZE,
-            {_kernels.SLEEVE_COS: np.cos(sleeve_angles), _kernels.SLEEVE_SIN: np.sin(sleeve_angles)},
-        ),
-    )
+        wear=_table_of_rows(*wear, *radial),
+        sleeves=_table_of_rows(np.cos(sleeve_angles), np.sin(sleeve_angles)),
+    )  # fmt: skip
 
 
 def _constants(kind: Any, gearbox: CycloidalGearbox, **others: Any) -> Any:
@@ -108,17 +97,12 @@ def _constants(kind: Any, gearbox: CycloidalGearbox, **others: Any) -> Any:
     return kind(**same, **others)
 
 
-def _table_with(size: int, rows: Mapping[Any, ArrayLike]) -> Float:
-    """Table of ``size`` numbers, filled with given values from given indices on."""
-    table = np.zeros(size)
-    for index, values in rows.items():
-        table[int(index) : int(index) + np.size(values)] = values
-    return table
-
-
-def _wheel_rows(values: Float) -> Float:
-    """Table with one row of COLUMNS numbers for each wheel."""
-    return _table_with(_outline.WHEEL_TABLE_SIZE, {0: values[0], _outline.COLUMNS: values[1]})
+def _table_of_rows(*rows: ArrayLike) -> Float:
+    """Return rows, in the order of the kernel's indices, as one flat table of rows of COLUMNS numbers."""
+    table = np.zeros((len(rows), _outline.COLUMNS))
+    for row, values in zip(table, rows, strict=True):
+        row[: np.size(values)] = values
+    return table.ravel()
 
 
 def _wheel_constants(gearbox: CycloidalGearbox, defects: LobeDefects) -> Any:
@@ -145,19 +129,6 @@ def _wheel_constants(gearbox: CycloidalGearbox, defects: LobeDefects) -> Any:
         # A flank is half a pitch.
         wear_first=0.5 * (defects.wear_centre - 0.5 * defects.wear_share),
         wear_width=0.5 * defects.wear_share,
-    )
-
-
-def _mount_columns(gearbox: CycloidalGearbox, wear: Float) -> Float:
-    """One row per wheel: its angle at rest with cosine and sine, run-out, cam, and if it has defects."""
-    z = gearbox.n_lobes
-    # The wheels are mounted as close to 180 deg apart as their lobes allow (exactly, if z_s is odd).
-    rest = np.array([-math.pi / z, 2 * math.pi * ((z + 1) // 2 - 1) / z])
-    runouts = np.asarray(gearbox.wheel_runouts or (0j, 0j), dtype=complex)
-    cams = gearbox.eccentricity * np.array([1, -1]) + np.asarray(gearbox.cam_errors or (0j, 0j))
-    has_defects = (wear > 0).any(axis=1)
-    return np.column_stack(
-        [rest, np.cos(rest), np.sin(rest), runouts.real, runouts.imag, cams.real, cams.imag, has_defects]
     )
 
 

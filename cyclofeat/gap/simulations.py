@@ -181,14 +181,14 @@ def record(run: MachineRun, effects: Sequence[Effect] = (), direction: int = 1) 
     it is measured. The record is the torque times the direction, so positive for a load that brakes; input
     torque is also multiplied by the reduction.
     """
-    channel = CHANNELS[run.quantity]
+    channel = CHANNELS[run.plan.quantity]
     if direction < 0:
         mirrored = dataclasses.replace(run.run, **{channel: -getattr(run.run, channel)})
         run = dataclasses.replace(run, run=mirrored)
     made = run.record(effects)
     angle = made.input_angle
     turned = (float(angle[-1]) - float(angle[0])) / (2 * np.pi)
-    factor = direction * factor_to_output(run.quantity, made.gearbox.n_lobes)
+    factor = direction * factor_to_output(run.plan.quantity, made.gearbox.n_lobes)
     torque = getattr(made, channel).astype(np.float32) * np.float32(factor)
     return Record(torque, turned / (angle.size - 1) * made.sampling_rate)
 

@@ -376,7 +376,7 @@ def _feature_definitions(sections: Sequence[Mapping[str, Any]]) -> list[dict[str
 
 def _disc_outline(n_lobes: int, worn: tuple[int, ...]) -> Any:
     """Outline of a disc in the proportions of the papers: recordings do not state their gearbox."""
-    from cyclofeat.simulators.geometry import CycloidalProfile
+    from cyclofeat.simulators.gearbox import CycloidalProfile
 
     n_pins = n_lobes + 1
     profile = CycloidalProfile(

@@ -223,11 +223,14 @@ def _lobe_error(pitched, index, n_places, step, tables, half):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _pitch_errors(pitched, b, wheels, lane, tables, half):
-    """Angle by which the profile is displaced at each pin, and its slope by share of a pitch."""
+def _turn_back_pins(pitched, b, wheels, displaced, cam, lane, tables, half):
+    """Angle by which the profile is displaced at each pin, its slope by share of a pitch, and the pins' ways.
+
+    The way of a pin from the rest position is turned back by the angle.
+    """
     if pitched is None:
         none = _per_wheel((0.0, 0.0), tables.frames, half)
-        return none, none
+        return (none, none), displaced
     places = (wheels[0].place, wheels[1].place)
     index, n_places, over = _places_of_weights(places, b, lane, tables, half)
     step = whole_below(over)
@@ -235,7 +238,10 @@ def _pitch_errors(pitched, b, wheels, lane, tables, half):
     change = _lobe_error(pitched, index, n_places, step + 1.0, tables, half) - here
     # The half from tip to pit is displaced as a whole; the other half passes smoothly to the next lobe.
     x = larger(2.0 * (over - step) - 1.0, 0.0)
-    return here + change * x * x * (3.0 - 2.0 * x), change * 12.0 * x * (1.0 - x)
+    error = here + change * x * x * (3.0 - 2.0 * x)
+    circle = tables.rounded[lane * np.uintp(rows.N_COLUMNS) + rows.CIRCLE_RADIUS]
+    displaced = (displaced[0] - error * cam[1], displaced[1] - error * (circle - cam[0]))
+    return (error, change * 12.0 * x * (1.0 - x)), displaced
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -246,15 +252,6 @@ def _from_profile(pin, wheels, table, half):
     y = _per_wheel((wheels[0].run_y, wheels[1].run_y), table, half)
     run = (c * x + s * y, c * y - s * x)
     return run, (lever[0] - run[0], lever[1] - run[1])
-
-
-@inner_njit(fastmath=FASTMATH, forceinline=True)
-def _turn_back_pins(pitched, errors, displaced, cam, g, at):
-    """Way of a pin from the rest position: an error of the pitch turns it back."""
-    if pitched is None:
-        return displaced
-    error, _ = errors
-    return displaced[0] - error * cam[1], displaced[1] - error * (g[at + rows.CIRCLE_RADIUS] - cam[0])
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -450,8 +447,7 @@ def _frames_of_pins(b, first, second, faulty, lane, tables, half):
     cam = (c * cam_x + s * cam_y, c * cam_y - s * cam_x)
     lever = (g[at + rows.CIRCLE_RADIUS] + (radial - cam[0]), tangential - cam[1])
     pin, wheels = (lever, cam, (c, s)), (first, second)
-    errors = _pitch_errors(tables.pitched, b, wheels, lane, tables, half)
-    displaced = _turn_back_pins(tables.pitched, errors, displaced, cam, g, at)
+    errors, displaced = _turn_back_pins(tables.pitched, b, wheels, displaced, cam, lane, tables, half)
     close = first.displaced < g[at + rows.CLOSE] and second.displaced < g[at + rows.CLOSE]
     # Newton's first step begins at rest, where all sines are zero.
     (dx, dy), (qx, qy) = displaced, lobe
@@ -513,23 +509,11 @@ def _contact_table(kind, w, lane, tables, lanes):
     return table, first * n_rows * width + lane, n_rows
 
 
-@inner_njit(fastmath=FASTMATH, forceinline=True)
-def _copy_normal(spins, row, kind, w, n, pin, number, tables, lane, lanes, half):
-    """Copy the normal of a pin of the given number to one lane's contact: only friction needs it."""
-    if spins is None:
-        return
-    width, stride = lane_count(lanes), np.uintp(2 * tables.n_blocks) * lane_count(half)
-    to = (first_normal(kind, w, tables) + np.uintp(rows.N_NORMAL_ROWS) * n) * width + lane
-    spins[to] = tables.frames[np.uintp(row) * stride + pin]
-    spins[to + width] = tables.frames[np.uintp(row + 1) * stride + pin]
-    spins[to + 2 * width] = number
-
-
 @inner_njit(fastmath=FASTMATH)
-def _pack_contacts(mask, row, row_of_normals, kind, w, n, lane, tables, lanes, half):
+def _pack_contacts(spins, mask, row, row_of_normals, kind, w, n, lane, tables, lanes, half):
     """Copy a mask's pins, from a row of their frames on, to a lane's contacts from number ``n`` on.
 
-    Returns the next number.
+    Returns the next number. Only friction needs the normals.
     """
     frames, n_blocks, width = tables.frames, tables.n_blocks, lane_count(lanes)
     per_block = np.uintp(2) * lane_count(half)
@@ -544,8 +528,11 @@ def _pack_contacts(mask, row, row_of_normals, kind, w, n, lane, tables, lanes, h
             bit = np.uintp(first_bit(bits))
             bits &= bits - np.uint64(1)
             pin = bit + np.uintp(w) * lane_count(half) + np.uintp(b) * per_block
-            number = bit + np.uintp(b) * lane_count(half)
-            _copy_normal(tables.spins, row_of_normals, kind, w, n, pin, number, tables, lane, lanes, half)
+            if spins is not None:
+                normal = (first_normal(kind, w, tables) + np.uintp(rows.N_NORMAL_ROWS) * n) * width + lane
+                spins[normal] = frames[np.uintp(row_of_normals) * stride + pin]
+                spins[normal + width] = frames[np.uintp(row_of_normals + 1) * stride + pin]
+                spins[normal + 2 * width] = bit + np.uintp(b) * lane_count(half)
             to = into + n * n_rows * width
             pin += np.uintp(row) * stride
             # Four rows at a time: of a loop over single rows the compiler makes gathers.
@@ -575,29 +562,6 @@ def keep_first(kind, w, lane, n, tables, lanes):
         else:
             table[to + rows.F_GAP * width] = 1.0
             table[to + rows.F_BEND * width] = 0.0
-
-
-@inner_njit(fastmath=FASTMATH)
-def _pack_lane(w, lane, faulty, tables, lanes, half):
-    """Fill the lane's contacts from the working memory: first those that touch."""
-    normals = rows.FLANK_NORMALS
-    kind = rows.FLANKS
-    n = _pack_contacts(rows.TOUCHING, 0, normals, kind, w, np.uintp(0), lane, tables, lanes, half)
-    n = _pack_contacts(rows.OPEN, 0, normals, kind, w, n, lane, tables, lanes, half)
-    keep_first(kind, w, lane, n, tables, lanes)
-    if not faulty:
-        return
-    kind = rows.LINED_FLANKS
-    n = _pack_contacts(rows.LINED, 0, normals, kind, w, np.uintp(0), lane, tables, lanes, half)
-    keep_first(kind, w, lane, n, tables, lanes)
-    n = np.uintp(0)
-    for mask in range(rows.ON_EDGE, rows.N_MASKS):
-        kind = (mask - rows.ON_EDGE) % rows.N_EDGE_KINDS
-        n = _pack_contacts(
-            mask, rows.EDGE_FRAMES + rows.N_EDGE_ROWS * kind, rows.EDGE_NORMALS + 2 * kind, rows.EDGES, w, n,
-            lane, tables, lanes, half,
-        )  # fmt: skip
-    keep_first(rows.EDGES, w, lane, n, tables, lanes)
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -633,18 +597,7 @@ def _wheel_place(w, eps, hole, around, lane, g):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _first_sleeve(spins, turns_to_cam, n):
-    """Index of the sleeve from which they are counted: that at the cam, for the same touch in all lanes.
-
-    Those that spin stay in their order.
-    """
-    if spins is None:
-        return np.int64(np.floor(turns_to_cam * n + 0.5)) % n
-    return 0
-
-
-@inner_njit(fastmath=FASTMATH, forceinline=True)
-def _write_wheel(w, wheel, eps, from_hole, lane, tables, lanes):
+def _write_wheel(spins, w, wheel, eps, from_hole, lane, tables, lanes):
     """Write what the time loop needs of a wheel besides its contacts."""
     width, n = lane_count(lanes), tables.n_sleeves
     mine = np.uintp(w) * width + lane
@@ -654,7 +607,10 @@ def _write_wheel(w, wheel, eps, from_hole, lane, tables, lanes):
     lane_rows[rows.CAM_Y * width + mine] = wheel.hole_cam_y
     lane_rows[rows.FIXED_CAM_X * width + mine] = wheel.cam_x
     lane_rows[rows.FIXED_CAM_Y * width + mine] = wheel.cam_y
-    nearest = _first_sleeve(tables.spins, (from_hole + np.pi * w) / (2 * np.pi), n)
+    # Sleeves are counted from that at the cam, for the same touch in all lanes; those that spin keep theirs.
+    nearest = np.int64(0)
+    if spins is None:
+        nearest = np.int64(np.floor((from_hole + np.pi * w) / (2 * np.pi) * n + 0.5)) % n
     lane_rows[rows.FIRST_COS * width + mine] = tables.sleeves[nearest]
     lane_rows[rows.FIRST_SIN * width + mine] = tables.sleeves[n + nearest]
 
@@ -664,7 +620,7 @@ def describe_lane(lane, phi, tables, lanes, half):
     """Describe all contacts of both wheels in a lane; return False for one too far displaced for it."""
     width = lane_count(lanes)
     at = lane * np.uintp(rows.N_COLUMNS)
-    g, lane_rows = tables.geometry, tables.lanes
+    g, lane_rows, spins = tables.geometry, tables.lanes, tables.spins
     eps_0 = np.float64(lane_rows[rows.AT * width + lane])
     eps_1 = np.float64(lane_rows[(rows.AT + 1) * width + lane])
     z = g[at + rows.Z]
@@ -679,9 +635,26 @@ def describe_lane(lane, phi, tables, lanes, half):
     for b in range(tables.n_blocks):
         _frames_of_pins(b, first, second, faulty, lane, tables, half)
     for w in range(tables.n_wheels):
-        _pack_lane(w, lane, faulty, tables, lanes, half)
-    _write_wheel(0, first, eps_0, phi + phi / z - eps_0, lane, tables, lanes)
-    _write_wheel(1, second, eps_1, phi + phi / z - eps_1, lane, tables, lanes)
+        # First those that touch.
+        n, kind = np.uintp(0), rows.FLANKS
+        for mask in (rows.TOUCHING, rows.OPEN):
+            n = _pack_contacts(spins, mask, 0, rows.FLANK_NORMALS, kind, w, n, lane, tables, lanes, half)
+        keep_first(kind, w, lane, n, tables, lanes)
+        if not faulty:
+            continue
+        n, kind = np.uintp(0), rows.LINED_FLANKS
+        n = _pack_contacts(spins, rows.LINED, 0, rows.FLANK_NORMALS, kind, w, n, lane, tables, lanes, half)
+        keep_first(kind, w, lane, n, tables, lanes)
+        n = np.uintp(0)
+        for mask in range(rows.ON_EDGE, rows.N_MASKS):
+            edge = (mask - rows.ON_EDGE) % rows.N_EDGE_KINDS
+            n = _pack_contacts(
+                spins, mask, rows.EDGE_FRAMES + rows.N_EDGE_ROWS * edge, rows.EDGE_NORMALS + 2 * edge,
+                rows.EDGES, w, n, lane, tables, lanes, half,
+            )  # fmt: skip
+        keep_first(rows.EDGES, w, lane, n, tables, lanes)
+    _write_wheel(tables.spins, 0, first, eps_0, phi + phi / z - eps_0, lane, tables, lanes)
+    _write_wheel(tables.spins, 1, second, eps_1, phi + phi / z - eps_1, lane, tables, lanes)
     cell = np.floor(phi * CELLS_PER_RADIAN + FIRST_BORDER) - FIRST_BORDER
     tables.seen_phi[lane] = phi
     lane_rows[rows.AHEAD * width + lane] = (cell + 1.0) / CELLS_PER_RADIAN - phi

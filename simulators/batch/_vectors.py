@@ -151,19 +151,15 @@ def _register_operator(
         _extending.lower_builtin(operation, *kinds)(lower_operator)
 
 
-def _arithmetic_ir(name: str) -> Callable[..., Any]:
-    return lambda builder, *args: getattr(builder, name)(*args, flags=_FLAGS)
-
-
-def _comparison_ir(sign: str) -> Callable[..., Any]:
-    return lambda builder, x, y: builder.fcmp_ordered(sign, x, y)
-
-
 for _operation, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul"),
                           (operator.truediv, "fdiv")):  # fmt: skip
-    _register_operator(_operation, _arithmetic_ir(_name))
+    _register_operator(
+        _operation, lambda builder, x, y, name=_name: getattr(builder, name)(x, y, flags=_FLAGS)
+    )
 for _operation, _sign in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">=")):
-    _register_operator(_operation, _comparison_ir(_sign), compares=True)
+    _register_operator(
+        _operation, lambda builder, x, y, sign=_sign: builder.fcmp_ordered(sign, x, y), compares=True
+    )
 _register_operator(operator.neg, lambda builder, x: builder.fneg(x, flags=_FLAGS), unary=True)
 
 

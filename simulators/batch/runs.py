@@ -89,7 +89,7 @@ def compile_error() -> str | None:
     course = DriveAndLoad(gearbox, 3, 5e-6, 1e5)
     constants = kernel_input(gearbox, LobeDefects.healthy())
     try:
-        integrate_machines([constants], [course], [rest_state(gearbox)], Solver())
+        list(BatchIntegration([constants], [course], [rest_state(gearbox)], Solver()).pieces())
     except Exception as error:  # of numba or LLVM, whose classes are many
         lines = str(error).strip().splitlines() or [type(error).__name__]
         return lines[0]
@@ -137,7 +137,7 @@ class SampledCourse:
     """
 
     def __init__(self, request: Request) -> None:
-        solver, sampling, stages = request.solver, request.sampling, _stages(request.solver)
+        solver, sampling, stages = request.solver, request.sampling, STAGES[request.solver.integrator]
         self.n, self._step, self._time = stages * sampling.n_steps + 1, solver.dt / stages, sampling.time
         self._whole = DriveAndLoad(
             request.gearbox, self.n, self._step, request.sampling_rate, request.start_angle, request.courses,
@@ -169,7 +169,7 @@ class BatchIntegration:
         dtype: type = np.float32,
     ) -> None:
         self._courses, self._solver, self._dtype = courses, solver, dtype
-        self._lanes, self._stages = lanes or n_lanes(), _stages(solver)
+        self._lanes, self._stages = lanes or n_lanes(), STAGES[solver.integrator]
         self._own_steps = [(course.n - 1) // self._stages for course in courses]
         limits = (simulation.LOCKING_FORCE, simulation.LOCKING_TIME)
         self._tables = batch_tables(machines, solver.dt, limits, (self._lanes, _PINS), dtype)
@@ -242,7 +242,12 @@ class Samples:
             filtered, picked = (), filtered + picked
         self._rows = {row: aligned_zeros((n, lanes), np.float64) for row in (*filtered, *picked)}
         self._filtered, self._picked = filtered, picked
-        self._phases = _filter_phases(self._up, self._down)
+        # The low-pass by phases, (up, n_taps), in the order of time.
+        low_pass = self._up * simulation.anti_alias_filter(self._up, self._down)
+        half = low_pass.size // 2
+        phases = np.zeros((2 * (half // self._up + 1), self._up))
+        phases.ravel()[phases.size // 2 - half :][: low_pass.size] = low_pass
+        self._phases = np.ascontiguousarray(phases.T[:, ::-1])
         self._done = 0
         # Steps before a piece on which its first samples depend.
         self.again = self._phases.shape[1] if filtered else 0
@@ -268,23 +273,6 @@ class Samples:
         return np.ascontiguousarray(self._rows[row].T) if row in self._rows else None
 
 
-@functools.cache
-def _filter_phases(up: int, down: int) -> Float:
-    """Return the low-pass by phases, (up, n_taps), in the order of time."""
-    low_pass = up * simulation.anti_alias_filter(up, down)
-    half = low_pass.size // 2
-    n_taps = 2 * (half // up + 1)
-    padded = np.zeros(n_taps * up)
-    first = n_taps * up // 2 - half
-    padded[first : first + low_pass.size] = low_pass
-    return np.ascontiguousarray(padded.reshape(n_taps, up).T[:, ::-1])
-
-
-def _stages(solver: Solver) -> int:
-    """Return the number of evaluations in one step."""
-    return STAGES[solver.integrator]
-
-
 def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
     """Simulate requests of one form; None for a run that did not reach its end.
 
@@ -300,14 +288,21 @@ def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
     """
     first = requests[0]
     courses = [SampledCourse(request) for request in requests]
-    states = [_start_state(request) for request in requests]
+    states = [rest_state(request.gearbox) for request in requests]
+    if first.start == "relaxed":
+        for lane, one in enumerate(requests):
+            begin = drive_and_load(
+                one.gearbox, 3, one.solver.dt / 2, one.sampling_rate, one.start_angle, one.courses
+            )
+            held = Integration(one.gearbox, one.constants, begin, one.solver.dt, one.solver.integrator)
+            states[lane] = simulation.relax(held, states[lane])
     batch = BatchIntegration([request.constants for request in requests], courses, states, first.solver)
     torques = (rows.TORQUE_OUT, rows.TORQUE_IN) if first.torque_in else (rows.TORQUE_OUT,)
     motion = (rows.OUTPUT, rows.OUTPUT_RATE) if first.motion else ()
     longest = max((request.sampling for request in requests), key=lambda sampling: sampling.n_steps)
     samples = Samples(longest, n_lanes(), torques, motion)
-    for begin, results in batch.pieces(samples.again):
-        samples.take(begin, results)
+    for n_done, results in batch.pieces(samples.again):
+        samples.take(n_done, results)
     by_lane = [samples.by_lane(row) for row in range(rows.N_RESULTS)]
     runs: list[SimulationRun | None] = []
     for lane, (request, course) in enumerate(zip(requests, courses, strict=True)):
@@ -321,57 +316,23 @@ def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
             nearby = np.repeat(inputs[:, :, np.newaxis], 3, axis=2)
             nearby[:, 0] += nearby[:, 1] * [0.0, solver.dt / 2, solver.dt]
             simulation.check_friction(request.gearbox, request.constants, solver, nearby, at_instants)
-        runs.append(_lane_run(request, course, [None if row is None else row[lane] for row in by_lane]))
+        own, z = slice(request.sampling.time.size), request.gearbox.n_lobes
+        torque_out, torque_in, angle, rate = (
+            None if row is None else row[lane][own].copy() for row in by_lane
+        )
+        assert torque_out is not None
+        runs.append(
+            SimulationRun(
+                gearbox=request.gearbox,
+                defects=request.defects,
+                sampling_rate=float(request.sampling_rate),
+                torque_out=torque_out,
+                torque_in=torque_in,
+                input_angle=course.angle,
+                output_angle=None if angle is None else angle - course.angle / z,
+                output_speed=None if rate is None else rate - course.speed / z,
+                dt=request.solver.dt,
+                kernel="batch",
+            )
+        )
     return runs
-
-
-def _start_state(request: Request) -> Float:
-    """Return the state at the start."""
-    gearbox, solver = request.gearbox, request.solver
-    state = rest_state(gearbox)
-    if request.start == "rest":
-        return state
-    course = drive_and_load(
-        gearbox, 3, solver.dt / 2, request.sampling_rate, request.start_angle, request.courses
-    )
-    return simulation.relax(
-        Integration(gearbox, request.constants, course, solver.dt, solver.integrator), state
-    )
-
-
-def integrate_machines(
-    machines: Sequence[KernelInput],
-    courses: Sequence[DriveAndLoad | SampledCourse],
-    states: Sequence[Float],
-    solver: Solver,
-    *,
-    lanes: int | None = None,
-    dtype: type = np.float32,
-) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """Integrate machines of one form, one in each lane.
-
-    Returns the results of all steps, shape (n_steps, N_RESULTS, lanes), which mean nothing after a run's own
-    end, and a mask of the lanes that reached the end of their runs.
-    """
-    batch = BatchIntegration(machines, courses, states, solver, lanes=lanes, dtype=dtype)
-    pieces = [results.copy() for _, results in batch.pieces()]
-    return np.concatenate(pieces), batch.has_reached_end
-
-
-def _lane_run(request: Request, course: SampledCourse, samples: Sequence[Float | None]) -> SimulationRun:
-    """Return one lane's run as ``simulate`` does; ``samples`` are the rows of the results."""
-    own, z = slice(request.sampling.time.size), request.gearbox.n_lobes
-    torque_out, torque_in, angle, rate = (None if row is None else row[own].copy() for row in samples)
-    assert torque_out is not None
-    return SimulationRun(
-        gearbox=request.gearbox,
-        defects=request.defects,
-        sampling_rate=float(request.sampling_rate),
-        torque_out=torque_out,
-        torque_in=torque_in,
-        input_angle=course.angle,
-        output_angle=None if angle is None else angle - course.angle / z,
-        output_speed=None if rate is None else rate - course.speed / z,
-        dt=request.solver.dt,
-        kernel="batch",
-    )

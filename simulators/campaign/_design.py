@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 from cyclofeat._base import checks
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.shards import json_bytes
-from cyclofeat.simulators._rig_file import read_json, reject_unknown
 from cyclofeat.simulators.defects import MOST_WEAR_UM, LobeDefects
 from cyclofeat.simulators.effects._parameter import settings_of_file, settings_to_file
-from cyclofeat.simulators.rig import Rig
+from cyclofeat.simulators.rig import Rig, read_json, reject_unknown
 from cyclofeat.simulators.sampling import Sample, Wear, recording_seed
 from cyclofeat.simulators.simulation import Solver
 

@@ -32,7 +32,7 @@ OFFENCES = [
     ("simulators", "simulators/gearbox.py", "def later():\n    import cyclofeat.features", "features"),
     ("simulators-root", "simulators/gearbox.py", "from cyclofeat import Recording", ""),
     ("simulators-root", "simulators/__init__.py", "import cyclofeat", ""),
-    ("kernels", "simulators/_kernels.py", "from .geometry import CycloidalGeometry", "simulators.geometry"),
+    ("kernels", "simulators/_kernels.py", "from .gearbox import CycloidalGearbox", "simulators.gearbox"),
     ("kernels", "simulators/_jit.py", "import cyclofeat", ""),
     ("datasets", "datasets/__init__.py", "from cyclofeat.features import TorqueStatistics", "features"),
     ("datasets", "datasets/new.py", "import cyclofeat.counting", "counting"),

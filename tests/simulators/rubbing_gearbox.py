@@ -89,7 +89,7 @@ class RubbingGearbox(ReferenceGearbox):
 
         d = self.jacobian(u)
         system = np.block([[self.mass_matrix, -d.T], [d, np.zeros((len(d), len(d)))]])
-        applied = self._applied_forces(at, (outside, inside), load_torque) + rubbing + journals + bearings
+        applied = self.applied_forces(at, (outside, inside), load_torque) + rubbing + journals + bearings
         solved = np.linalg.solve(system, np.concatenate([applied, self.gamma(u, v, alpha)]))
         acceleration, driver = solved[2 : len(u) : 3], float(solved[-1])
         psi = float(acceleration[bodies.OUTPUT])

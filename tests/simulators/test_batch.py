@@ -6,6 +6,7 @@ import dataclasses
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 from zlib import crc32
 
 import numba
@@ -142,6 +143,16 @@ class Given:
         return out
 
 
+def integrate(
+    each: Machines, courses: list[np.ndarray], solver: Solver, **options: Any
+) -> tuple[np.ndarray, np.ndarray]:
+    """Results of all steps, (n_steps, N_RESULTS, lanes), and a mask of the lanes that reached their end."""
+    constants, states = [kernel_input(*one) for one in each], [rest_state(g) for g, _ in each]
+    streams = [Given(course, solver) for course in courses]
+    lanes = batch.BatchIntegration(constants, streams, states, solver, **options)
+    return np.concatenate([results.copy() for _, results in lanes.pieces()]), lanes.has_reached_end
+
+
 def in_lanes(
     each: Machines,
     courses: list[np.ndarray],
@@ -154,15 +165,10 @@ def in_lanes(
     parts = []
     for first in range(0, len(each), lanes):
         chosen = slice(first, first + lanes)
-        states = [rest_state(g) for g, _ in each[chosen]]
-        constants = [kernel_input(*one) for one in each[chosen]]
-        streams = [Given(course, solver) for course in courses[chosen]]
-        results, reached = batch.integrate_machines(
-            constants, streams, states, solver, lanes=lanes, dtype=dtype
-        )
-        assert reached[: len(states)].all()
+        results, reached = integrate(each[chosen], courses[chosen], solver, lanes=lanes, dtype=dtype)
+        assert reached.all()
         assert len(results) == n
-        parts.append(results[:, :2, : len(states)])
+        parts.append(results[:, :2, : len(each[chosen])])
     return np.concatenate(parts, axis=2)
 
 
@@ -262,10 +268,7 @@ def test_a_lane_that_ends_leaves_its_neighbours_untouched(
     each[1] = (each[1][0].replace(**too_much), each[1][1])
     n, solver = 2000, Solver()
     courses = [drive_and_load(gearbox, 2 * n + 1, solver.dt / 2, 25_600.0) for gearbox, _ in each]
-    constants, states = [kernel_input(*one) for one in each], [rest_state(g) for g, _ in each]
-    results, reached = batch.integrate_machines(
-        constants, [Given(one, Solver()) for one in courses], states, solver, lanes=batch.n_lanes()
-    )
+    results, reached = integrate(each, courses, solver)
     assert reached[:3].tolist() == [True, False, True]
     alone = in_lanes([each[0], each[2]], [courses[0], courses[2]], solver, n)
     assert np.array_equal(results[:, :2, [0, 2]], alone)
@@ -310,10 +313,7 @@ def test_locking_ends_a_lane_when_it_ends_the_exact_kernels_run(monkeypatch: pyt
     each = [(STEEL, LobeDefects.worn(1)), (BRAKED, LobeDefects.healthy())]
     each += [(STEEL.replace(load_torque=1.0), LobeDefects.healthy())]
     courses = courses_of(each, 3000)
-    constants, states = [kernel_input(*one) for one in each], [rest_state(g) for g, _ in each]
-    results, reached = batch.integrate_machines(
-        constants, [Given(one, Solver()) for one in courses], states, Solver(), lanes=batch.n_lanes()
-    )
+    results, reached = integrate(each, courses, Solver())
     assert reached[:3].tolist() == [False, False, True]
     for lane in range(2):
         gearbox, defects = each[lane]

@@ -159,23 +159,5 @@ def test_start_from_rest_with_the_papers_ramps() -> None:
 def test_divergence_is_reported_with_time_contact_and_advice() -> None:
     gearbox = ReferenceGearbox(stiffness_scale=1.0)
     state = np.append(gearbox.rest_angles(0.3) + np.array([0.0, 0.0, 0.02]), np.zeros(3))
-    with pytest.raises(FloatingPointError, match=r"t = .* N between internal sleeve \d .* smaller dt"):
+    with pytest.raises(FloatingPointError, match=r"t = .* N between .* smaller dt"):
         gearbox.integrate(0.0, 1e-3, 1e-4, state, steady(0.3), lambda t: 22.0)
-
-
-@pytest.mark.parametrize(
-    ("parameters", "message"),
-    [
-        ({"n_pins": 15}, "n_pins"),
-        ({"shortening": 1.0}, "shortening"),
-        ({"worn_lobes": ((15,), ())}, "worn_lobes"),
-        ({"worn_lobes": ((0,),)}, "worn_lobes"),
-        ({"depth": 1.5}, "depth"),
-        ({"wheel_runouts": (0j,)}, "wheel_runouts"),
-        ({"pin_errors": np.zeros((2, 16))}, "pin_errors"),
-        ({"pin_radius": 0.014}, "pin_radius"),
-    ],
-)
-def test_impossible_parameters_are_refused(parameters: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        ReferenceGearbox(**parameters)

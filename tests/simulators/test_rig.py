@@ -372,7 +372,6 @@ def test_keys_may_be_left_out(tmp_path):
 BAD_FILES = {
     "not json": ("{'name': 'x'}", "is not valid JSON: .* line 1, column 2"),
     "empty": ("", "is not valid JSON"),
-    "cut off": ('{"name": "R1", "gearbox": {', "is not valid JSON"),
     "a list": ("[1, 2]", r"the file must hold a JSON object {...}, got \[1, 2\]"),
     "deep": ("[" * 100_000, "nested too deeply"),
     "another format": ('{"format": "cyclofeat rig 2"}', "format must be 'cyclofeat rig', got 'cyclof"),
@@ -381,22 +380,13 @@ BAD_FILES = {
         "effects must be a list of objects like .* got {'e",
     ),
     "effect no object": ('{"effects": ["hum"]}', r"effects\[0\]: must be an object like .* got 'hum'"),
-    "effect without name": ('{"effects": [{"rms_nm": 1}]}', r"effects\[0\]: must be an object like"),
     "effect misspelt": (
         '{"effects": [{"effect": "hum"}, {"effect": "torque_low_pass"}]}',
         r"effects\[1\]: unknown effect 'torque_low_pass': did you mean 'torque_meter_low_pass'",
     ),
-    "effect unknown": (
-        '{"effects": [{"effect": "zzz"}]}',
-        "unknown effect 'zzz': known are gearbox_parameter, pin_errors,",
-    ),
     "effect key misspelt": (
         '{"effects": [{"effect": "hum", "amplitude": 1}]}',
         r"unknown key 'amplitude' of hum with value 1: did you mean 'amplitude_nm'\?",
-    ),
-    "effect key unknown": (
-        '{"effects": [{"effect": "gain", "zzz": 1}]}',
-        "unknown key 'zzz' of gain with value 1: known are factor",
     ),
     "effect key twice": (
         '{"effects": [{"effect": "gain", "factor": 1, "factor": 2}]}',
@@ -419,40 +409,20 @@ BAD_FILES = {
         '{"effects": [{"effect": "noise", "rms_nm": {"distribution": "norm", "sale": 1}}]}',
         "unknown key 'sale' of norm with value 1: did you mean 'scale'",
     ),
-    "distribution incomplete": (
-        '{"effects": [{"effect": "noise", "rms_nm": {"distribution": "loguniform", "a": 1}}]}',
-        "loguniform needs b, got",
-    ),
     "distribution value": (
         '{"effects": [{"effect": "noise", "rms_nm": {"distribution": "norm", "loc": "a"}}]}',
         "loc of norm must be a number, got 'a'",
     ),
     "gearbox no object": ('{"gearbox": "steel"}', "gearbox must hold a JSON object .* got 'steel'"),
     "gearbox misspelt": ('{"gearbox": {"n_pin": 16}}', "'gearbox.n_pin' with value 16: .*'gearbox.n_pins'"),
-    "gearbox text": (
-        '{"gearbox": {"pin_radius": "6 mm"}}',
-        "gearbox.pin_radius must be a number, got '6 mm'",
-    ),
-    "gearbox null": ('{"gearbox": {"pin_radius": null}}', "gearbox.pin_radius must be a number, got None"),
-    "gearbox flag": ('{"gearbox": {"pin_radius": true}}', "gearbox.pin_radius must be a number, got True"),
-    "gearbox NaN": ('{"gearbox": {"pin_radius": NaN}}', "gearbox.pin_radius must be finite, got nan"),
-    "gearbox huge": ('{"gearbox": {"pin_radius": 1e999}}', "gearbox.pin_radius must be finite, got inf"),
-    "gearbox fraction": ('{"gearbox": {"n_pins": 16.5}}', "gearbox.n_pins must be a whole number, got 16.5"),
-    "gearbox range": ('{"gearbox": {"pin_radius": -1}}', "gearbox: pin_radius must be positive, got -1"),
-    "gearbox law": ('{"gearbox": {"contact_law": "hertz"}}', "contact_law must be one of .* got 'hertz'"),
-    "gearbox law type": ('{"gearbox": {"contact_law": 1}}', "gearbox.contact_law must be text, got 1"),
-    "gearbox errors": ('{"gearbox": {"pin_radial_errors": 1}}', "must be a list of numbers, or .* got 1"),
+    "gearbox value": ('{"gearbox": {"pin_radius": "6 mm"}}', "gearbox: pin_radius must be .* got '6 mm'"),
     "gearbox digits": ('{"gearbox": {"pin_radius": ' + "9" * 5000 + "}}", "must be .*finite, got inf"),
-    "gearbox long whole": ('{"gearbox": {"pin_radius": ' + "9" * 400 + "}}", "must be .*finite, got 999"),
+    "gearbox errors": ('{"gearbox": {"cam_errors": [[1, "a"]]}}', "gearbox: cam_errors must be a sequence"),
     "variants": ('{"variants": {"effect": "hum"}}', "variants must be a list of lists of effects, got {"),
     "variant": ('{"variants": [[], {"effect": "hum"}]}', r"variants\[1\]: effects must be a list .* got {"),
     "variant's effect": (
         '{"variants": [[{"effect": "hums"}]]}',
         r"variants\[0\]: effects\[0\]: unknown effect 'hums': did you mean 'hum'",
-    ),
-    "variant's number": (
-        '{"variants": [[{"effect": "gain", "factor": -1}]]}',
-        r"variants\[0\]: effects\[0\]: factor of gain must lie between",
     ),
     "variant's brake": (
         '{"effects": [{"effect": "brake_rotor"}], "variants": [[], [{"effect": "brake_rotor"}]]}',
