@@ -26,7 +26,6 @@ class RubbingSolution(NamedTuple):
     sleeve_power: float  #: of the friction between sleeves and wheels in W, both sides
     journal_power: float  #: of the sleeves' axles in W
     bearing_power: float  #: of the shafts' bearings in W
-    slip: tuple[Real, Real]  #: (2, n_pins) and (2, 8): sliding speed wheel minus sleeve in m/s
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,7 +83,7 @@ class RubbingGearbox(ReferenceGearbox):
         rate[bodies.EXTERNAL.start :], rate[bodies.INTERNAL] = external, internal
         (at, _), (_, spin) = bodies._split_bodies(u), bodies._split_bodies(v)
         _, outside, _, inside = self.contact_forces(u, v)
-        rubbing, pressed, slip = self._sleeve_friction(u, v, (outside, inside))
+        rubbing, pressed = self._sleeve_friction(u, v, (outside, inside))
         journals, bearings = self._journal_friction(spin, pressed), self._bearing_friction(spin)
 
         d = self.jacobian(u)
@@ -102,21 +101,16 @@ class RubbingGearbox(ReferenceGearbox):
             sleeve_power=float(rubbing @ v),
             journal_power=float(journals @ v),
             bearing_power=float(bearings @ v),
-            slip=slip,
         )
 
-    def _sleeve_friction(
-        self, u: Real, v: Real, pressing: tuple[Plane, Plane]
-    ) -> tuple[Real, Plane, tuple[Real, Real]]:
+    def _sleeve_friction(self, u: Real, v: Real, pressing: tuple[Plane, Plane]) -> tuple[Real, Plane]:
         """Friction of sleeves on wheels, which they press with the forces ``pressing``.
 
-        Returns forces and moments on all bodies, the resultant on every sleeve, and the slip of external and
-        internal sleeves.
+        Returns forces and moments on all bodies, and the resultant on every sleeve.
         """
         (at, _), (speed, spin) = bodies._split_bodies(u), bodies._split_bodies(v)
         force, moment = np.zeros(len(at), dtype=complex), np.zeros(len(at))
         pressed = force.copy()
-        slips = []
         for sleeves, vector in zip((bodies.EXTERNAL, bodies.INTERNAL), pressing, strict=True):
             size = np.abs(vector)
             toward = np.where(size > 0, vector, 1.0) / np.where(size > 0, size, 1.0)  # from sleeve to wheel
@@ -127,14 +121,13 @@ class RubbingGearbox(ReferenceGearbox):
             )
             of_sleeve = speed[sleeves] + 1j * spin[sleeves] * radius * toward
             along = 1j * toward
-            slips.append(bodies._dot_of(of_wheel - of_sleeve, along))
-            rub = self._friction(slips[-1], size) * along  # on the sleeve
+            rub = self._friction(bodies._dot_of(of_wheel - of_sleeve, along), size) * along  # on the sleeve
             force[sleeves] += rub.sum(axis=0)
             force[bodies.WHEELS] -= rub.sum(axis=1)
             moment[sleeves] += bodies._cross_of(point - at[sleeves], rub).sum(axis=0)
             moment[bodies.WHEELS] -= bodies._cross_of(point - at[bodies.WHEELS, None], rub).sum(axis=1)
             pressed[sleeves] += (rub - vector).sum(axis=0)
-        return bodies._join_bodies(force[: bodies.HOUSING], moment), pressed, (slips[0], slips[1])
+        return bodies._join_bodies(force[: bodies.HOUSING], moment), pressed
 
     def _journal_friction(self, spin: Real, pressed: Plane) -> Real:
         """Moments of the sleeves' axles; external ones belong to the housing, internal ones to the output."""

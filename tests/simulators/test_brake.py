@@ -68,34 +68,6 @@ def test_resonance_lies_where_gear_and_meter_in_series_put_it(inertia: float, st
     assert found == pytest.approx(in_series, rel=0.015)
 
 
-def test_stiff_meter_makes_the_rotor_a_part_of_the_output_shaft() -> None:
-    """The meter then shows the load and the rotor's inertia; what differs shrinks with the stiffness."""
-    inertia, settled = 2e-3, slice(3000, None)
-    heavier = STEEL.replace(output_shaft_inertia=STEEL.output_shaft_inertia + inertia)
-    one_piece = run(heavier, LobeDefects.worn(3), duration=0.6)
-    share = inertia / (inertia + STEEL.output_inertia)
-    expected = 22 + share * (one_piece.torque_out - 22)
-    errors = []
-    for stiffness in (1e5, 1e6):
-        damping = 0.6 * math.sqrt(stiffness * share * STEEL.output_inertia)
-        gearbox = STEEL.replace(brake_inertia=inertia, meter_stiffness=stiffness, meter_damping=damping)
-        stiff = run(gearbox, LobeDefects.worn(3), duration=0.6)
-        errors.append(np.abs(stiff.torque_out - expected)[settled].max())
-        assert np.abs(stiff.output_angle - one_piece.output_angle).max() < 30 / stiffness
-    assert errors[1] < 0.015 * np.ptp(expected[settled])
-    assert errors[0] / errors[1] == pytest.approx(10, rel=0.1)
-
-
-def test_rotor_without_inertia_passes_the_load_on() -> None:
-    """The meter shows the load itself, and the gear runs as with the load on its own shaft."""
-    settled = slice(3000, None)
-    free = run(STEEL, LobeDefects.worn(3), duration=0.6)
-    for inertia in (1e-6, 1e-7):
-        tiny = run(STEEL.with_brake(inertia, 1e3, 0.3), LobeDefects.worn(3), duration=0.6)
-        assert np.abs(tiny.torque_out - 22)[settled].max() < 3e3 * inertia
-        assert np.abs(tiny.torque_in - free.torque_in)[settled].max() < 4e2 * inertia
-
-
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [

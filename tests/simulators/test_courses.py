@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
-import naive
 import numpy as np
 import pytest
 from reference_tools import SPEED, Kernel, simulate_with
@@ -19,8 +17,8 @@ from cyclofeat.simulators import (
 )
 from cyclofeat.simulators.courses import DriveAndLoad, drive_and_load, on_grid, on_lines
 from cyclofeat.simulators.many import simulate_each
-from cyclofeat.simulators.simulation import Integration, contact_points, relax
-from cyclofeat.simulators.tables import kernel_input, pin_centres, rest_state
+from cyclofeat.simulators.simulation import Integration, relax
+from cyclofeat.simulators.tables import kernel_input, rest_state
 
 STEEL = CycloidalGearbox.steel()
 HEALTHY = LobeDefects.healthy()
@@ -128,13 +126,6 @@ def test_a_function_that_is_not_one_of_time_is_refused_in_pieces() -> None:
         list(simulate_each([arguments], "batch"))
 
 
-def test_the_input_torque_is_left_out_where_not_asked_for() -> None:
-    with_it, without = (simulate(STEEL, duration=0.02, torque_in=kept) for kept in (True, False))
-    assert with_it.torque_in is not None
-    assert without.torque_in is None
-    np.testing.assert_array_equal(without.torque_out, with_it.torque_out)
-
-
 @pytest.mark.parametrize("ramp", [0.0, 0.2])
 def test_sine_fluctuation_of_the_speed_gives_the_analytic_angle(ramp: float) -> None:
     """phi = integral of ramp(t) (omega + a sin(w t))."""
@@ -209,46 +200,7 @@ def test_tachometer_shows_the_derivative_of_the_angle(defects: LobeDefects) -> N
     assert run.output_speed[25_000:].mean() == pytest.approx(-SPEED / 15, rel=5e-3)
 
 
-def test_motion_is_kept_only_where_asked_for() -> None:
-    run = raw(motion=False, duration=0.01)
-    assert run.output_angle is run.output_speed is run.external_points is run.internal_points is None
-
-
 # Contact points ---------------------------------------------------------------------------------------------
-
-
-def point(t: float) -> complex:
-    return naive.profile_point(t, STEEL.eccentricity, 16, STEEL.shortening, STEEL.pin_radius)
-
-
-def test_contact_points_lie_on_sleeves_and_wheels() -> None:
-    """On the sleeve's circle exactly, and inside the wheel's outline by the penetration that the force tells.
-
-    Wheels are turned by their own deflection, which the record does not hold: read off the kernel's state.
-    """
-    gearbox = DISPLACED.replace(contact_law="conservative", contact_damping=0.0, contact_ramp=1e-12)
-    kernel = Kernel(gearbox, HEALTHY)
-    stiffness = kernel.constants[2].stiffness_factor * gearbox.pin_radius**0.5
-    phi, deflection = 1.1, np.array([1.7e-3, 1.6e-3, 4.1e-3])
-    got = kernel(np.append(deflection, np.zeros(5)), phi)
-    forces = np.concatenate([got["external_force"][..., None], got["external_vector"]], axis=2)
-    places = contact_points(pin_centres(gearbox), gearbox.pin_radius, forces)
-    pins = np.exp(2j * np.pi * np.arange(16) / 16)
-    centres = pins * (
-        64e-3 + np.array(gearbox.pin_radial_errors) + 1j * np.array(gearbox.pin_tangential_errors)
-    )
-    touching = got["external_force"] > 0
-    assert np.array_equal(touching, np.isfinite(places))
-    assert 8 < touching.sum() < 30
-    assert np.abs(places - centres)[touching] == pytest.approx(6e-3, abs=1e-15)
-    depth = (got["external_force"] / stiffness) ** (2 / 3)
-    for w, j in zip(*np.nonzero(touching), strict=True):
-        theta = -(phi + math.pi) / 15 + w * math.pi + deflection[w]
-        cam = (-1) ** w * STEEL.eccentricity * np.exp(1j * phi)
-        inside = complex((places[w, j] - cam) * np.exp(-1j * theta))
-        t = 2 * math.pi * j / 16 - theta
-        distance = naive.distance_to_curve(inside, point, t - 0.1, t + 0.1)
-        assert distance == pytest.approx(depth[w, j], abs=1e-10)
 
 
 def test_recorded_points_belong_to_the_recorded_forces() -> None:

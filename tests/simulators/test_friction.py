@@ -17,7 +17,6 @@ from cyclofeat.simulators import CycloidalGearbox, LobeDefects, SimulationRun, S
 from cyclofeat.simulators.simulation import GearboxLocked, friction_rates
 
 STEEL = CycloidalGearbox.steel()
-CONSERVATIVE = STEEL.replace(contact_law="conservative")
 HEALTHY = LobeDefects.healthy()
 TURN = 12_000  # steps of an input turn at 500 RPM
 LOADED = np.array([1.7e-3, 1.7e-3, 4.1e-3])
@@ -145,87 +144,6 @@ def test_vanishing_friction_is_no_friction() -> None:
     tiny = run(STEEL.replace(sleeve_friction=1e-12))
     np.testing.assert_allclose(tiny.torque_in, run(STEEL).torque_in, rtol=0, atol=1e-7)
     np.testing.assert_allclose(tiny.torque_out, run(STEEL).torque_out, rtol=0, atol=1e-7)
-
-
-def rolled(gearbox: CycloidalGearbox, at: State) -> tuple[np.ndarray, dict[str, Any]]:
-    """Spins that the sleeves settle at while the machine's pose and speeds are held, and its forces."""
-    state = full_state(oracle_of(gearbox, HEALTHY), at, np.zeros(N_SLEEVES))
-    kernel = Kernel(gearbox, HEALTHY)
-    for _ in range(8000):
-        got = at_state(kernel, state, at)
-        state[8:] += 1e-4 * got["spin_acceleration"]
-    return state[8:], got
-
-
-@pytest.mark.slow
-def test_free_sleeves_roll_and_braked_ones_slide() -> None:
-    """Without friction on its axle a sleeve takes up the speed at which the wheel's surface passes it."""
-    phi = 1.0
-    # Wheel 1 leads, so that many sleeves have one wheel alone on them.
-    angles = reference_of(STEEL, HEALTHY).rest_angles(phi) + LOADED * [1.0, 0.4, 0.9]
-    at = State(phi, SPEED, 0.0, angles, np.full(3, -SPEED / 15), 22.0)
-    free = STEEL.replace(sleeve_friction=0.1)
-    oracle = oracle_of(free, HEALTHY)
-    spins, got = rolled(free, at)
-    still, rolling = (
-        oracle.rubbing_accelerations(*at[:4], np.append(at[4], s), 22.0) for s in (np.zeros(N_SLEEVES), spins)
-    )
-    found = 0
-    for kind, before, after, spin in zip(
-        ("external_force", "internal_force"), still.slip, rolling.slip, np.split(spins, [16]), strict=True
-    ):
-        alone = (got[kind] > 5) & ((got[kind] > 0).sum(axis=0) == 1)
-        assert np.all(np.abs(before[alone]) > 0.05)  # a sleeve that did not spin would slide
-        assert np.abs(after[alone]).max() < 1e-6
-        # So its surface moves with the wheel's: both sleeves have a radius of 6 mm.
-        expected = before[alone] / 6e-3
-        assert spin[np.nonzero(alone)[1]] == pytest.approx(expected, abs=1e-3)
-        found += alone.sum()
-    assert found > 10
-    braked, _ = rolled(free.replace(journal_friction=1.0), at)
-    assert np.abs(braked[:16]).max() < 0.2 * np.abs(spins[:16]).max()
-
-
-def sliding_power(gearbox: CycloidalGearbox) -> float:
-    """Mean power in W that Coulomb friction would take from the frictionless run if no sleeve spun.
-
-    Virtual work: forces of the frictionless gearbox times sliding speeds, from the record alone.
-    """
-    frictionless = gearbox.replace(sleeve_friction=0.0)
-    options: dict[str, Any] = {"sampling_rate": 5e3, "decimation": "pick", "forces": True, "points": True}
-    record = simulate_with(frictionless, duration=0.5, **options)
-    assert record.output_angle is not None
-    turns = slice(-2 * TURN // 20, None)
-    phi = record.input_angle[turns, None, None]
-    cams = gearbox.eccentricity * np.exp(1j * phi) * np.array([[1], [-1]])
-    sleeves = np.pi / 4 * np.arange(8) + record.output_angle[turns, None, None]
-    centres = gearbox.internal_pitch_radius * np.exp(1j * sleeves)
-    total = 0.0
-    for kind, moving in (("external", 0.0), ("internal", -1j * SPEED / 15 * centres)):
-        where, force = (getattr(record, f"{kind}_{what}")[turns] for what in ("points", "forces"))
-        of_wheel = 1j * SPEED * cams - 1j * SPEED / 15 * (where - cams)
-        total += float(np.nansum(force * np.abs(of_wheel - moving)) / len(where))
-    return gearbox.sleeve_friction * total
-
-
-@pytest.mark.slow
-def test_input_torque_rises_by_the_work_of_sliding() -> None:
-    """Sleeves too heavy to be spun: coefficient times force times sliding speed, over the input's speed.
-
-    To first order in the coefficient: half the coefficient, half the rest.
-    """
-    base = mean_of_turns(run(CONSERVATIVE).torque_in)
-    rests = []
-    for coefficient in (0.004, 0.002):
-        heavy = CONSERVATIVE.replace(sleeve_inertia=1e6, friction_transition_speed=1e-3)
-        held = heavy.replace(sleeve_friction=coefficient)
-        rise = mean_of_turns(run(held).torque_in) - base
-        rests.append(rise * SPEED / sliding_power(held) - 1)
-    assert abs(rests[1]) < 0.003
-    assert abs(rests[1]) < 0.7 * abs(rests[0])
-    free = CONSERVATIVE.replace(sleeve_friction=0.1)
-    rolling = mean_of_turns(run(free).torque_in) - base
-    assert 0.01 * sliding_power(free) < rolling * SPEED < 0.15 * sliding_power(free)
 
 
 @pytest.mark.parametrize("direction", [1, -1])

@@ -38,7 +38,6 @@ OTHER = CycloidalGearbox(
     internal_sleeve_radius=9e-3,
     clearance=5e-5,
 )
-RATES = ("theta_acceleration", "psi_acceleration")
 TORQUES = ("input_torque", "output_torque")
 FORCES = ("external_force", "internal_force", "external_vector", "internal_vector")
 HEALTHY = LobeDefects.healthy()

@@ -16,7 +16,6 @@ from cyclofeat.simulators import CycloidalGearbox, LobeDefects, SimulationRun, S
 
 STEEL = CycloidalGearbox.steel()
 HEALTHY = LobeDefects.healthy()
-TURN = 12_000  # steps of an input turn at 500 RPM
 R, Q, E = PROBE.pin_circle_radius, PROBE.pin_radius, PROBE.eccentricity
 
 
@@ -142,19 +141,6 @@ def raw(gearbox: CycloidalGearbox, defects: LobeDefects = HEALTHY, **options: An
     )
 
 
-def test_running_with_equal_pitch_errors_moves_the_output_only() -> None:
-    """Both wheels turn back by the angle, and the output with them; torques are those without errors."""
-    size = 2e-5
-    plain, turned = raw(STEEL), raw(STEEL.replace(lobe_pitch_errors=[size] * 30), start="relaxed")
-    settled = slice(35_000, None)
-    assert plain.output_angle is not None
-    assert turned.output_angle is not None
-    behind = (turned.output_angle - plain.output_angle)[settled]
-    np.testing.assert_allclose(behind, -size / R, rtol=1e-3)
-    np.testing.assert_allclose(turned.torque_out[settled], plain.torque_out[settled], rtol=0, atol=1e-3)
-    np.testing.assert_allclose(turned.torque_in[settled], plain.torque_in[settled], rtol=0, atol=1e-4)
-
-
 @pytest.mark.parametrize("push", [0.0, 2e-3, -2e-3])
 @pytest.mark.parametrize(
     "defects",
@@ -232,58 +218,6 @@ def test_depth_with_clearance(clearance: float) -> None:
     assert touching > 30
 
 
-def first_touch(force: Callable[[float], float], largest: float) -> float:
-    """Where a force begins, to rounding: it is 0 at 0 and not at ``largest``."""
-    low, high = 0.0, largest
-    assert force(low) == 0 < force(high)
-    while abs(high - low) > 1e-13:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if force(middle) > 0 else (middle, high)
-    return high
-
-
-@pytest.mark.slow
-def test_pins_clearance_gives_the_dead_zone_of_the_geometry() -> None:
-    """A wheel turns freely until the pin touches whose normal has the longest lever: e z_s sin of its angle.
-
-    With many pins one stands nearly square to it, so that both ways together measure 2 clearance / (e z_s).
-    """
-    for clearance in (1e-5, 4e-5):
-        gearbox = PROBE.replace(pin_clearance=clearance)
-        for phi in (0.3, 2.0, 4.4):
-
-            def force(push: float, gearbox: CycloidalGearbox = gearbox, phi: float = phi) -> float:
-                return float(depths(gearbox, (push, 0.0), phi)[0].max())
-
-            ends = [first_touch(force, sign * 5e-3) for sign in (1, -1)]
-            for end in ends:
-                pins, places = pins_in_wheel(gearbox, 0, end, phi)
-                curve = functools.partial(point, depth=Q + clearance)
-                nearest = [
-                    naive.distance_to_curve(p, curve, t - 0.1, t + 0.1) - Q
-                    for p, t in zip(pins, places, strict=True)
-                ]
-                assert min(nearest) == pytest.approx(0, abs=1e-9)
-            assert ends[0] - ends[1] == pytest.approx(2 * clearance / (E * 15), rel=0.03)
-
-
-def test_sleeves_clearance_gives_the_dead_zone_of_the_geometry() -> None:
-    """Sleeves at 36 mm, each free by the clearance along the cam's direction."""
-    clearance, phi = 3e-5, 0.4
-    kernel = Kernel(PROBE.replace(clearance=clearance), HEALTHY)
-
-    def force(turned: float) -> float:
-        return float(kernel(np.array([0.0, 0.0, turned, *np.zeros(5)]), phi)["internal_force"][0].max())
-
-    both = first_touch(force, 5e-3) - first_touch(force, -5e-3)
-    levers = [
-        36e-3 * math.sin(2 * math.pi * k / 8 - phi / 15 - phi + math.pi * wheel)
-        for k in range(8)
-        for wheel in (0,)
-    ]
-    assert both == pytest.approx(clearance / max(levers) - clearance / min(levers), rel=0.02)
-
-
 def test_clearance_is_taken_up_by_the_loaded_side() -> None:
     """Under load the output lags behind by half of each dead zone, and the torque stays what it is."""
     plain, loose = raw(STEEL), raw(STEEL.replace(pin_clearance=2e-5), start="relaxed")
@@ -333,28 +267,6 @@ def test_fine_polylines_converge_to_the_profile() -> None:
         away.append(float(np.abs(change).mean()))
     assert away[0] / away[1] == pytest.approx(4, rel=0.15)
     assert away[1] / away[2] == pytest.approx(4, rel=0.15)
-
-
-@pytest.mark.slow
-def test_coarse_polyline_sounds_at_the_rate_of_passing_corners() -> None:
-    """Every pin passes n/15 corners in a turn, one pin after the other: sixteen by sixteen sidebands.
-
-    Corners and mesh together can only sound at h n/15 + 16 k times the input's speed, whole h and k. What the
-    smooth profile has elsewhere are the eight internal sleeves, at 8 * 16/15.
-    """
-    n = 1600
-    smooth, coarse = (
-        raw(STEEL.replace(profile_points=points), duration=0.6).torque_out[-3 * TURN :] for points in (0, n)
-    )
-    # Lines at thirds of the input's speed.
-    own, power = (np.abs(np.fft.rfft(torque - torque.mean())) ** 2 for torque in (smooth, coarse))
-    line = np.arange(power.size)
-    assert power[line % 16 > 0].sum() == pytest.approx(own[line % 16 > 0].sum(), rel=0.05)
-    of_corners = (line % 16 == 0) & (line % 48 > 0)
-    assert power[of_corners].sum() > 0.1 * power.sum()
-    assert own[of_corners].sum() < 1e-4 * power[of_corners].sum()
-    strongest = np.argmax(np.where(of_corners, power, 0)) / 3
-    assert abs(strongest - n / 15) < 16.1
 
 
 @pytest.mark.slow

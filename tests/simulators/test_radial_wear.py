@@ -127,23 +127,6 @@ def test_a_fine_polyline_is_worn_as_the_smooth_profile() -> None:
         assert got[0] == pytest.approx(expected[0], rel=2e-3, abs=1e-3)
 
 
-def test_deep_wear_takes_a_lobe_out_of_the_load() -> None:
-    """At its middle; at the ends it carries as before."""
-    middle, end = (
-        [
-            Kernel(STEEL, LobeDefects.worn(1, wheels=(0,), wear_um=um))(LOADED, pose_with_sleeve_0_at(t))[
-                "external_force"
-            ][0, 0]
-            for um in (0, 20, 50, 100)
-        ]
-        for t in np.deg2rad((5.5, 10.0))
-    )
-    assert np.all(np.diff(middle[:3]) < -10)
-    assert middle[3] == 0
-    assert end == pytest.approx([end[0]] * 4, rel=1e-6)
-    assert end[0] > 50
-
-
 def test_no_wear_is_the_healthy_gearbox_to_the_last_bit() -> None:
     options = {"duration": 0.1, "start_angle": 1.0}
     healthy, unworn = (simulate(STEEL, d, **options) for d in (None, LobeDefects.worn(7, wear_um=0)))
