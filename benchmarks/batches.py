@@ -10,7 +10,7 @@ from _markdown import table
 
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig, Solver, simulate_many
 from cyclofeat.simulators.batch.runs import BatchIntegration
-from cyclofeat.simulators.courses import drive_and_load
+from cyclofeat.simulators.courses import DriveAndLoad
 from cyclofeat.simulators.simulation import STAGES, Integration
 from cyclofeat.simulators.tables import kernel_input, rest_state
 
@@ -63,7 +63,7 @@ class Machines:
     def courses(self, n_steps: int, dt: float) -> list[np.ndarray]:
         """Drive and load of each machine at half steps."""
         return [
-            drive_and_load(gearbox, 2 * n_steps + 1, dt / 2, 25_600.0, 1.0 + 7.0 * k)
+            DriveAndLoad(gearbox, 2 * n_steps + 1, dt / 2, 25_600.0, 1.0 + 7.0 * k).piece()
             for k, gearbox in enumerate(self.gearboxes)
         ]
 

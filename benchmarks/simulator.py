@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig, Solver, simulate, simulate_many
 from cyclofeat.simulators.batch.runs import n_lanes
-from cyclofeat.simulators.courses import drive_and_load
+from cyclofeat.simulators.courses import DriveAndLoad
 from cyclofeat.simulators.reference import ReferenceGearbox, ramped_driver, ramped_load
 from cyclofeat.simulators.simulation import Integration
 from cyclofeat.simulators.tables import kernel_input, rest_state
@@ -73,7 +73,7 @@ def real_time() -> list[Row]:
 def kernel(gearbox: CycloidalGearbox, defects: LobeDefects) -> Work:
     """Return a run of the kernel alone, with tables, drive and load computed in advance."""
     n = round(DURATION_S / DT)
-    course = drive_and_load(gearbox, 2 * n + 1, DT / 2, 25_600.0)
+    course = DriveAndLoad(gearbox, 2 * n + 1, DT / 2, 25_600.0).piece()
     integration = Integration(gearbox, kernel_input(gearbox, defects), course, DT)
     return partial(integration.run, rest_state(gearbox), 0, n, np.zeros(0, dtype=int))
 

@@ -46,25 +46,11 @@ class Courses:
     load_fluctuation: TimeCourse | None = None
 
 
-def drive_and_load(
-    gearbox: CycloidalGearbox,
-    n: int,
-    step: float,
-    sampling_rate: float,
-    start_angle: float = 0.0,
-    courses: Courses | None = None,
-) -> Float:
-    """Angle (rad), speed (rad/s) and acceleration (rad/s2) of the input, and load (Nm): rows of (4, n).
-
-    At ``n`` times, ``step`` s apart from 0. Arrays among the courses are at ``sampling_rate``.
-    """
-    return DriveAndLoad(gearbox, n, step, sampling_rate, start_angle, courses).piece(0, n - 1)
-
-
 class DriveAndLoad:
-    """Input and load of one run in pieces, which follow one another; parameters of :func:`drive_and_load`.
+    """Angle (rad), speed (rad/s) and acceleration (rad/s2) of the input, and load (Nm), of one run in pieces.
 
-    To the last bit, pieces hold what :func:`drive_and_load` gives at once, and stay in the processor's cache.
+    At ``n`` times, ``step`` s apart from 0. Arrays among the courses are at ``sampling_rate``. Pieces follow
+    one another and stay in the processor's cache; to the last bit, they hold what the whole does.
     """
 
     def __init__(
@@ -89,11 +75,12 @@ class DriveAndLoad:
         # Angle by the part of the speed that has no formula, at the first time of the next piece.
         self._turned = 0.0
 
-    def piece(self, first: int, last: int, out: Float | None = None) -> Float:
-        """Return the rows from time number ``first`` to ``last``, at which the next piece begins.
+    def piece(self, first: int = 0, last: int | None = None, out: Float | None = None) -> Float:
+        """Return the rows (4, ...) from time number ``first`` to ``last``, at which the next piece begins.
 
         They are the first columns of ``out``, if it is given.
         """
+        last = self.n - 1 if last is None else last
         # One block: numpy requests large pages from 4 MB on, which halves the time.
         block: Float = np.empty((4, last + 1 - first)) if out is None else out[:, : last + 1 - first]
         # The acceleration is the slope between the neighbours.

@@ -274,12 +274,6 @@ class LobeDefects:
         """Number of distinct defective lobe indices."""
         return len(self.worn_lobes) + len(self.removed_lobes)
 
-    def check_against(self, n_lobes: int) -> None:
-        """Raise ValueError if a lobe index does not exist on a wheel of ``n_lobes`` lobes."""
-        highest = max(self.worn_lobes + self.removed_lobes, default=-1)
-        if highest >= n_lobes:
-            raise ValueError(f"defects name lobe {highest} (from 0), but the wheel has {n_lobes} lobes")
-
 
 def machine(
     gearbox: CycloidalGearbox | None, defects: LobeDefects | None
@@ -289,7 +283,9 @@ def machine(
     defects = LobeDefects.healthy() if defects is None else defects
     check_type("gearbox", gearbox, CycloidalGearbox)
     check_type("defects", defects, LobeDefects)
-    defects.check_against(gearbox.n_lobes)
+    highest, n_lobes = max(defects.worn_lobes + defects.removed_lobes, default=-1), gearbox.n_lobes
+    if highest >= n_lobes:
+        raise ValueError(f"defects name lobe {highest} (from 0), but the wheel has {n_lobes} lobes")
     if defects.wear_um is None or not defects.worn_lobes:
         return gearbox, defects
     deepest = np.max(defects.wear_um)

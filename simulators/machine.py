@@ -5,13 +5,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.checks import check_type, is_whole, repr_of
+from cyclofeat._base.checks import is_whole, repr_of
 from cyclofeat._base.quantities import CHANNELS, TORQUES, factor_to_output
 from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.courses import Courses
@@ -65,30 +64,6 @@ class Machine:
     simulator: Simulator | None = None
     motor: Motor | None = None
 
-    @classmethod
-    def drawn(
-        cls,
-        gearbox: CycloidalGearbox,
-        effects: Sequence[Effect],
-        random_state: np.random.SeedSequence,
-        simulator: Simulator | None = None,
-    ) -> Machine:
-        """Draw the machine of a seed from a nominal gearbox or simulator and a rig's effects."""
-        effects, motor = _draw_effects(effects, random_state), None
-        for effect, key in zip(effects, library.stream_keys(effects), strict=True):
-            if effect.overrides("change_gearbox"):
-                gearbox = effect.change_gearbox(gearbox, library.stream(random_state, *key, library.GEARBOX))
-            if effect.overrides("change_simulator"):
-                simulator = effect.change_simulator(
-                    simulator, library.stream(random_state, *key, library.SIMULATOR)
-                )
-                check_type(f"the result of change_simulator of {effect.effect_id}", simulator, Simulator)
-            if effect.overrides("change_motor"):
-                motor = effect.change_motor(
-                    motor or Motor(), library.stream(random_state, *key, library.MOTOR)
-                )
-        return cls(gearbox, effects, random_state, simulator, motor)
-
     def true_values(self) -> dict[str, float]:
         """Return the machine's speed, load, brake and contacts, as recordings and campaigns state them.
 
@@ -116,7 +91,7 @@ class Machine:
         for effect in effects:
             if effect.needs_simulation():
                 raise ValueError(f"effects must act on the torque only; the gearbox answers {effect!r}")
-        added = _draw_effects(effects, self.random_state, self.effects)
+        added = draw_effects(effects, self.random_state, self.effects)
         return dataclasses.replace(self, effects=library.in_chain((*self.effects, *added)))
 
     def samples_needed(self, n_samples: int) -> int:
@@ -138,7 +113,11 @@ class Machine:
             if len(acting) == 1:
                 totals[name] = acting[0]
             elif acting:
-                totals[name] = partial(_sum_at, acting)
+
+                def total(time: Float, parts: Sequence[Fluctuation] = acting) -> Float:
+                    return np.asarray(sum(part(time) for part in parts))
+
+                totals[name] = total
         return Courses(**totals)
 
     def measure_channels(
@@ -246,7 +225,7 @@ class MachineRun:
         return dataclasses.replace(self.run, **changes)
 
 
-def _draw_effects(
+def draw_effects(
     effects: Sequence[Effect], random_state: np.random.SeedSequence, before: Sequence[Effect] = ()
 ) -> tuple[Effect, ...]:
     """Return the effects with numbers drawn for a machine that already has the effects ``before``."""
@@ -257,8 +236,3 @@ def _draw_effects(
         else effect
         for effect, key in zip(effects, keys, strict=True)
     )
-
-
-def _sum_at(parts: Sequence[Fluctuation], time: Float) -> Float:
-    """Return the sum of functions of time."""
-    return np.asarray(sum(part(time) for part in parts))

@@ -37,7 +37,8 @@ from cyclofeat.simulators.effects import (
 from cyclofeat.simulators.effects._gearbox import GEARBOX_NUMBERS
 from cyclofeat.simulators.effects._parameter import is_distribution, suggest_key, to_plain, value_text
 from cyclofeat.simulators.gearbox import CycloidalGearbox
-from cyclofeat.simulators.machine import Machine, PlannedRun, RandomState, seed_sequence
+from cyclofeat.simulators.machine import Machine, PlannedRun, RandomState, draw_effects, seed_sequence
+from cyclofeat.simulators.motor import Motor
 from cyclofeat.simulators.simulation import SimulationRun, settling_samples
 
 Made = TypeVar("Made")
@@ -376,7 +377,17 @@ class Rig:
         """
         seed, sets = seed_sequence(random_state), self.effect_sets()
         variant = library.stream(seed, _VARIANT).integers(len(sets))
-        return Machine.drawn(self.gearbox, sets[variant], seed, self.simulator)
+        effects = draw_effects(sets[variant], seed)
+        gearbox, simulator, motor = self.gearbox, self.simulator, None
+        for effect, key in zip(effects, library.stream_keys(effects), strict=True):
+            if effect.overrides("change_gearbox"):
+                gearbox = effect.change_gearbox(gearbox, library.stream(seed, *key, library.GEARBOX))
+            if effect.overrides("change_simulator"):
+                simulator = effect.change_simulator(simulator, library.stream(seed, *key, library.SIMULATOR))
+                check_type(f"the result of change_simulator of {effect.effect_id}", simulator, Simulator)
+            if effect.overrides("change_motor"):
+                motor = effect.change_motor(motor or Motor(), library.stream(seed, *key, library.MOTOR))
+        return Machine(gearbox, effects, seed, simulator, motor)
 
     def simulate(
         self,

@@ -16,7 +16,7 @@ from scipy.signal import firwin, resample_poly
 from cyclofeat._base.checks import check_type, number, one_of, positive
 from cyclofeat.simulators import _kernels
 from cyclofeat.simulators._simulator import Simulator
-from cyclofeat.simulators.courses import MARGIN, Courses, drive_and_load, on_grid
+from cyclofeat.simulators.courses import MARGIN, Courses, DriveAndLoad, on_grid
 from cyclofeat.simulators.defects import LobeDefects, machine
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.tables import (
@@ -266,14 +266,14 @@ def simulate(
     gearbox, defects = machine(gearbox, defects)
     if simulator is not None:
         n, steady = round(duration * sampling_rate), gearbox.replace(ramp_time=0.0)
-        course = drive_and_load(steady, n, 1 / sampling_rate, sampling_rate, start_angle, courses)
+        course = DriveAndLoad(steady, n, 1 / sampling_rate, sampling_rate, start_angle, courses).piece()
         return _run_simulator(simulator, gearbox, defects, course, sampling_rate)
     solver = solver or Solver()
     sampling = Sampling.plan(duration, sampling_rate, solver)
     number("start_angle", start_angle)
     one_of("start", start, ("rest", "relaxed"))
     dt, n_steps, steps = solver.dt, sampling.n_steps, sampling.steps
-    course = drive_and_load(gearbox, 2 * n_steps + 1, dt / 2, sampling_rate, start_angle, courses)
+    course = DriveAndLoad(gearbox, 2 * n_steps + 1, dt / 2, sampling_rate, start_angle, courses).piece()
     integration = Integration(gearbox, kernel_input(gearbox, defects), course, dt, solver.integrator)
     state = rest_state(gearbox)
     if start == "relaxed":
@@ -412,7 +412,7 @@ class Integration:
     constants : KernelInput
     course : ndarray, shape (4, 2 n_steps + 1)
         Angle, speed and acceleration of the input and load at every half step
-        (:func:`~cyclofeat.simulators.courses.drive_and_load`).
+        (:func:`~cyclofeat.simulators.courses.DriveAndLoad`).
     dt : float
         Integration step in s.
     integrator : {"midpoint", "adams_bashforth"}

@@ -43,7 +43,7 @@ from cyclofeat.simulators.batch._vectors import (
 
 # Of all modules whose functions and constants are compiled here: numba's cache on disk notices changes of
 # this file only.
-SOURCES_CHECKSUM = 0x61C2B33B
+SOURCES_CHECKSUM = 0x2FA90378
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)

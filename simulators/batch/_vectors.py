@@ -181,10 +181,11 @@ _register_on_masks(operator.or_, lambda builder, x, y: builder.or_(x, y), 2)
 _register_on_masks(operator.invert, lambda builder, x: builder.not_(x), 1)
 
 
-def _function_of_vectors(emit: Callable[..., Any]) -> Any:
-    """An intrinsic from vectors to a vector of their type."""
+def _of_vectors(emit: Callable[..., Any], n: int) -> Any:
+    """An intrinsic from one or two vectors to a vector of their type."""
 
-    def type_and_code(vector: Vector | None, args: Any) -> Any:
+    def type_and_code(args: Any) -> Any:
+        vector = _common_vector(args)
         if vector is None:
             return None
 
@@ -193,7 +194,9 @@ def _function_of_vectors(emit: Callable[..., Any]) -> Any:
 
         return vector(*_as_arguments(args, vector)), generate_ir
 
-    return type_and_code
+    # numba reads the number of arguments from the signature.
+    one, two = (lambda context, a: type_and_code((a,))), (lambda context, a, b: type_and_code((a, b)))
+    return intrinsic(one if n == 1 else two)
 
 
 def _library_ir(name: str) -> Callable[..., Any]:
@@ -206,38 +209,13 @@ def _library_ir(name: str) -> Callable[..., Any]:
     return call_ir
 
 
-def _selection_ir(sign: str) -> Callable[..., Any]:
-    return lambda builder, vector, x, y: builder.select(builder.fcmp_ordered(sign, x, y), x, y)
-
-
-@intrinsic
-def smaller(context: Any, a: Any, b: Any) -> Any:
-    """The smaller of two numbers, lane by lane; the second where one is not a number."""
-    return _function_of_vectors(_selection_ir("<"))(_common_vector((a, b)), (a, b))
-
-
-@intrinsic
-def larger(context: Any, a: Any, b: Any) -> Any:
-    """The larger of two numbers, lane by lane; the second where one is not a number."""
-    return _function_of_vectors(_selection_ir(">"))(_common_vector((a, b)), (a, b))
-
-
-@intrinsic
-def root(context: Any, a: Any) -> Any:
-    """The square root."""
-    return _function_of_vectors(_library_ir("sqrt"))(_common_vector((a,)), (a,))
-
-
-@intrinsic
-def whole_below(context: Any, a: Any) -> Any:
-    """The largest whole number that is not larger."""
-    return _function_of_vectors(_library_ir("floor"))(_common_vector((a,)), (a,))
-
-
-@intrinsic
-def magnitude(context: Any, a: Any) -> Any:
-    """The absolute value."""
-    return _function_of_vectors(_library_ir("fabs"))(_common_vector((a,)), (a,))
+# The smaller and the larger of two numbers, lane by lane; the second where one is not a number.
+smaller, larger = (
+    _of_vectors(lambda builder, _, x, y, sign=sign: builder.select(builder.fcmp_ordered(sign, x, y), x, y), 2)
+    for sign in "<>"
+)
+# The square root, the largest whole number that is not larger, and the absolute value.
+root, whole_below, magnitude = (_of_vectors(_library_ir(name), 1) for name in ("sqrt", "floor", "fabs"))
 
 
 @intrinsic
@@ -258,8 +236,8 @@ def _row_address(builder: Any, kind: Any, table: Any, index: Any) -> Any:
     return builder.bitcast(builder.gep(table, [index], inbounds=True), kind.as_pointer())
 
 
-def _vector_at(scale: bool) -> Callable[..., Any]:
-    """Typing of a load, at a row or at a single number."""
+def _load_at(scale: bool) -> Any:
+    """An intrinsic that loads the vector in a row of a table, or from the index of a number on."""
 
     def type_and_code(context: Any, table: Any, index: Any, lanes: Any) -> Any:
         vector = Vector(table.dtype, lanes.count)
@@ -274,19 +252,10 @@ def _vector_at(scale: bool) -> Callable[..., Any]:
 
         return vector(table, types.uintp, lanes), generate_ir
 
-    return type_and_code
+    return intrinsic(type_and_code)
 
 
-@intrinsic
-def load(context: Any, table: Any, row: Any, lanes: Any) -> Any:
-    """The vector in a row of a table."""
-    return _vector_at(True)(context, table, row, lanes)
-
-
-@intrinsic
-def load_from(context: Any, table: Any, index: Any, lanes: Any) -> Any:
-    """The vector of a table's numbers from an index on."""
-    return _vector_at(False)(context, table, index, lanes)
+load, load_from = _load_at(True), _load_at(False)
 
 
 @intrinsic

@@ -17,7 +17,7 @@ from cyclofeat.simulators.batch import _tables as rows
 from cyclofeat.simulators.batch._kernel import decimate_row, fill_drive, integrate_lanes
 from cyclofeat.simulators.batch._tables import aligned_zeros, batch_tables, read_states, write_states
 from cyclofeat.simulators.batch._vectors import Lanes
-from cyclofeat.simulators.courses import Courses, DriveAndLoad, drive_and_load, on_grid
+from cyclofeat.simulators.courses import Courses, DriveAndLoad, on_grid
 from cyclofeat.simulators.defects import LobeDefects, machine
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.simulation import STAGES, Integration, Sampling, SimulationRun, Solver
@@ -291,9 +291,9 @@ def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
     states = [rest_state(request.gearbox) for request in requests]
     if first.start == "relaxed":
         for lane, one in enumerate(requests):
-            begin = drive_and_load(
+            begin = DriveAndLoad(
                 one.gearbox, 3, one.solver.dt / 2, one.sampling_rate, one.start_angle, one.courses
-            )
+            ).piece()
             held = Integration(one.gearbox, one.constants, begin, one.solver.dt, one.solver.integrator)
             states[lane] = simulation.relax(held, states[lane])
     batch = BatchIntegration([request.constants for request in requests], courses, states, first.solver)

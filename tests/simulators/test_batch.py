@@ -27,7 +27,7 @@ from cyclofeat.simulators import (
     simulation,
 )
 from cyclofeat.simulators.batch import runs as batch
-from cyclofeat.simulators.courses import drive_and_load
+from cyclofeat.simulators.courses import DriveAndLoad
 from cyclofeat.simulators.many import simulate_each
 from cyclofeat.simulators.sampling import sample_runs
 from cyclofeat.simulators.simulation import GearboxLocked, Integration, SimulationDiverged
@@ -115,7 +115,9 @@ every_kind = pytest.mark.parametrize(
 
 
 def courses_of(each: Machines, n: int, dt: float = 1e-5) -> list[np.ndarray]:
-    return [drive_and_load(g, 2 * n + 1, dt / 2, 25_600.0, 1.0 + 7 * k) for k, (g, _) in enumerate(each)]
+    return [
+        DriveAndLoad(g, 2 * n + 1, dt / 2, 25_600.0, 1.0 + 7 * k).piece() for k, (g, _) in enumerate(each)
+    ]
 
 
 def exactly(each: Machines, courses: list[np.ndarray], solver: Solver, n: int) -> np.ndarray:
@@ -267,7 +269,7 @@ def test_a_lane_that_ends_leaves_its_neighbours_untouched(
     each = kind([(STEEL, LobeDefects.worn(k)) for k in (2, 1)] + [(BRAKED, LobeDefects.healthy())])
     each[1] = (each[1][0].replace(**too_much), each[1][1])
     n, solver = 2000, Solver()
-    courses = [drive_and_load(gearbox, 2 * n + 1, solver.dt / 2, 25_600.0) for gearbox, _ in each]
+    courses = [DriveAndLoad(gearbox, 2 * n + 1, solver.dt / 2, 25_600.0).piece() for gearbox, _ in each]
     results, reached = integrate(each, courses, solver)
     assert reached[:3].tolist() == [True, False, True]
     alone = in_lanes([each[0], each[2]], [courses[0], courses[2]], solver, n)

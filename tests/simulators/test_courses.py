@@ -15,7 +15,7 @@ from cyclofeat.simulators import (
     SimulationRun,
     simulate,
 )
-from cyclofeat.simulators.courses import DriveAndLoad, drive_and_load, on_grid, on_lines
+from cyclofeat.simulators.courses import DriveAndLoad, on_grid, on_lines
 from cyclofeat.simulators.many import simulate_each
 from cyclofeat.simulators.simulation import Integration, relax
 from cyclofeat.simulators.tables import kernel_input, rest_state
@@ -109,7 +109,7 @@ def test_lines_are_those_of_numpy_to_the_last_bit() -> None:
 def test_pieces_are_the_course_to_the_last_bit(courses: Courses) -> None:
     gearbox = STEEL.replace(ramp_time=0.011)
     for n, step in ((301, 5e-5), (40, 1e-4)):
-        whole = drive_and_load(gearbox, n, step, 25_600.0, 0.3, courses)
+        whole = DriveAndLoad(gearbox, n, step, 25_600.0, 0.3, courses).piece()
         for size in (1, 7, 100, n):
             pieces = DriveAndLoad(gearbox, n, step, 25_600.0, 0.3, courses)
             for first in range(0, n - 1, size):
@@ -132,14 +132,14 @@ def test_sine_fluctuation_of_the_speed_gives_the_analytic_angle(ramp: float) -> 
     a, w = 3.0, 2 * np.pi * 7
     gearbox = STEEL.replace(ramp_time=ramp)
     time = np.arange(60_001) * 5e-6
-    phi, omega, alpha, _ = drive_and_load(
+    phi, omega, alpha, _ = DriveAndLoad(
         gearbox,
         time.size,
         5e-6,
         RATE,
         0.25,
         Courses(speed_fluctuation=lambda t: a * np.sin(w * t)),
-    )
+    ).piece()
     if ramp == 0:
         expected = 0.25 + SPEED * time + a / w * (1 - np.cos(w * time))
         speed, acceleration = SPEED + a * np.sin(w * time), a * w * np.cos(w * time)

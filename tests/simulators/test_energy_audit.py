@@ -20,7 +20,7 @@ from cyclofeat.simulators import (
     simulate,
 )
 from cyclofeat.simulators import _outline as rows
-from cyclofeat.simulators.courses import drive_and_load
+from cyclofeat.simulators.courses import DriveAndLoad
 from cyclofeat.simulators.simulation import Integrated, Integration
 from cyclofeat.simulators.tables import kernel_input, pin_centres, rest_state
 
@@ -65,7 +65,7 @@ def energy_audit(
 ) -> Energies:
     """Account for the energy of a run from ``start_time`` on, without the inertia of the input shaft."""
     first, last = round(start_time / dt), round((start_time + duration) / dt)
-    course = drive_and_load(gearbox, 2 * last + 3, dt / 2, 1 / dt)
+    course = DriveAndLoad(gearbox, 2 * last + 3, dt / 2, 1 / dt).piece()
     integration = Integration(gearbox, kernel_input(gearbox, defects), course, dt)
     state = rest_state(gearbox)
     if first > 0:

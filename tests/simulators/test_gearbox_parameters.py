@@ -89,7 +89,7 @@ def test_defects_cannot_change() -> None:
             r"worn_lobes and removed_lobes must not overlap, both hold \[2\]",
         ),
         (
-            lambda: LobeDefects.removed((3, 15)).check_against(15),
+            lambda: machine(STEEL, LobeDefects.removed((3, 15))),
             r"defects name lobe 15 \(from 0\), but the wheel has 15 lobes",
         ),
     ],

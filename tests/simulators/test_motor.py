@@ -26,7 +26,7 @@ from cyclofeat.simulators import (
     simulate,
 )
 from cyclofeat.simulators import _kernels as kernels
-from cyclofeat.simulators.courses import drive_and_load
+from cyclofeat.simulators.courses import DriveAndLoad
 from cyclofeat.simulators.effects.motor import Cogging, CurrentSensor
 from cyclofeat.simulators.motor import drive_run
 from cyclofeat.simulators.simulation import Integration, torsion
@@ -80,7 +80,7 @@ def together(gearbox, motor, carried, n):
     proportional, integral, lag = gains(gearbox, motor)
     constants, nothing = kernel_input(gearbox, WORN), np.zeros(0, dtype=int)
     n_before = round(START / RATE / DT)
-    course = drive_and_load(gearbox, 2 * n_before + 1, DT / 2, RATE)
+    course = DriveAndLoad(gearbox, 2 * n_before + 1, DT / 2, RATE).piece()
     state = Integration(gearbox, constants, course, DT).run(rest_state(gearbox), 0, n_before, nothing).state
     cam = cam_inertia(gearbox)
     inertia = motor.inertia + gearbox.input_shaft_inertia + cam
