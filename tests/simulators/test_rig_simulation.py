@@ -202,7 +202,7 @@ def test_the_assembly_follows_from_its_own_seed_and_drift_and_noise_from_the_run
     one, other = (
         rig_of_ranges.plan_run(random_state=seed, assembly=7, **SHORT).simulate() for seed in (1, 2)
     )
-    assert one.machine == other.machine == rig_of_ranges.draw(7)
+    assert one.plan.machine == other.plan.machine == rig_of_ranges.draw(7)
     assert one.run.gearbox == other.run.gearbox
     first, second = (run.record().torque_out - run.run.torque_out[-640:] for run in (one, other))
     assert abs(np.corrcoef(first, second)[0, 1]) < 0.2  # other noise
