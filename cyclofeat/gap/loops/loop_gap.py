@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Integral
@@ -14,9 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import differential_evolution
 from sklearn.base import BaseEstimator, RegressorMixin, clone
-from sklearn.exceptions import ConvergenceWarning
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, WhiteKernel
 from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._base.arguments import different_names
@@ -29,7 +25,6 @@ from cyclofeat.gap.loops.parts import (
     contact_deflection,
     elastic_torque,
     evenly_spaced,
-    loop_branches,
     relative_error,
     without_effects,
 )
@@ -72,34 +67,8 @@ class Subset:
     errors: tuple[float, ...]
 
 
-class _LoopEstimator(RegressorMixin, BaseEstimator):
-    """Base of the estimators: checks of loops, and the score."""
-
-    n_points: int
-
-    def score(self, loops: Sequence[Any], y: Any = None, sample_weight: Any = None) -> float:
-        """Minus the mean relative error of loops (:func:`relative_error`): higher is better."""
-        check_is_fitted(self)
-        return -float(np.mean([relative_error(x, self.predict(t)) for t, x in self._loop_pairs(loops)]))
-
-    def _loop_pairs(self, loops: Sequence[Any]) -> list[tuple[Float, Float]]:
-        """Check loops; return the torque and deflection of each at evenly spaced points."""
-        pairs = [evenly_spaced(*checked_loop(loop.torque, loop.deflection), self.n_points) for loop in loops]
-        if not pairs:
-            raise ValueError("loops must hold at least one loop, got none")
-        return pairs
-
-    def predict(self, torque: ArrayLike) -> Float:
-        """Deflection in rad over a cycle of torque in Nm, shape (n,), zero between its extremes."""
-        check_is_fitted(self)
-        return centre_loop(self._predict_loop(np.asarray(torque, dtype=np.float64)))
-
-    def _predict_loop(self, torque: Float) -> Float:
-        raise NotImplementedError
-
-
 @dataclass(eq=False, repr=False)
-class LoopModel(_LoopEstimator):
+class LoopModel(RegressorMixin, BaseEstimator):
     r"""Torque-deflection loops of a held drive: contacts, play, friction and compliance in series.
 
     .. math:: x = \frac{1}{8} \sum_{i=1}^{8} \left( x_c(E_i / s; c) + E_i / k \right),
@@ -122,7 +91,8 @@ class LoopModel(_LoopEstimator):
         Points of each loop that the fit looks at, evenly spaced along its torque.
     max_iter : int, default=40
         Generations of the search.
-    random_state : int, default=0
+    random_state : int, RandomState instance or None, default=None
+        Of the search.
 
     Attributes
     ----------
@@ -145,7 +115,7 @@ class LoopModel(_LoopEstimator):
     --------
     >>> from cyclofeat.datasets import load_jelmerv_cycloidal
     >>> loop = load_jelmerv_cycloidal().loops[2]
-    >>> model = LoopModel(("friction", "torsional_compliance"), max_iter=3).fit([loop])
+    >>> model = LoopModel(("friction", "torsional_compliance"), max_iter=3, random_state=0).fit([loop])
     >>> 100 < model.theta_["torsional_compliance.stiffness"] < 1000
     True
     """
@@ -155,14 +125,14 @@ class LoopModel(_LoopEstimator):
         "gearbox": [CycloidalGearbox, None],
         "n_points": [Interval(Integral, 20, None, closed="left")],
         "max_iter": [Interval(Integral, 1, None, closed="left")],
-        "random_state": [Interval(Integral, 0, None, closed="left")],
+        "random_state": ["random_state"],
     }
 
     effects: Sequence[str] = ("clearance", "friction", "torsional_compliance")
     gearbox: CycloidalGearbox | None = None
     n_points: int = 120
     max_iter: int = 40
-    random_state: int = 0
+    random_state: Any = None
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, loops: Sequence[Any], y: Any = None) -> Self:
@@ -214,11 +184,54 @@ class LoopModel(_LoopEstimator):
             name: bool(min(v - math.log(low), math.log(high) - v) < 0.01 * math.log(high / low))
             for (name, (low, high)), v in zip(parameters, best, strict=True)
         }
-        self.gearbox_ = _with_effects(self.plain_, self.theta_)
+        clearance = self.theta_.get("clearance.clearance", 0.0)
+        self.gearbox_ = without_effects(self.plain_).replace(
+            clearance=clearance,
+            pin_clearance=clearance,
+            stiffness_scale=self.plain_.stiffness_scale * self.theta_.get(factor, 1.0),
+            input_bearing_torque=self.theta_.get("friction.coulomb_nm", 0.0) / self.plain_.n_lobes,
+            meter_stiffness=self.theta_.get("torsional_compliance.stiffness", 0.0),
+        )
         return self
 
-    def _predict_loop(self, torque: Float) -> Float:
-        return self._centred_deflection(torque, self.theta_)
+    def score(self, loops: Sequence[Any], y: Any = None, sample_weight: Any = None) -> float:
+        """Minus the mean relative error of loops (:func:`relative_error`): higher is better.
+
+        Parameters
+        ----------
+        loops : sequence
+            As for :meth:`fit`.
+        y, sample_weight : ignored
+
+        Returns
+        -------
+        float
+        """
+        check_is_fitted(self)
+        return -float(np.mean([relative_error(x, self.predict(t)) for t, x in self._loop_pairs(loops)]))
+
+    def predict(self, torque: ArrayLike) -> Float:
+        """Deflection over a cycle of torque, zero between its extremes.
+
+        Parameters
+        ----------
+        torque : array-like, shape (n,)
+            In Nm.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            In rad.
+        """
+        check_is_fitted(self)
+        return centre_loop(self._centred_deflection(np.asarray(torque, dtype=np.float64), self.theta_))
+
+    def _loop_pairs(self, loops: Sequence[Any]) -> list[tuple[Float, Float]]:
+        """Check loops; return the torque and deflection of each at evenly spaced points."""
+        pairs = [evenly_spaced(*checked_loop(loop.torque, loop.deflection), self.n_points) for loop in loops]
+        if not pairs:
+            raise ValueError("loops must hold at least one loop, got none")
+        return pairs
 
     def _centred_deflection(self, torque: Float, theta: Mapping[str, Any]) -> Float:
         """Deflections (..., n) with parameters of shape (...)."""
@@ -339,7 +352,16 @@ def find_loop_gap(
         (Subset(k, float(v.mean()), tuple(v.tolist())) for k, v in errors.items()),
         key=lambda subset: subset.error,
     )
-    named = _smallest_subset(errors, alpha)
+    # Backward: play has an influence only behind friction, and friction only before a compliance.
+    named = subsets[0].effects
+    if named and sign_flip_p(errors[()] - errors[named], "greater") > alpha:
+        named = ()
+    while named:
+        fewer = [_subset_without(named, name) for name in named]
+        best = min(fewer, key=lambda key: float(errors[key].mean()))
+        if sign_flip_p(errors[best] - errors[named], "greater") <= alpha:
+            break
+        named = best
     return LoopGap(
         subsets=tuple(subsets),
         effects=named,
@@ -359,88 +381,10 @@ def find_loop_gap(
     )
 
 
-def _smallest_subset(errors: Mapping[tuple[str, ...], Float], alpha: float) -> tuple[str, ...]:
-    """Return the smallest subset that predicts no worse than the best one."""
-    # Backward: play has an influence only behind friction, and friction only before a compliance.
-    named = min(errors, key=lambda key: float(errors[key].mean()))
-    if named and sign_flip_p(errors[()] - errors[named], "greater") > alpha:
-        return ()
-    while named:
-        best = min(
-            (_subset_without(named, name) for name in named), key=lambda key: float(errors[key].mean())
-        )
-        if sign_flip_p(errors[best] - errors[named], "greater") <= alpha:
-            break
-        named = best
-    return named
-
-
 def _subset_without(named: tuple[str, ...], name: str) -> tuple[str, ...]:
     return tuple(other for other in named if other != name)
-
-
-@dataclass(eq=False, repr=False)
-class LoopSmoother(_LoopEstimator):
-    """Black box for comparison: a Gaussian process of deflection over torque and its direction.
-
-    Deflection is a straight line plus a smooth function of torque, of its direction and of the loop's largest
-    torque, and noise; it knows nothing of clearance or friction.
-
-    Parameters
-    ----------
-    n_points : int, default=120
-        Points of each loop that it sees, evenly spaced along the torque.
-    """
-
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        "n_points": [Interval(Integral, 20, None, closed="left")],
-    }
-
-    n_points: int = 120
-
-    @fit_context(prefer_skip_nested_validation=True)
-    def fit(self, loops: Sequence[Any], y: Any = None) -> Self:
-        """Fit to loops, as :meth:`LoopModel.fit`."""
-        pairs = self._loop_pairs(loops)
-        self.scale_ = float(max(np.abs(t).max() for t, _ in pairs))
-        X = np.vstack([self._loop_features(t) for t, _ in pairs])
-        x = np.concatenate([centre_loop(x) for _, x in pairs])
-        self.unit_ = float(np.sqrt(np.mean(x**2)))
-        kernel = (
-            ConstantKernel(1.0) * DotProduct(1.0)
-            + ConstantKernel(1.0) * RBF([0.3, 1.0, 1.0], (0.01, 100.0))
-            + WhiteKernel(1e-2, (1e-6, 1.0))
-        )
-        self.process_ = GaussianProcessRegressor(kernel)
-        with warnings.catch_warnings():
-            # A length scale at its bound belongs to a direction or a largest torque that does not vary.
-            warnings.simplefilter("ignore", ConvergenceWarning)
-            self.process_.fit(X, x / self.unit_)
-        return self
-
-    def _predict_loop(self, torque: Float) -> Float:
-        return np.asarray(self.unit_ * self.process_.predict(self._loop_features(torque)))
-
-    def _loop_features(self, torque: Float) -> Float:
-        rising, _ = loop_branches(torque)
-        direction = np.full(torque.size, -1.0)
-        direction[rising] = 1.0
-        peak = np.full(torque.size, np.abs(torque).max())
-        return np.column_stack([torque / self.scale_, direction, peak / self.scale_])
 
 
 def _in_order(effects: Sequence[str], argument: str) -> tuple[str, ...]:
     given = different_names(effects, LOOP_EFFECTS, argument)
     return tuple(name for name in LOOP_EFFECTS if name in given)
-
-
-def _with_effects(plain: CycloidalGearbox, theta: dict[str, float]) -> CycloidalGearbox:
-    clearance = theta.get("clearance.clearance", 0.0)
-    changed = without_effects(plain).replace(
-        clearance=clearance,
-        pin_clearance=clearance,
-        stiffness_scale=plain.stiffness_scale * theta.get("contact_stiffness_scale.factor", 1.0),
-        input_bearing_torque=theta.get("friction.coulomb_nm", 0.0) / plain.n_lobes,
-    )
-    stiffness = theta.get("torsional_compliance.stiffness")
-    return changed if stiffness is None else changed.replace(meter_stiffness=stiffness)

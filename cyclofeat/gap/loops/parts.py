@@ -147,7 +147,9 @@ def contact_deflection(
     factor : float or array-like, shape (...)
         On the stiffness of all contacts: the deflection at T is that of the gearbox itself at T / factor.
 
-    Notes ----- From :func:`cyclofeat.simulators.torque_deflection` (the branch on which the torque falls),
+    Notes
+    -----
+    From :func:`cyclofeat.simulators.torque_deflection` (the branch on which the torque falls),
     for six clearances, straight between them; below 0.5 Nm Hertz' law a + b T^(2/3) through the values above.
     The input begins at its angle 0: play and stiffness depend on the angle, which is not known of the loops.
     """
