@@ -64,8 +64,8 @@ def corrected(
     )  # fmt: skip
     session = MeasuredRig.of(recordings, world.rig, world.sampling_rate).session()
     named = named_effects(posterior.presence(session))
-    confirmed = confirm_effects(posterior, session, named)
-    variants = draw_effects(posterior, session, confirmed, N_VARIANTS)
+    confirmed = confirm_effects(posterior, session, named, random_state=0)
+    variants = draw_effects(posterior, session, confirmed, N_VARIANTS, random_state=0)
     return comparison.corrected_rig(confirmed.effects), comparison.corrected_rig(variants=variants), named
 
 

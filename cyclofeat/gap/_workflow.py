@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.checks import is_number
@@ -115,7 +116,7 @@ def find_gap(
         named=confirmed.effects,
         remainder=left,
         next_measurements=possible.next_measurements(posterior),
-        overlays=_draw_overlays(located, corrected, settings) if settings.pictures else (),
+        overlays=_draw_overlays(located, settings, corrected),
         proof=proof,
         warnings=tuple(warnings),
         seconds=time.monotonic() - began,
@@ -137,8 +138,7 @@ def _found_effects(
 ) -> tuple[FoundEffect, ...]:
     """Return what is known of each effect, the most probable first."""
     quantiles = {name: (row[0], row[2], row[-1]) for name, row in posterior.sizes(session).items()}
-    fitted = zip(confirmed.low, confirmed.middle, confirmed.high, strict=True)
-    quantiles |= dict(zip(confirmed.names, fitted, strict=True))
+    quantiles |= dict(zip(confirmed.names, confirmed.quantiles, strict=True))
     limits = posterior.visible_from()
     visible = dict(zip(posterior.names_, posterior.predict_visible([session])[0].tolist(), strict=True))
     found = []
@@ -177,15 +177,16 @@ def _remainder_of_result(world: World, confirmed: Confirmed) -> Remainder:
 
 
 def _draw_overlays(
-    located: Sequence[LocatedGap], corrected: Rig, settings: GapSettings
+    located: Sequence[LocatedGap], settings: GapSettings, corrected: Rig | None = None
 ) -> tuple[Overlay, ...]:
-    found: list[Overlay] = []
-    for one in located:
-        condition = Condition.of(one.comparison)
-        after = one.comparison.replace(rig=condition.set_on(corrected), n_bank=settings.n_after)
-        bank = after.bank_like(one.measured)
-        found += summarise_overlays(one.comparison, one.measured.windows, one.bank.X, bank.X)
-    return tuple(found)
+    overlays: list[Overlay] = []
+    for one in located if settings.pictures else ():
+        after = None
+        if corrected is not None:
+            rig = Condition.of(one.comparison).set_on(corrected)
+            after = one.comparison.replace(rig=rig, n_bank=settings.n_after).bank_like(one.measured).X
+        overlays += summarise_overlays(one.comparison, one.measured.windows, one.bank.X, after)
+    return tuple(overlays)
 
 
 _FEW_SIMULATED = 40  # below it "disagree" is said too often where nothing differs
@@ -241,40 +242,29 @@ def compare_recordings(
     numbers = range(len(given))
     parts = both.part(numbers[: len(measured)]), both.part(numbers[len(measured) :])
     located = locate_all(parts[0], World(rig=rig), settings, simulated=parts[1])
-    pictures = settings.pictures
-    return GapResult(
-        where=tuple(where_of(one, pictures=pictures) for one in located),
-        rig=rig,
-        quantity=both.quantity,
-        overlays=tuple(
-            overlay
-            for one in located
-            if pictures
-            for overlay in summarise_overlays(one.comparison, one.measured.windows, one.bank.X)
-        ),
-        warnings=(*both.warnings, *parts[0].doubts, *_limit_sentences(*parts, located)),
-        seconds=time.monotonic() - began,
-    )
-
-
-def _limit_sentences(
-    measured: MeasuredRig, simulated: MeasuredRig, located: Sequence[LocatedGap]
-) -> Iterator[str]:
-    """Yield a sentence on what these sets of recordings cannot tell."""
+    warnings = [*both.warnings, *parts[0].doubts]
     compared = [Condition.of(one.comparison) for one in located]
-    left_out = [condition.text for condition in measured.conditions if condition not in compared]
+    left_out = [condition.text for condition in parts[0].conditions if condition not in compared]
     if left_out:
-        yield f"not compared, as each set needs two recordings there: {'; '.join(left_out)}"
+        warnings.append(f"not compared, as each set needs two recordings there: {'; '.join(left_out)}")
     fewest = min(len(one.bank.X) for one in located)
     if fewest < _FEW_SIMULATED:
-        yield (
+        warnings.append(
             f"{fewest} simulated recordings of a condition: with fewer than {_FEW_SIMULATED} differences "
             "look surer than they are"
         )
-    if any(measured.of_one_assembly(condition) for condition in compared):
-        yield (
+    if any(parts[0].of_one_assembly(condition) for condition in compared):
+        warnings.append(
             "all recordings of a condition are of one assembly: what is peculiar to it counts as a difference"
         )
+    return GapResult(
+        where=tuple(where_of(one, pictures=settings.pictures) for one in located),
+        rig=rig,
+        quantity=both.quantity,
+        overlays=_draw_overlays(located, settings),
+        warnings=tuple(warnings),
+        seconds=time.monotonic() - began,
+    )
 
 
 _FEWEST = 3  # set-points, so that fitted ones lie on both sides of the one held out
@@ -312,70 +302,63 @@ def hold_out(recordings: Sequence[Recording], by: float | str, *, random_state: 
     >>> [recording.speed_rpm for recording in held_out]
     [500.0, 500.0]
     """
+    states = {
+        name: [getattr(recording, label) for recording in recordings]
+        for name, (label, *_) in _SET_POINTS.items()
+    }
+    points = {
+        name: set_points(np.abs(states[name]), share)
+        for name, (_, _, share) in _SET_POINTS.items()
+        if None not in states[name]
+    }
     if by in _SET_POINTS:
-        held = _middle_set_point(recordings, str(by))
+        name, (label, unit, _) = str(by), _SET_POINTS[str(by)]
+        if name not in points:
+            raise ArgumentError(
+                "{argument} {by} needs {label} of every recording, {n} of {total} state none", argument="by",
+                by=by, label=label, n=states[name].count(None), total=len(recordings),
+            )  # fmt: skip
+        values = np.unique(points[name])
+        if values.size < _FEWEST:
+            raise ArgumentError(
+                "{argument} {by} needs recordings at {fewest} {by}s or more, so that fitted ones lie on both "
+                "sides, got {n}: {got} {unit}", argument="by", by=by, fewest=_FEWEST, n=values.size,
+                got=", ".join(f"{value:g}" for value in values), unit=unit,
+            )  # fmt: skip
+        held = points[name] == values[values.size // 2]
     elif is_number(by) and 0 < float(by) < 1:
-        held = _held_share(recordings, float(by), random_state)
+        held = _held_share(recordings, float(by), [*points.values()], random_state)
     else:
         raise ArgumentError(
             "{argument} must be a share between 0 and 1, speed or load, got {got}", argument="by", got=by
         )
-    parts = [[one for i, one in enumerate(recordings) if (i in held) == inside] for inside in (False, True)]
-    return parts[0], parts[1]
+    fitted = [recording for recording, is_held in zip(recordings, held, strict=True) if not is_held]
+    return fitted, [recording for recording, is_held in zip(recordings, held, strict=True) if is_held]
 
 
-def _middle_set_point(recordings: Sequence[Recording], by: str) -> set[int]:
-    """Return the recordings at the middle speed or load."""
-    label, unit, share = _SET_POINTS[by]
-    stated = [getattr(recording, label) for recording in recordings]
-    if None in stated:
-        raise ArgumentError(
-            "{argument} {by} needs {label} of every recording, {n} of {total} state none", argument="by",
-            by=by, label=label, n=stated.count(None), total=len(stated),
-        )  # fmt: skip
-    of_recording = set_points(np.abs(stated), share)
-    found = np.unique(of_recording)
-    if found.size < _FEWEST:
-        raise ArgumentError(
-            "{argument} {by} needs recordings at {fewest} {by}s or more, so that fitted ones lie on both "
-            "sides, got {n}: {got} {unit}", argument="by", by=by, fewest=_FEWEST, n=found.size,
-            got=", ".join(f"{value:g}" for value in found), unit=unit,
-        )  # fmt: skip
-    return set(np.flatnonzero(of_recording == found[found.size // 2]).tolist())
-
-
-def _held_share(recordings: Sequence[Recording], share: float, random_state: int | None) -> set[int]:
-    """Return a share of the assemblies of every count and condition."""
+def _held_share(
+    recordings: Sequence[Recording], share: float, points: list[Any], random_state: int | None
+) -> NDArray[np.bool_]:
+    """Mask a share of the assemblies of every count and condition."""
     known = all(recording.assembly is not None for recording in recordings)
+    # Both parts hold the same classes and conditions.
+    counts = [recording.defect_count for recording in recordings]
+    kinds = list(zip(counts, [recording.torque.mean() < 0 for recording in recordings], *points, strict=True))
     assemblies: dict[Any, list[int]] = {}
     for i, recording in enumerate(recordings):
         assemblies.setdefault(recording.assembly if known else i, []).append(i)
     strata: dict[Any, list[list[int]]] = {}
-    kinds = _recording_kinds(recordings)
     members = list(assemblies.values())
     for k in np.random.default_rng(random_state).permutation(len(members)):
-        # Both parts hold the same classes and conditions.
         stratum = frozenset(kinds[i] for i in members[k])
         strata.setdefault(stratum, []).append(members[k])
     order = [assembly for of_one_kind in strata.values() for assembly in of_one_kind]
-    held = {i for k in range(int(share * len(order))) for i in order[int(k / share)]}
-    if not held or len(held) == len(recordings):
+    held = np.zeros(len(recordings), dtype=bool)
+    held[[i for k in range(int(share * len(order))) for i in order[int(k / share)]]] = True
+    if not held.any() or held.all():
         raise ArgumentError(
             "{argument} {share} leaves {left} of {n} recordings to fit, of {assemblies} assemblies each held "
             "out as a whole: more are needed", argument="by", share=f"{share:g}",
-            left=len(recordings) - len(held), n=len(recordings), assemblies=len(assemblies),
+            left=int(np.sum(~held)), n=len(recordings), assemblies=len(assemblies),
         )  # fmt: skip
     return held
-
-
-def _recording_kinds(recordings: Sequence[Recording]) -> list[tuple[Any, ...]]:
-    """Return the count and the condition of each recording; without a set-point that not all state."""
-    columns: list[Sequence[Any]] = [
-        [recording.defect_count for recording in recordings],
-        [recording.torque.mean() < 0 for recording in recordings],
-    ]
-    for label, _, share in _SET_POINTS.values():
-        stated = [getattr(recording, label) for recording in recordings]
-        if None not in stated:
-            columns.append(set_points(np.abs(stated), share).tolist())
-    return list(zip(*columns, strict=True))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeVar, get_args
 
 import numpy as np
 
-from cyclofeat._base import displays, plots
+from cyclofeat._base import checks, displays, plots
 from cyclofeat._base.displays import data_frame, html_card
 from cyclofeat._base.quantities import beyond_text, number_of, unit_text
 from cyclofeat.gap.measured import Condition
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 FORMAT = "cyclofeat gap 2"
 Table = Literal["effects", "sizes", "remainder", "next_measurements", "where", "proof"]
 _LEFT = {"chance": "nothing", "open effects": "what may be open effects", "unknown": "something"}
-TABLES: tuple[Table, ...] = ("effects", "sizes", "remainder", "next_measurements", "where", "proof")
 
 
 @dataclass(frozen=True)
@@ -263,12 +262,21 @@ class GapResult(EffectRows[FoundEffect]):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values that JSON can hold, as ``cyclofeat gap --json`` prints them."""
+        # fmt: off
         plain = {
             "format": FORMAT,
             "verdict": self.verdict,
             "p": self.p,
             "quantity": self.quantity,
-            "effects": [_plain_effect(found) for found in self.effects],
+            "effects": [
+                {
+                    "id": row.effect, "probability": round(row.probability, 6), "answer": row.answer,
+                    "sizes": {size.pop("name"): size for size in map(asdict, row.sizes)},
+                    "ties": list(row.ties), "visible": row.visible,
+                    "visible_from": None if row.visible_from is None else asdict(row.visible_from),
+                }
+                for row in self.effects
+            ],
             "named": [effect.effect_id for effect in self.named],
             "remainder": None if self.remainder is None else asdict(self.remainder),
             "next_measurements": [asdict(one) for one in self.next_measurements],
@@ -283,6 +291,7 @@ class GapResult(EffectRows[FoundEffect]):
             "warnings": list(self.warnings),
             "seconds": round(self.seconds, 1),
         }
+        # fmt: on
         return dict(replace_nonfinite(plain))
 
     def to_frame(self, table: Table = "effects") -> pd.DataFrame:
@@ -304,23 +313,24 @@ class GapResult(EffectRows[FoundEffect]):
         ValueError
             If there is no such table.
         """
-        if table not in TABLES:
-            raise ValueError(f"table must be one of {', '.join(TABLES)}, got {table!r}")
-        return data_frame(self._table_rows(table))
-
-    def _table_rows(self, table: Table) -> list[dict[str, Any]]:
-        if table == "effects":
-            hidden = ("sizes", "visible_from")
-            return [{k: v for k, v in asdict(found).items() if k not in hidden} for found in self.effects]
-        if table == "sizes":
-            return [{"effect": found.effect} | asdict(size) for found in self.effects for size in found.sizes]
-        if table == "remainder":
-            return [asdict(row) for row in self.remainder.rows] if self.remainder else []
-        if table == "next_measurements":
-            return [asdict(one) for one in self.next_measurements]
-        of_conditions: Sequence[Where | Proof] = self.where if table == "where" else self.proof
-        rows = [_condition_columns(one.condition) | asdict(row) for one in of_conditions for row in one.rows]
-        return [row.pop("cell", {}) | row for row in rows]
+        rows: list[dict[str, Any]]
+        match checks.one_of("table", table, get_args(Table)):
+            case "effects":
+                hidden = ("sizes", "visible_from")
+                rows = [{k: v for k, v in asdict(row).items() if k not in hidden} for row in self.effects]
+            case "sizes":
+                rows = [{"effect": row.effect} | asdict(size) for row in self.effects for size in row.sizes]
+            case "remainder":
+                rows = [asdict(row) for row in self.remainder.rows] if self.remainder else []
+            case "next_measurements":
+                rows = [asdict(row) for row in self.next_measurements]
+            case _:
+                parts: Sequence[Where | Proof] = self.where if table == "where" else self.proof
+                rows = [
+                    _condition_columns(part.condition) | asdict(row) for part in parts for row in part.rows
+                ]
+                rows = [row.pop("cell", {}) | row for row in rows]
+        return data_frame(rows)
 
     def plot(
         self,
@@ -370,37 +380,28 @@ class GapResult(EffectRows[FoundEffect]):
         for proof in self.proof:
             at = "" if proof.condition is None else f" at {proof.condition.text}"
             rows[f"gap closed{at}"] = f"{proof.result.grr:.0%}"
+        curves = []
+        for overlay in self.overlays[:1]:
+            looks = (
+                (overlay.measured, displays.Curve(overlay.x, width=2.4)),
+                (overlay.model, displays.Curve(overlay.x, "currentColor", 1.0, "4 3")),
+                (overlay.corrected, displays.Curve(overlay.x, displays.SECOND, 1.2)),
+            )
+            drawn = [
+                look._replace(values=np.log(np.maximum(band.mean, np.finfo(float).tiny)))
+                for band, look in looks
+                if band is not None
+            ]
+            text = (
+                f"{overlay.kind.capitalize()} at {overlay.condition.text}: recordings (wide), model (dashed)"
+            )
+            text += "" if overlay.corrected is None else ", corrected model (thin)"
+            curves.append(displays.draw_curves(drawn, text))
         return html_card(
             f"Gap: {number_of(len(self.named), 'effect')} named" if self.effects else f"Gap: {self.verdict}",
-            rows, pictures=[_overlay_curves(overlay) for overlay in self.overlays[:1]], notes=self.warnings,
+            rows, pictures=curves, notes=self.warnings,
             code='result.to_frame("sizes")' if self.named else 'result.to_frame("where")',
         )  # fmt: skip
-
-
-def _overlay_curves(overlay: Overlay) -> str:
-    """Return recordings (accent), model (dashed) and corrected model of an overlay, in logarithms."""
-    looks = (
-        (overlay.measured, displays.Curve(overlay.x, width=2.4)),
-        (overlay.model, displays.Curve(overlay.x, "currentColor", 1.0, "4 3")),
-        (overlay.corrected, displays.Curve(overlay.x, displays.SECOND, 1.2)),
-    )
-    drawn = [
-        look._replace(values=np.log(np.maximum(band.mean, np.finfo(float).tiny)))
-        for band, look in looks
-        if band is not None
-    ]
-    corrected = "" if overlay.corrected is None else ", corrected model (thin)"
-    text = f"{overlay.kind.capitalize()} at {overlay.condition.text}: recordings (wide), model (dashed)"
-    return displays.draw_curves(drawn, text + corrected)
-
-
-def _plain_effect(found: FoundEffect) -> dict[str, Any]:
-    sizes = {size.name: {k: v for k, v in asdict(size).items() if k != "name"} for size in found.sizes}
-    return {
-        "id": found.effect, "probability": round(found.probability, 6), "answer": found.answer,
-        "sizes": sizes, "ties": list(found.ties), "visible": found.visible,
-        "visible_from": None if found.visible_from is None else asdict(found.visible_from),
-    }  # fmt: skip
 
 
 def _condition_columns(condition: Condition | None) -> dict[str, Any]:

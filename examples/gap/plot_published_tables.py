@@ -16,7 +16,7 @@ from _stored import DATA
 
 from cyclofeat.datasets import load_published_tables
 from cyclofeat.gap import Comparison, find_published_gap
-from cyclofeat.gap.published.settings import PublishedSettings
+from cyclofeat.gap.published.rigs import PublishedSettings
 
 tables = load_published_tables()
 published, entropy = tables.signal_statistics, tables.spectral_entropy["entropy_bits"]

@@ -12,10 +12,9 @@ from scipy import stats
 from cyclofeat.datasets import load_published_tables
 from cyclofeat.gap import Comparison, find_published_gap
 from cyclofeat.gap.published.published_gap import predict_statistics
-from cyclofeat.gap.published.rigs import SimulatedRigs
+from cyclofeat.gap.published.rigs import PublishedSettings, SimulatedRigs
 from cyclofeat.gap.published.scores import crps, sign_flip_p, to_statistics
 from cyclofeat.gap.published.search import Search
-from cyclofeat.gap.published.settings import PublishedSettings
 from cyclofeat.simulators import CycloidalGearbox, Drift, Offset, Rig
 
 SMALL = {"duration": 0.1, "n_draws": 2, "library": ["sensor_drift", "gain", "offset"]}

@@ -22,8 +22,7 @@ from cyclofeat.simulators.effects.library import look_alikes
 
 Float = NDArray[np.float64]
 
-# Rounds of simulation, and the spread of the simulated sizes over that of what is believed of them, which may
-# be off.
+# Rounds of simulation, and the inflation of the spreads from which its sizes are drawn.
 _ROUNDS, _WIDER = 2, 1.5
 _PRIOR_DRAWS = 400
 _REJECTED = 0.02  # p of what is left, below which something else is missing
@@ -44,8 +43,6 @@ class Confirmed:
         Of their sizes, as in :attr:`World.size_names`.
     sizes : Gaussian
         Their joint distribution, on the scale of their fit.
-    low, middle, high : ndarray, shape (n_sizes,)
-        0.05, 0.5 and 0.95 quantile, in the parameter's unit.
     remainder : Unexplained
         What they leave.
     accepted : bool
@@ -63,14 +60,22 @@ class Confirmed:
     effects: tuple[Effect, ...]
     names: tuple[str, ...]
     sizes: Gaussian = field(repr=False)
-    low: Float = field(repr=False)
-    middle: Float = field(repr=False)
-    high: Float = field(repr=False)
     remainder: Unexplained
     accepted: bool
     difference: Float = field(repr=False)
     open: bool = False
     fitted: bool = True
+
+    @property
+    def quantiles(self) -> list[tuple[float, ...]]:
+        """0.05, 0.5 and 0.95 quantile of each size, in the parameter's unit."""
+        reach = stats.norm.ppf(0.95) * self.sizes.spread
+        columns = [
+            [float(getattr(effect, name)) for effect in effects for name in effect.vector_names()]
+            for end in (self.sizes.mean - reach, self.sizes.mean, self.sizes.mean + reach)
+            for effects in [with_sizes(self.effects, end)]
+        ]
+        return list(zip(*columns, strict=True))
 
 
 def confirm_effects(
@@ -80,9 +85,9 @@ def confirm_effects(
     *,
     possible: Sequence[Session] = (),
     n_sessions: int = 96,
-    random_state: int = 0,
+    random_state: int,
     n_jobs: int = 1,
-    progress: Callable[[str], object] | None = None,
+    progress: Callable[[str], object] = lambda _: None,
 ) -> Confirmed:
     """Simulate sessions like a measured one with the named effects, and fit their sizes.
 
@@ -93,72 +98,61 @@ def confirm_effects(
     So sessions are simulated with the very sizes of the fit and of the posterior, and the posterior's sizes
     are kept if theirs lie clearly nearer to the measured one.
 
-    Parameters
-    ----------
-    posterior : EffectPosterior
-    session : Session
-        Of more than 12 recordings, 12 are used.
-    named : sequence of str
-        Effects that the rig has.
-    possible : sequence of Session
-        Simulated sessions like this one that have each effect as often as it is probable: they tell whether
-        effects that are open would explain what is left.
-    n_sessions : int, default=96
-        Simulated each time.
-    random_state, n_jobs : int
-    progress : callable, optional
-        Called with the name of each step.
+    Of more than 12 recordings, 12 are used; ``n_sessions`` are simulated each time. ``possible`` sessions are
+    simulated like this one and have each effect as often as it is probable: they tell whether effects that
+    are open would explain what is left.
     """
-    world = posterior.world
-    shown = at_most(session, MOST_RECORDINGS)
+    world, shown = posterior.world, at_most(session, MOST_RECORDINGS)
     effects = tuple(effect for effect in world.effects or () if effect.effect_id in named)
     names = tuple(f"{effect.effect_id}.{name}" for effect in effects for name in effect.vector_names())
     columns = [world.size_names.index(name) for name in names]
-    observed = _mean_and_spread(posterior.deviations(shown))
-    estimates = posterior.standardised_sizes([shown])[0, columns]
+
+    def summarise(sessions: Sequence[Session]) -> tuple[Float, Float]:
+        features = [_mean_and_spread(posterior.deviations(one)) for one in sessions]
+        return np.array(features), posterior.standardised_sizes(sessions)[:, columns]
+
+    observed, estimates = (part[0] for part in summarise([shown]))
     prior = _size_prior(effects)
-    believed = _first_belief(posterior, shown, names, prior)
+    middle, spread = posterior.size_distribution(shown, names)
+    variances = np.r_[spread**2, prior.covariance[-1, -1]]
+    believed = Gaussian(np.r_[middle, prior.mean[-1]], np.diag(variances))
     before = believed.without_last()
     simulate = functools.partial(simulate_sessions, world, shown, n_jobs=n_jobs)
     n_rounds, wider = (_ROUNDS, _WIDER) if names else (1, 1.0)
     for round_ in range(n_rounds):
-        if progress is not None:
-            progress(f"simulating the named effects, {round_ + 1} of {n_rounds}")
+        progress(f"simulating the named effects, {round_ + 1} of {n_rounds}")
         drawn = Gaussian(believed.mean, believed.covariance * wider**2)
         simulated = simulate(
             functools.partial(_draw_sizes, effects, drawn.without_last()), n_sessions,
-            tolerance=functools.partial(_draw_tolerance, drawn),
+            tolerance=lambda random, drawn=drawn: float(
+                np.clip(random.normal(drawn.mean[-1], drawn.spread[-1]), *TOLERANCES)
+            ),
             random_state=random_state + round_,
         )  # fmt: skip
         sizes = np.column_stack([simulated.sizes[:, columns], simulated.tolerances])
-        features = _session_features(posterior, simulated.sessions)
-        believed, fitted, fit = size_posterior(
-            sizes, features, posterior.standardised_sizes(simulated.sessions)[:, columns],
-            (observed, estimates), prior,
-        )  # fmt: skip
+        features, of_simulated = summarise(simulated.sessions)
+        believed, fitted, fit = size_posterior(sizes, features, of_simulated, (observed, estimates), prior)
     others = None
     if possible:
-        summaries = _session_features(posterior, possible)
-        others = summaries, fit(summaries, posterior.standardised_sizes(possible)[:, columns])
+        summaries, of_possible = summarise(possible)
+        others = summaries, fit(summaries, of_possible)
     remainder = judge_remainder(features, sizes, fitted, observed, believed.mean, others)
     accepted = remainder.p >= _REJECTED
     tolerance = float(np.clip(believed.mean[-1], *TOLERANCES))
 
     def features_at(sizes: Gaussian) -> Float:
-        """Return the features of sessions with the very sizes and the fitted tolerance."""
-        made = simulate(
+        at_sizes = simulate(
             lambda _: with_sizes(effects, sizes.mean), _TRIED, tolerance=lambda _: tolerance,
             random_state=random_state + n_rounds,
         )  # fmt: skip
-        return _session_features(posterior, made.sessions)
+        return summarise(at_sizes.sessions)[0]
 
     after = believed.without_last()
     kept = accepted and not (names and lies_farther(observed, features_at(after), features_at(before)))
     final = after if kept else before
-    low, middle, high = _quantiles_in_units(effects, final)
     simulated_mean = np.mean([one.values.mean(axis=0) for one in simulated.sessions], axis=0)
     return Confirmed(
-        with_sizes(effects, final.mean), names, final, low, middle, high, remainder, accepted,
+        with_sizes(effects, final.mean), names, final, remainder, accepted,
         shown.values.mean(axis=0) - simulated_mean, not accepted and remainder.p_open >= _NOT_OPEN, kept,
     )  # fmt: skip
 
@@ -166,32 +160,14 @@ def confirm_effects(
 def _draw_sizes(
     effects: Sequence[Effect], sizes: Gaussian, random: np.random.Generator
 ) -> tuple[Effect, ...]:
-    """Return effects with drawn sizes."""
     return with_sizes(effects, sizes.draw(random))
 
 
-def _draw_tolerance(sizes: Gaussian, random: np.random.Generator) -> float:
-    return float(np.clip(random.normal(sizes.mean[-1], sizes.spread[-1]), *TOLERANCES))
-
-
-def _first_belief(
-    posterior: EffectPosterior, session: Session, names: Sequence[str], prior: Gaussian
-) -> Gaussian:
-    """Return the sizes by the posterior and, last, the tolerances' factor by the prior."""
-    middle, spread = posterior.size_distribution(session, names)
-    variances = np.r_[spread**2, prior.covariance[-1, -1]]
-    return Gaussian(np.r_[middle, prior.mean[-1]], np.diag(variances))
-
-
 def lies_farther(observed: Float, simulated: Float, other: Float) -> bool:
-    """Whether simulated summaries lie clearly farther from observed ones than others do.
+    """Return True if simulated summaries lie clearly farther from observed ones than others do.
 
-    By the mean square of the distances from their means, in spreads of one session about them.
-
-    Parameters
-    ----------
-    observed : ndarray, shape (n_summaries,)
-    simulated, other : ndarray, shape (n_sessions, n_summaries)
+    By the mean square of the distances from their means, in spreads of one session about them. ``observed``
+    has shape (n_summaries,), the others (n_sessions, n_summaries).
     """
     spread = np.hypot(np.sqrt((simulated.var(axis=0) + other.var(axis=0)) / 2), SMALLEST)
     far, near = (
@@ -203,30 +179,12 @@ def lies_farther(observed: Float, simulated: Float, other: Float) -> bool:
 def _size_prior(effects: Sequence[Effect]) -> Gaussian:
     """Mean and covariance of the sizes, and of the tolerances' factor, before any recording."""
     random = np.random.default_rng(0)
-    table = np.array(
-        [
-            [
-                *(value for effect in effects for value in effect.draw_parameters(random).to_vector()),
-                random.uniform(*TOLERANCES),
-            ]
-            for _ in range(_PRIOR_DRAWS)
-        ]
-    )
+    rows = []
+    for _ in range(_PRIOR_DRAWS):
+        sizes = [effect.draw_parameters(random).to_vector() for effect in effects]
+        rows.append(np.concatenate([*sizes, [random.uniform(*TOLERANCES)]]))
+    table = np.array(rows)
     return Gaussian(table.mean(axis=0), np.diag(table.var(axis=0) + 1e-12))
-
-
-def _quantiles_in_units(effects: Sequence[Effect], sizes: Gaussian) -> list[Float]:
-    """Return the 0.05, 0.5 and 0.95 quantiles of sizes in the parameters' units."""
-    reach = stats.norm.ppf(0.95) * sizes.spread
-    return [
-        np.array([getattr(effect, name) for effect in with_sizes(effects, end)
-                  for name in effect.vector_names()], dtype=float)
-        for end in (sizes.mean - reach, sizes.mean, sizes.mean + reach)
-    ]  # fmt: skip
-
-
-def _session_features(posterior: EffectPosterior, sessions: Sequence[Session]) -> Float:
-    return np.array([_mean_and_spread(posterior.deviations(session)) for session in sessions])
 
 
 def _mean_and_spread(deviations: Float) -> Float:
@@ -236,28 +194,14 @@ def _mean_and_spread(deviations: Float) -> Float:
 
 
 def draw_effects(
-    posterior: EffectPosterior, session: Session, confirmed: Confirmed, n_draws: int, *, random_state: int = 0
+    posterior: EffectPosterior, session: Session, confirmed: Confirmed, n_draws: int, *, random_state: int
 ) -> tuple[tuple[Effect, ...], ...]:
-    """Draw sets of missing effects, with sizes, from what the recordings leave possible.
+    """Draw ``n_draws`` sets of missing effects, with sizes, from what the recordings leave possible.
 
     An effect is present with its probability: always from ``PRESENT`` on, never up to ``ABSENT``. Those of
     different groups of look-alikes are independent; those of a group occur together only as often as their
-    probabilities, where they add up to more than 1, make necessary. Sizes of confirmed effects are drawn from
-    their joint distribution, those of others each from its own.
-
-    Parameters
-    ----------
-    posterior : EffectPosterior
-    session : Session
-    confirmed : Confirmed
-        Of that session.
-    n_draws : int
-    random_state : int
-
-    Returns
-    -------
-    tuple of tuple of Effect
-        One set for each draw.
+    probabilities, where they add up to more than 1, make necessary. Sizes of effects that are ``confirmed``
+    for the session are drawn from their joint distribution, those of others each from its own.
     """
     random = np.random.default_rng(random_state)
     possible = {name: p for name, p in posterior.presence(session).items() if p > ABSENT}
@@ -271,11 +215,11 @@ def draw_effects(
     drawn = []
     for _ in range(n_draws):
         every = (
-            with_sizes(confirmed.effects, confirmed.sizes.draw(random)),
-            with_sizes(others, of_others.draw(random)),
+            *_draw_sizes(confirmed.effects, confirmed.sizes, random),
+            *_draw_sizes(others, of_others, random),
         )
         present = _draw_present(possible, random)
-        drawn.append(tuple(effect for part in every for effect in part if effect.effect_id in present))
+        drawn.append(tuple(effect for effect in every if effect.effect_id in present))
     return tuple(drawn)
 
 

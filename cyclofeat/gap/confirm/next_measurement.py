@@ -30,13 +30,8 @@ _LEAST = 1e-6  # probability
 class Possible:
     """Simulated sessions of rigs that the recordings leave possible, with further recordings.
 
-    Attributes
-    ----------
-    further : FurtherRecordings
-    simulated : list of Session
-        Like ``further.session``.
-    present : ndarray of bool, shape (n_sessions, n_effects)
-        Which effects their rigs have.
+    ``simulated`` sessions are like ``further.session``; ``present`` (n_sessions, n_effects) are the effects
+    that their rigs have.
     """
 
     further: FurtherRecordings
@@ -49,45 +44,32 @@ class Possible:
         return [part_of(one, np.arange(self.further.n_before)) for one in self.simulated]
 
     def next_measurements(self, posterior: EffectPosterior) -> tuple[NextMeasurement, ...]:
-        """Rank further recordings by the information that they are expected to give.
-
-        The posterior answers with and without them. The gain is how much more probability it then gives to
-        what the rigs have and lack, each effect by itself, as the mean of the logarithm (Lindley 1956). A
-        posterior that only grows surer of wrong answers gains nothing.
-
-        Returns
-        -------
-        tuple of NextMeasurement
-            Those that give anything, the most informative first; empty where nothing is open.
-        """
+        """Rank further recordings by the information that they are expected to give; empty if none does."""
         return self.further.rank(posterior, self.simulated, self.present, n_errors=_SURE)
 
 
 def simulate_possible(
-    posterior: EffectPosterior, session: Session, *, random_state: int = 0, n_jobs: int = 1
+    posterior: EffectPosterior, session: Session, *, random_state: int, n_jobs: int = 1
 ) -> Possible:
     """Simulate rigs drawn from the posterior: each effect is there as often as it is probable.
 
-    Parameters
-    ----------
-    posterior : EffectPosterior
-    session : Session
-        Of more than 12 recordings, 12 are used.
-    random_state, n_jobs : int
-
-    Returns
-    -------
-    Possible
-        Without sessions where no effect is open.
+    Of more than 12 recordings, 12 are used. Without sessions where no effect is open.
     """
     world, session = posterior.world, at_most(session, MOST_RECORDINGS)
     presence = posterior.predict_proba([session])[0]
     further = FurtherRecordings(session, world)
     if not np.any((presence > _OPEN) & (presence < 1 - _OPEN)):
         return Possible(further, [], np.empty((0, presence.size), dtype=bool))
-    sizes = posterior.size_distribution(session, world.size_names)
+    middles, spreads = posterior.size_distribution(session, world.size_names)
+
+    def draw_effects(random: np.random.Generator) -> tuple[Effect, ...]:
+        present = dict(zip(world.names, random.random(presence.size) < np.nan_to_num(presence), strict=True))
+        drawn = [present[name.partition(".")[0]] for name in world.size_names]
+        effects = [effect for effect in world.effects or () if present[effect.effect_id]]
+        return with_sizes(effects, random.normal(middles[drawn], spreads[drawn]))
+
     simulated = simulate_sessions(
-        world, further.session, lambda random: _draw_possible(world, presence, sizes, random), _DRAWS,
+        world, further.session, draw_effects, _DRAWS,
         n_rigs_per_machine=_RIGS_PER_MACHINE, random_state=random_state, n_jobs=n_jobs,
     )  # fmt: skip
     present = present_effects(simulated.sizes, world.size_names, world.names)
@@ -109,7 +91,18 @@ class FurtherRecordings:
 
     def __init__(self, session: Session, world: World) -> None:
         self._names, self.n_before = world.names, len(session.values)
-        candidates = _candidate_conditions(session, world)
+        speed, load, direction = session.conditions[0].tolist()
+        candidates = [(f"{_PER_CANDIDATE} more recordings as before", (speed, load, direction))]
+        low, high = world.loads_nm
+        inside = [value for value in (load * _LOAD_RATIO, load * (1 / _LOAD_RATIO)) if low <= value <= high]
+        candidates += [(f"recordings at {value:.3g} Nm", (speed, value, direction)) for value in inside[:1]]
+        low, high = world.speeds_rpm
+        inside = [
+            value for value in (speed * _SPEED_RATIO, speed * (1 / _SPEED_RATIO)) if low <= value <= high
+        ]
+        candidates += [(f"recordings at {value:.4g} RPM", (value, load, direction)) for value in inside[:1]]
+        if np.all(session.conditions[:, 2] == direction):
+            candidates.append(("recordings in reverse", (speed, load, -direction)))
         self._what = [what for what, _ in candidates]
         rows = np.r_[np.arange(self.n_before), np.arange(len(candidates) * _PER_CANDIDATE) % self.n_before]
         self.session = part_of(session, rows)
@@ -124,15 +117,17 @@ class FurtherRecordings:
         *,
         n_errors: float,
     ) -> tuple[NextMeasurement, ...]:
-        """Rank them by the information that they give on simulated rigs.
+        """Rank them by the information that they give on simulated rigs, the most informative first.
+
+        The posterior answers with and without them. The gain is how much more probability it then gives to
+        what the rigs have and lack, each effect by itself, as the mean of the logarithm (Lindley 1956). A
+        posterior that only grows surer of wrong answers gains nothing.
 
         Parameters
         ----------
         posterior : EffectPosterior
         simulated : sequence of Session
-            Like ``session``.
-        present : ndarray of bool, shape (n_sessions, n_effects)
-            Which effects their rigs have.
+            Like ``session``; of rigs that have the effects ``present`` (n_sessions, n_effects).
         n_errors : float
             Standard errors that a gain must exceed.
         """
@@ -157,32 +152,3 @@ class FurtherRecordings:
             if gain > max(_SEPARATED, n_errors * error):
                 found.append((gain, NextMeasurement(what, settles, gain)))
         return tuple(one for _, one in sorted(found, key=lambda one: -one[0]))
-
-
-def _candidate_conditions(session: Session, world: World) -> list[tuple[str, tuple[float, float, float]]]:
-    """Further conditions inside the world."""
-    speed, load, direction = session.conditions[0].tolist()
-    loads = [load * ratio for ratio in (_LOAD_RATIO, 1 / _LOAD_RATIO)]
-    speeds = [speed * ratio for ratio in (_SPEED_RATIO, 1 / _SPEED_RATIO)]
-    found = [(f"{_PER_CANDIDATE} more recordings as before", (speed, load, direction))]
-    for other in (loads, speeds):
-        low, high = world.loads_nm if other is loads else world.speeds_rpm
-        inside = [value for value in other if low <= value <= high]
-        if inside and other is loads:
-            found.append((f"recordings at {inside[0]:.3g} Nm", (speed, inside[0], direction)))
-        elif inside:
-            found.append((f"recordings at {inside[0]:.4g} RPM", (inside[0], load, direction)))
-    if np.all(session.conditions[:, 2] == direction):
-        found.append(("recordings in reverse", (speed, load, -direction)))
-    return found
-
-
-def _draw_possible(
-    world: World, presence: Float, sizes: tuple[Float, Float], random: np.random.Generator
-) -> tuple[Effect, ...]:
-    """Draw effects by their probabilities, with sizes of these medians and standard deviations."""
-    there = dict(zip(world.names, random.random(presence.size) < np.nan_to_num(presence), strict=True))
-    drawn = [there[name.partition(".")[0]] for name in world.size_names]
-    effects = [effect for effect in world.effects or () if there[effect.effect_id]]
-    middle, spread = (values[drawn] for values in sizes)
-    return with_sizes(effects, random.normal(middle, spread))

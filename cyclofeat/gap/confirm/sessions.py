@@ -48,7 +48,7 @@ def simulate_sessions(
     *,
     tolerance: Callable[[np.random.Generator], float] | None = None,
     n_rigs_per_machine: int = _RIGS_PER_MACHINE,
-    random_state: int = 0,
+    random_state: int,
     n_jobs: int = 1,
 ) -> SimulatedSessions:
     """Simulate sessions with the conditions of a template; some at a time share the runs of a machine.
@@ -94,7 +94,7 @@ def simulate_prior(
     template: Session,
     n_rigs: int,
     *,
-    random_state: int = 0,
+    random_state: int,
     n_jobs: int = 1,
     progress: Callable[[int, int], object] | None = None,
 ) -> Rigs:

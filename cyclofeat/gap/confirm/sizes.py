@@ -55,16 +55,12 @@ def size_posterior(
 
     Parameters
     ----------
-    sizes : ndarray, shape (n_sessions, n_sizes)
-        Of the simulated sessions.
-    features : ndarray, shape (n_sessions, n_features)
-        Their summaries, from which a ridge regression estimates the sizes.
-    estimates : ndarray, shape (n_sessions, n_estimates)
-        Other estimates of their sizes.
+    sizes, features, estimates : ndarray, shape (n_sessions, ...)
+        Sizes of simulated sessions, the summaries from which a ridge regression estimates them, and other
+        estimates of them.
     observed : (ndarray, ndarray)
-        Features and estimates of the session in question, shapes (n_features,) and (n_estimates,).
+        Features and estimates of the session in question.
     prior : Gaussian
-        Of the sizes, before any recording.
 
     Returns
     -------
@@ -134,23 +130,18 @@ def judge_remainder(
 ) -> Unexplained:
     """Compare the summaries of a session with those of simulated sessions, each at its own fitted sizes.
 
+    Squared Mahalanobis distances have their covariance from other sessions, shrunk; the p is that of
+    Student's t in their logarithm.
+
     Parameters
     ----------
     simulated : ndarray, shape (n_sessions, n_summaries)
     sizes, fitted : ndarray, shape (n_sessions, n_sizes)
         True sizes of the simulated sessions, and those fitted to them.
-    observed : ndarray, shape (n_summaries,)
-    size : ndarray, shape (n_sizes,)
-        Fitted to the observed session.
+    observed, size : ndarray, shapes (n_summaries,) and (n_sizes,)
+        Summaries of the observed session, and the sizes fitted to it.
     others : (ndarray, ndarray), optional
-        Summaries of simulated sessions that have open effects too, shape (n_others, n_summaries), and sizes
-        fitted to them, shape (n_others, n_sizes).
-
-    Returns
-    -------
-    Unexplained
-        Squared Mahalanobis distances have their covariance from other sessions, shrunk; the p is that of
-        Student's t in their logarithm.
+        Summaries and fitted sizes of simulated sessions that have open effects too.
     """
     inputs = np.column_stack([np.ones(len(sizes)), sizes])
     coefficients, *_ = np.linalg.lstsq(inputs, simulated, rcond=None)

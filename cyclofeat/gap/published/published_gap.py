@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from cyclofeat._base.arguments import different_names
+from cyclofeat._base.checks import one_of
 from cyclofeat._base.displays import data_frame
 from cyclofeat.gap.comparison import Comparison
-from cyclofeat.gap.published.rigs import SET_POINT, Set, SimulatedRigs, kind_of
+from cyclofeat.gap.published.rigs import SET_POINT, PublishedSettings, Set, SimulatedRigs, kind_of
 from cyclofeat.gap.published.scores import STATISTICS, fewest_units, sign_flip_p, to_statistics
 from cyclofeat.gap.published.search import Search, Step, Tried
-from cyclofeat.gap.published.settings import PublishedSettings
 from cyclofeat.gap.result import Size
 from cyclofeat.gap.where.permutation import holm
 from cyclofeat.simulators import Effect, Rig, known_effects
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
 
 Float = NDArray[np.float64]
 Table = Literal["discrepancies", "ranking", "steps", "rejected", "parameters", "held_out"]
-TABLES: tuple[Table, ...] = ("discrepancies", "ranking", "steps", "rejected", "parameters", "held_out")
 
 # Effects that show as an error of the time axis do not change minimum, maximum, mean or deviation.
 _UNSEEN = "time axis"
@@ -163,9 +161,7 @@ class PublishedGap:
         ValueError
             If there is no such table.
         """
-        if table not in TABLES:
-            raise ValueError(f"table must be one of {', '.join(TABLES)}, got {table!r}")
-        return data_frame([asdict(row) for row in getattr(self, table)])
+        return data_frame([asdict(row) for row in getattr(self, one_of("table", table, get_args(Table)))])
 
     def save_table(self, path: str | os.PathLike[str]) -> None:
         """Write the statistics of all simulated rigs, for :attr:`PublishedSettings.table`.
@@ -232,20 +228,31 @@ def find_published_gap(
     ['mean', 'std', 'up', 'down', 'range']
     """
     settings = PublishedSettings() if settings is None else settings
-    counts, minimum, maximum, mean, std = _table_columns(statistics)
+    counts, columns = _table_columns(statistics)
     n = len(counts)
     entropies = None if entropy is None else np.asarray(entropy, dtype=np.float64)
     if entropies is not None and (entropies.shape != (n,) or not np.isfinite(entropies).all()):
         raise ValueError(f"entropy must hold {n} finite numbers, one per disc, got {entropy!r}")
-    library = _effect_names(settings.library)
+    known = (*known_effects(proposed=True), SET_POINT)
+    if settings.library is None:
+        library = tuple(name for name in known if kind_of(name).shows_as != _UNSEEN)
+    else:
+        chosen = different_names(settings.library, known, "library")
+        library = tuple(name for name in known if name in chosen)
     rigs = SimulatedRigs(comparison, counts, settings)
-    measured = to_statistics(np.stack([minimum, maximum, mean, std], axis=-1), rigs.set_point)
+    measured = to_statistics(columns, rigs.set_point)
     search = Search(rigs, measured, library, settings)
     discs = tuple(range(n))
     named, steps, dropped = search.name(discs)
     dense, weights = search.fitted(named), search.weights(named, discs)
     best = dense.theta[int(np.argmax(weights))]
     effects = rigs.effects(named, best)
+    parameters = []
+    for k, (effect, name) in enumerate(rigs.parameter_names(named)):
+        order = np.argsort(dense.theta[:, k])
+        at = np.searchsorted(np.cumsum(weights[order]), (0.05, 0.95)).clip(max=len(order) - 1)
+        unit = kind_of(effect).parameters[name].unit
+        parameters.append(Size(f"{effect}.{name}", unit, float(best[k]), *dense.theta[order[at], k].tolist()))
     return PublishedGap(
         discrepancies=_locate_statistics(measured, rigs.table(()).values.mean(axis=(0, 1))),
         ranking=search.ranking(discs),
@@ -253,7 +260,7 @@ def find_published_gap(
         rejected=search.rejected(named, discs),
         dropped=dropped,
         effects=effects,
-        parameters=_fitted_parameters(rigs.parameter_names(named), best, dense.theta, weights),
+        parameters=tuple(parameters),
         rig=rigs.rig(effects),
         held_out=tuple(row for disc in discs for row in predict_statistics(search, disc, entropies)),
         measured=measured,
@@ -273,13 +280,11 @@ def predict_statistics(search: Search, disc: int, entropies: Float | None = None
     sample, of_rig = search.sample(named, others, disc)
     nothing, _ = search.sample((), others, disc)
     # Measured value, prediction, prediction by the simulator alone, and values of the other discs.
-    columns = {
-        name: tuple(
-            _in_natural_units(v, name, rigs.set_point)
-            for v in (measured[[disc]], sample, nothing, measured[list(others)])
-        )
-        for name in (*STATISTICS, "range")
-    }
+    parts = (measured[[disc]], sample, nothing, measured[list(others)])
+    columns = {"mean": tuple(part[:, 0] + rigs.set_point for part in parts)}
+    for k, name in enumerate(STATISTICS[1:], start=1):
+        columns[name] = tuple(np.exp(part[:, k]) for part in parts)
+    columns["range"] = tuple(np.exp(part[:, 2:]).sum(axis=1) for part in parts)
     if entropies is not None:
         near = search.fitted(named).nearest[of_rig]
         simulated, alone = rigs.entropies(named)[near, :, disc], rigs.entropies(())[:, :, disc]
@@ -323,29 +328,6 @@ def _locate_statistics(measured: Float, expected: Float) -> tuple[Discrepancy, .
     return tuple(rows)
 
 
-def _fitted_parameters(
-    names: Sequence[tuple[str, str]], best: Float, theta: Float, weights: Float
-) -> tuple[Size, ...]:
-    """Parameters of the best rig, with weighted quantiles over all rigs."""
-    rows = []
-    for k, (effect, name) in enumerate(names):
-        order = np.argsort(theta[:, k])
-        at = np.searchsorted(np.cumsum(weights[order]), (0.05, 0.95)).clip(max=len(order) - 1)
-        low, high = theta[order[at], k].tolist()
-        unit = kind_of(effect).parameters[name].unit
-        rows.append(Size(f"{effect}.{name}", unit, float(best[k]), low, high))
-    return tuple(rows)
-
-
-def _in_natural_units(values: Float, name: str, set_point: float) -> Float:
-    """A statistic in Nm."""
-    if name == "mean":
-        return np.asarray(values[:, 0] + set_point)
-    if name == "range":
-        return np.asarray(np.exp(values[:, 2:]).sum(axis=1))
-    return np.asarray(np.exp(values[:, STATISTICS.index(name)]))
-
-
 def _too_few(n: int, alpha: float) -> list[str]:
     """Return warnings if n discs, or n - 1 of them, are too few to name an effect."""
     fewest = fewest_units(alpha)
@@ -362,26 +344,18 @@ def _too_few(n: int, alpha: float) -> list[str]:
     return []
 
 
-def _effect_names(library: Sequence[str] | None) -> Set:
-    known = (*known_effects(proposed=True), SET_POINT)
-    if library is None:
-        return tuple(name for name in known if kind_of(name).shows_as != _UNSEEN)
-    chosen = different_names(library, known, "library")
-    return tuple(name for name in known if name in chosen)
-
-
-def _table_columns(table: Any) -> tuple[NDArray[np.int64], Float, Float, Float, Float]:
-    """Counts, minimum, maximum, mean and standard deviation of a table, checked."""
+def _table_columns(table: Any) -> tuple[NDArray[np.int64], Float]:
+    """Return counts, and minimum, maximum, mean and standard deviation (n_discs, 4), of a checked table."""
     wanted = ("defect_count", "min_nm", "max_nm", "mean_nm", "std_nm")
     try:
-        counts, minimum, maximum, mean, std = (np.asarray(table[name], dtype=np.float64) for name in wanted)
+        values = np.array([np.asarray(table[name], dtype=np.float64) for name in wanted])
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise ValueError(
             f"statistics must be a table with the columns {', '.join(wanted)}: {error}"
         ) from None
-    if counts.ndim != 1 or not 3 <= counts.size <= 20:
-        raise ValueError(f"statistics must have 3 to 20 rows, one per disc, got {np.shape(counts)}")
-    values = np.array([counts, minimum, maximum, mean, std])
+    if values.ndim != 2 or not 3 <= values.shape[1] <= 20:
+        raise ValueError(f"statistics must have 3 to 20 rows, one per disc, got {values.shape[1:]}")
+    counts, minimum, maximum, mean, std = values
     if not np.isfinite(values).all():
         raise ValueError("statistics must hold finite numbers, got NaN or infinity")
     if (counts != counts.round()).any() or counts.min() < 0:
@@ -395,4 +369,4 @@ def _table_columns(table: Any) -> tuple[NDArray[np.int64], Float, Float, Float, 
     # Printed numbers are rounded to four digits each.
     if (np.abs(stated - (maximum - minimum)) > 0.02).any():
         raise ValueError("range_nm must be max_nm minus min_nm")
-    return counts.astype(np.int64), minimum, maximum, mean, std
+    return counts.astype(np.int64), values[1:].T

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import os
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -18,10 +19,10 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
+from cyclofeat._base import checks
 from cyclofeat._base.files import write_whole
 from cyclofeat.gap.comparison import Comparison
 from cyclofeat.gap.published.scores import to_statistics
-from cyclofeat.gap.published.settings import PublishedSettings
 from cyclofeat.gap.simulations import NO_SUCH_RIG, Population
 from cyclofeat.signal.density import shannon_entropy
 from cyclofeat.signal.welch import welch_psd
@@ -32,6 +33,53 @@ Set = tuple[str, ...]
 
 SET_POINT = "load_scale"
 _REPLICATES = 2
+
+
+@dataclass(frozen=True)
+class PublishedSettings:
+    """Settings of :func:`find_published_gap`.
+
+    Attributes
+    ----------
+    library : sequence of str or None
+        Effects that are considered, of ``known_effects(proposed=True)``
+        (:func:`cyclofeat.simulators.known_effects`) and ``"load_scale"``. None: all but ``"clock_error"``,
+        which does not change these statistics.
+    max_effects : int
+    max_simulated : int
+        Largest number of named effects that change the gearbox's motion: each set of those needs simulations
+        of its own, while effects of the meter are applied to stored records.
+    duration : float
+        Length of the records in s. *Assumption* where the source does not state it.
+    n_draws : int
+        Simulated rigs per effect of one parameter; with p parameters p^2 times as many.
+    alpha : float
+        One-sided sign-flip p over discs left out up to which an effect is added.
+    table : path or None
+        File of simulated statistics that :meth:`PublishedGap.save_table` wrote for the same comparison and
+        settings. Sets of effects that it does not hold are simulated.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a value is out of range.
+    """
+
+    library: Sequence[str] | None = None
+    max_effects: int = 3
+    max_simulated: int = 1
+    duration: float = 1.8
+    n_draws: int = 6
+    alpha: float = 0.05
+    table: str | os.PathLike[str] | None = None
+
+    def __post_init__(self) -> None:
+        checks.whole("max_effects", self.max_effects, 1)
+        checks.whole("max_simulated", self.max_simulated, 0)
+        checks.positive("duration", self.duration, "a number of s")
+        checks.whole("n_draws", self.n_draws, 1)
+        if not 0 < checks.number("alpha", self.alpha) < 1:
+            raise ValueError(f"alpha must be between 0 and 1, got {self.alpha!r}")
 
 
 @dataclass(frozen=True)
@@ -74,7 +122,13 @@ class SimulatedRigs:
     def entropies(self, key: Set) -> Float:
         """Shannon entropies in bits, (n_rigs, replicates, n_counts)."""
         if key not in self.entropy:
-            self.entropy[key] = self._each_torque(key, self._entropy_of)[..., 0]
+            rate = self.comparison.sampling_rate
+
+            def shannon_bits(torque: Float) -> Float:
+                frequencies, psd = welch_psd(torque[np.newaxis], rate, "matlab_pwelch")
+                return np.asarray(shannon_entropy(psd, frequencies))
+
+            self.entropy[key] = self._each_torque(key, shannon_bits)[..., 0]
         return self.entropy[key]
 
     def parameter_names(self, key: Set) -> list[tuple[str, str]]:
@@ -168,10 +222,6 @@ class SimulatedRigs:
                     torque = effect.change_torque(torque, self.comparison.sampling_rate, random)
                 results.append(work(torque))
         return np.array(results).reshape(len(theta), _REPLICATES, len(self.counts), -1)
-
-    def _entropy_of(self, torque: Float) -> Float:
-        frequencies, psd = welch_psd(torque[np.newaxis], self.comparison.sampling_rate, "matlab_pwelch")
-        return np.asarray(shannon_entropy(psd, frequencies))
 
     def _gear_records(self, gear: Set) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
         """Return the torque of rigs, (n_gear, replicates, n_counts, n_samples), and their indices.

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cyclofeat.gap.published.rigs import (
     DenseRigs,
+    PublishedSettings,
     Set,
     SimulatedRigs,
     interpolate_rigs,
@@ -18,7 +19,6 @@ from cyclofeat.gap.published.rigs import (
     simulated_ones,
 )
 from cyclofeat.gap.published.scores import crps, sign_flip_p, student_samples
-from cyclofeat.gap.published.settings import PublishedSettings
 from cyclofeat.simulators import known_effects
 from cyclofeat.simulators.effects.library import look_alikes
 
