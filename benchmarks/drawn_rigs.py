@@ -25,7 +25,7 @@ from cyclofeat.gap.confirm.confirm import confirm_effects, draw_effects
 from cyclofeat.gap.measured import MeasuredRig
 from cyclofeat.gap.posterior.answers import named_effects
 from cyclofeat.gap.simulations import Bank
-from cyclofeat.gap.world.prior import FLOOR
+from cyclofeat.gap.world.world import FLOOR
 from cyclofeat.simulators import Effect, Rig
 
 COUNTS, TRAINED, JUDGED = range(8), 16, 128  # recordings of each count, and of all

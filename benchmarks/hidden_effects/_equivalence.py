@@ -21,7 +21,7 @@ from cyclofeat.gap.summaries.turns import class_means, less_class_means
 from cyclofeat.gap.where.locate import locate
 from cyclofeat.gap.where.permutation import family_p
 from cyclofeat.gap.world.cells import recording_cells
-from cyclofeat.gap.world.prior import FLOOR
+from cyclofeat.gap.world.world import FLOOR
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Solver, simulate
 
 Float = NDArray[np.float64]

@@ -33,7 +33,7 @@ from cyclofeat.gap.simulations import (
 )
 from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.world.cells import recording_cells
-from cyclofeat.gap.world.prior import FLOOR
+from cyclofeat.gap.world.world import FLOOR
 from cyclofeat.simulators import Effect, Rig, known_effects
 from cyclofeat.simulators.machine import MachineRun
 from cyclofeat.simulators.sampling import sample_runs

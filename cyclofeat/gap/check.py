@@ -17,9 +17,9 @@ from cyclofeat._base.displays import data_frame, html_card
 from cyclofeat.gap.confirm.next_measurement import FurtherRecordings
 from cyclofeat.gap.confirm.sessions import simulate_prior
 from cyclofeat.gap.measured import Condition, MeasuredRig
+from cyclofeat.gap.posterior.answers import detection_limit, strengths_of, visible_ends
 from cyclofeat.gap.posterior.effect_posterior import EffectPosterior, load_posterior
 from cyclofeat.gap.posterior.score import PosteriorScore, score_posterior
-from cyclofeat.gap.posterior.strengths import detection_limit, strengths_of, visible_ends
 from cyclofeat.gap.result import EffectRows, NextMeasurement, replace_nonfinite
 from cyclofeat.gap.world.rigs import Rigs, Session
 from cyclofeat.gap.world.world import World

@@ -21,9 +21,8 @@ from cyclofeat.gap.simulations import Bank
 from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.summaries.turns import MeasuredTurns
 from cyclofeat.gap.world.cells import turn_samples
-from cyclofeat.gap.world.prior import FLOOR
 from cyclofeat.gap.world.rigs import Session
-from cyclofeat.gap.world.world import World
+from cyclofeat.gap.world.world import FLOOR, World
 from cyclofeat.recordings import Recording, Windower
 from cyclofeat.recordings.recording import common_n_lobes, common_quantity
 from cyclofeat.recordings.windower import recording_label

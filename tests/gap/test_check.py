@@ -13,8 +13,8 @@ import cyclofeat.gap
 from cyclofeat.cli import main
 from cyclofeat.gap import Condition, GapCheck, World, check_recordings
 from cyclofeat.gap.check import CheckedEffect
+from cyclofeat.gap.posterior.answers import detection_limit
 from cyclofeat.gap.posterior.score import PosteriorScore
-from cyclofeat.gap.posterior.strengths import detection_limit
 from cyclofeat.gap.result import NextMeasurement
 from cyclofeat.gap.world.rigs import Session
 from cyclofeat.recordings import Recording

@@ -16,8 +16,8 @@ from cyclofeat.gap.confirm.sessions import simulate_sessions
 from cyclofeat.gap.confirm.sizes import Gaussian, judge_remainder, size_posterior
 from cyclofeat.gap.measured import MeasuredRig
 from cyclofeat.gap.posterior.answers import named_effects
-from cyclofeat.gap.world.prior import FLOOR
 from cyclofeat.gap.world.rigs import Session
+from cyclofeat.gap.world.world import FLOOR
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Drift, Gain, Hum, Noise, Offset, Rig, Scale
 from cyclofeat.simulators.effects import ShaftLine, SleeveFriction

@@ -34,8 +34,8 @@ from benchmarks.hidden_effects._machine import Machine, run
 from cyclofeat.gap import World, load_posterior
 from cyclofeat.gap.confirm.confirm import confirm_effects
 from cyclofeat.gap.posterior.answers import named_effects
-from cyclofeat.gap.world.prior import FLOOR
 from cyclofeat.gap.world.rigs import Session
+from cyclofeat.gap.world.world import FLOOR
 from cyclofeat.simulators import CycloidalGearbox, Drift, Effect, Noise, known_effects
 from cyclofeat.simulators.effects.effect import TorqueContext
 from cyclofeat.simulators.simulation import settling_time

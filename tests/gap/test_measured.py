@@ -18,7 +18,7 @@ from cyclofeat.gap.summaries.turns import MeasuredTurns
 from cyclofeat.gap.where.conditions import locate_all
 from cyclofeat.gap.where.locate import locate
 from cyclofeat.gap.world.cells import turn_samples
-from cyclofeat.gap.world.prior import FLOOR
+from cyclofeat.gap.world.world import FLOOR
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Gain, Hum, Noise, Offset, Rig
 

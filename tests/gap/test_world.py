@@ -11,9 +11,9 @@ from scipy import stats
 from cyclofeat.gap import World, prepare_world
 from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.world.cells import recording_cells, turn_samples
-from cyclofeat.gap.world.machine import DrawnMachine, simulate_drawn
-from cyclofeat.gap.world.prior import DrawnSession, EffectPrior
+from cyclofeat.gap.world.prepare import DrawnMachine, simulate_drawn
 from cyclofeat.gap.world.rigs import Rigs, Session
+from cyclofeat.gap.world.world import DrawnSession, EffectPrior
 from cyclofeat.simulators import (
     BrakeRotor,
     Drift,

@@ -15,8 +15,8 @@ from cyclofeat.gap.confirm.sessions import MOST_RECORDINGS, at_most, simulate_se
 from cyclofeat.gap.confirm.sizes import SMALLEST, Gaussian, Unexplained, judge_remainder, size_posterior
 from cyclofeat.gap.posterior.answers import ABSENT, PRESENT
 from cyclofeat.gap.posterior.effect_posterior import EffectPosterior
-from cyclofeat.gap.world.prior import TOLERANCES
 from cyclofeat.gap.world.rigs import Session
+from cyclofeat.gap.world.world import TOLERANCES
 from cyclofeat.simulators import Effect
 from cyclofeat.simulators.effects.library import look_alikes
 

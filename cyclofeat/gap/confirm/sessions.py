@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base.progress import stopped_quietly
-from cyclofeat.gap.world.machine import FEWEST_RECORDINGS, DrawnMachine, simulate_drawn
-from cyclofeat.gap.world.prior import DrawnSession
+from cyclofeat.gap.world.prepare import FEWEST_RECORDINGS, DrawnMachine, simulate_drawn
 from cyclofeat.gap.world.rigs import Rigs, Session
-from cyclofeat.gap.world.world import World
+from cyclofeat.gap.world.world import DrawnSession, World
 from cyclofeat.simulators import Effect, SimulationFailed
 
 Float = NDArray[np.float64]

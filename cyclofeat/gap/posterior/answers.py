@@ -1,13 +1,18 @@
-"""From probabilities to answers: effects that are present, absent or unresolved, and look-alikes."""
+"""From probabilities to answers: effects present, absent or unresolved, look-alikes, sizes detected."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logit
+from scipy.stats import norm
+from sklearn.linear_model import LogisticRegression
 
+from cyclofeat.simulators.effects import EffectParameter
 from cyclofeat.simulators.effects.library import look_alikes
 
 Float = NDArray[np.float64]
@@ -35,12 +40,8 @@ def answer_of(probability: float) -> EffectAnswer:
 def named_effects(presence: Mapping[str, float]) -> list[str]:
     """Return the effects that are more probable than not.
 
-    Of look-alikes (:func:`look_alikes`) of which only the group is, the most probable one is named.
-
-    Parameters
-    ----------
-    presence : mapping from str to float
-        Probability of each effect; NaN for one not learned.
+    Of look-alikes (:func:`look_alikes`) of which only the group is, the most probable one is named. An effect
+    that was not learned has the probability NaN.
 
     Examples
     --------
@@ -56,15 +57,78 @@ def named_effects(presence: Mapping[str, float]) -> list[str]:
 
 
 def with_look_alikes(probabilities: Float, names: Sequence[str]) -> Float:
-    """Return for each effect the sum of the probabilities of its group of look-alikes, at most 1.
-
-    Parameters
-    ----------
-    probabilities : ndarray, shape (n_sessions, n_effects)
-    names : sequence of str
-        Of the effects.
-    """
+    """Return for each effect the sum of the probabilities (n_sessions, n_effects) of its group, at most 1."""
     group = {name: k for k, members in enumerate(look_alikes(), start=len(names)) for name in members}
     labels = np.array([group.get(name, k) for k, name in enumerate(names)])
     together: Float = probabilities @ (labels[:, None] == labels)
     return np.asarray(np.minimum(together, 1.0))
+
+
+_FEWEST = 5  # cases from which a size is stated
+_C = 100.0  # hardly shrinks a slope, and keeps that of separable cases finite
+
+
+def detection_limit(strengths: Float, detected: NDArray[np.bool_], share: float) -> float:
+    """Return the strength from which a share of the cases (n,) is detected, by logistic regression.
+
+    The smallest of the strengths if it suffices; NaN if the largest does not, or for fewer than five cases.
+
+    Examples
+    --------
+    >>> strengths = np.linspace(0, 1, 101)
+    >>> round(detection_limit(strengths, strengths > 0.4, 0.5), 1)
+    0.4
+    """
+    if detected.size < _FEWEST or not detected.any():
+        return math.nan
+    if detected.all():
+        return float(strengths.min())
+    centre, spread = strengths.mean(), strengths.std() + 1e-12
+    line = LogisticRegression(C=_C).fit((strengths - centre)[:, None] / spread, detected)
+    slope, level = float(line.coef_[0, 0]), float(line.intercept_[0])
+    if slope <= 0:  # as if the size made no difference
+        return float(strengths.min()) if detected.mean() >= share else math.nan
+    needed = float(centre + spread * (logit(share) - level) / slope)
+    return math.nan if needed > strengths.max() else max(needed, float(strengths.min()))
+
+
+def strengths_of(parameter: EffectParameter, sizes: Float) -> Float:
+    """Return the distance of sizes from the neutral value, all on the scale of the fit.
+
+    Where the neutral value is infinitely far, the strength rises towards the other side.
+    """
+    neutral = _neutral_value(parameter)
+    if math.isinf(neutral):
+        return sizes if neutral < 0 else -sizes
+    return np.asarray(np.abs(sizes - neutral))
+
+
+def visible_ends(parameter: EffectParameter, strength: float) -> tuple[float, float]:
+    """Return the values below and above which an effect is stronger; NaN where there are none."""
+    neutral = _neutral_value(parameter)
+    if math.isinf(neutral):
+        scaled = (math.nan, strength) if neutral < 0 else (-strength, math.nan)
+    else:
+        scaled = neutral - strength, neutral + strength
+    low, high = (math.exp(end) if parameter.log else float(end) for end in scaled)
+    return low, high
+
+
+def reach_beyond(parameter: EffectParameter, strength: float, middle: Float, spread: Float) -> Float:
+    """Return the probability that normally distributed sizes are stronger; NaN where ``strength`` is.
+
+    ``middle`` and ``spread`` are mean and standard deviation of the sizes on the scale of the fit.
+    """
+    neutral = _neutral_value(parameter)
+    if math.isinf(neutral):
+        away = middle if neutral < 0 else -middle
+        return np.asarray(norm.sf(strength, away, spread))
+    above, below = norm.sf(neutral + strength, middle, spread), norm.cdf(neutral - strength, middle, spread)
+    return np.asarray(above + below)
+
+
+def _neutral_value(parameter: EffectParameter) -> float:
+    value = parameter.neutral or 0.0  # None: another parameter switches the effect off
+    if not parameter.log:
+        return value
+    return math.log(value) if value > 0 else -math.inf

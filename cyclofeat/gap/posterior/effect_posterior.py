@@ -20,7 +20,14 @@ from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._base.checks import positive, whole
 from cyclofeat._base.files import write_whole
-from cyclofeat.gap.posterior.answers import NAMED, with_look_alikes
+from cyclofeat.gap.posterior.answers import (
+    NAMED,
+    detection_limit,
+    reach_beyond,
+    strengths_of,
+    visible_ends,
+    with_look_alikes,
+)
 from cyclofeat.gap.posterior.calibration import (
     FEWEST_LEARNED,
     QUANTILES,
@@ -39,12 +46,6 @@ from cyclofeat.gap.posterior.network import (
     split_outputs,
     train_network,
     with_outputs,
-)
-from cyclofeat.gap.posterior.strengths import (
-    detection_limit,
-    reach_beyond,
-    strengths_of,
-    visible_ends,
 )
 from cyclofeat.gap.world.rigs import Rigs, Session
 from cyclofeat.gap.world.world import World

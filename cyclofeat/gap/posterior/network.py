@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cyclofeat._base.training import first_weights, import_jax, make_descent, make_dropout
 from cyclofeat.gap.posterior.inputs import Inputs, Recordings, Reference, assemble_inputs
-from cyclofeat.gap.world.machine import FEWEST_RECORDINGS
+from cyclofeat.gap.world.prepare import FEWEST_RECORDINGS
 
 Array = Any  # of numpy or JAX
 Weights = Mapping[str, Array]

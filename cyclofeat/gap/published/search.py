@@ -121,10 +121,14 @@ class Search:
     def ranking(self, discs: tuple[int, ...]) -> tuple[Tried, ...]:
         """Single effects, ``"nothing"`` and ``"constant"``, best first."""
         scores = {name: self.score((name,), discs) for name in self.library}
-        scores |= {"nothing": self.score((), discs), "constant": self._constant_score(discs)}
-        return tuple(
-            sorted((Tried(k, float(v.mean())) for k, v in scores.items()), key=lambda row: row.score)
-        )
+        others = [self.measured[[other for other in discs if other != disc]] for disc in discs]
+        by_mean = [
+            self._score_disc(student_samples(rows, _SAMPLES), disc)
+            for rows, disc in zip(others, discs, strict=True)
+        ]
+        scores |= {"nothing": self.score((), discs), "constant": np.array(by_mean)}
+        rows = (Tried(name, float(values.mean())) for name, values in scores.items())
+        return tuple(sorted(rows, key=lambda row: row.score))
 
     def rejected(self, named: Set, discs: tuple[int, ...]) -> tuple[Tried, ...]:
         """Return the effects that were not added, best first."""
@@ -224,11 +228,6 @@ class Search:
     def _order_effects(self, names: Iterable[str]) -> Set:
         chosen = set(names)
         return tuple(name for name in self.library if name in chosen)
-
-    def _constant_score(self, discs: tuple[int, ...]) -> Float:
-        others = [self.measured[[other for other in discs if other != disc]] for disc in discs]
-        samples = (student_samples(rows, _SAMPLES) for rows in others)
-        return np.array([self._score_disc(sample, disc) for sample, disc in zip(samples, discs, strict=True)])
 
     def _score_disc(self, sample: Float, disc: int) -> float:
         return float(np.mean(crps(sample.T, self.measured[disc]) / self.scales))

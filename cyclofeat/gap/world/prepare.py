@@ -1,23 +1,179 @@
-"""Simulation of a world into shards on disk, and their reading."""
+"""Simulation of rigs of a world as summaries, and of a whole world into shards on disk."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import joblib
 import numpy as np
+from numpy.typing import NDArray
 
 from cyclofeat._base.checks import n_jobs as checked_jobs
 from cyclofeat._base.checks import whole
 from cyclofeat._base.progress import stopped_quietly
 from cyclofeat._base.shards import ShardStore
-from cyclofeat.gap.simulations import versions
-from cyclofeat.gap.world.machine import FEWEST_RECORDINGS, simulate_machines
+from cyclofeat.gap.simulations import KERNEL, NO_SUCH_RIG, SOLVER, SPARE, Population, record, versions
+from cyclofeat.gap.summaries.summarise import Kinematics
+from cyclofeat.gap.world.cells import recording_cells, turn_samples
 from cyclofeat.gap.world.rigs import Rigs
-from cyclofeat.gap.world.world import World
+from cyclofeat.gap.world.world import DrawnSession, World, draw_session, with_floor
+from cyclofeat.simulators import Effect, SimulationFailed
+from cyclofeat.simulators.machine import MachineRun
+from cyclofeat.simulators.sampling import Sample, sample_runs
+
+Float = NDArray[np.float64]
+
+# Children of the world's seed.
+_MACHINE, _RIG, _RECORDING = range(3)
+FEWEST_RECORDINGS = 4  # recordings of a machine
+# Drawn sizes may be beyond the prior, and no one can choose another time step for them.
+_SOLVER = dataclasses.replace(SOLVER, check_friction=False)
+
+
+@dataclasses.dataclass(frozen=True)
+class DrawnMachine:
+    """One machine before its simulation.
+
+    ``effects`` are those that the gearbox answers, ``chains`` those on the torque signal of each rig that
+    shares the machine, ``session`` the conditions of the recordings, and ``seeds`` the seeds of the
+    recordings.
+    """
+
+    effects: tuple[Effect, ...]
+    chains: list[tuple[Effect, ...]]
+    session: DrawnSession
+    seeds: list[np.random.SeedSequence]
+
+
+def simulate_machines(world: World, numbers: Sequence[int]) -> list[dict[str, NDArray[Any]]]:
+    """Simulate machines and summarise their rigs; each machine depends on the world and its number only.
+
+    Returns the columns of the rigs of each machine (:class:`cyclofeat.gap.world.Rigs`), the number of the rig
+    first.
+    """
+    columns = simulate_drawn(world, [_draw_machine(world, number) for number in numbers])
+    return [
+        {"numbers": _rig_numbers(world, number)} | _pad_columns(of_machine, world.n_recordings)
+        for number, of_machine in zip(numbers, columns, strict=True)
+    ]
+
+
+def simulate_drawn(world: World, machines: Sequence[DrawnMachine]) -> list[dict[str, NDArray[Any]]]:
+    """Simulate drawn machines, and return the columns of the rigs of each, without their numbers."""
+    samples = [sample for machine in machines for sample in _recording_samples(world, machine)]
+    runs = iter(sample_runs(samples, kernel=KERNEL))
+    return [_rig_columns(world, machine, [next(runs) for _ in machine.seeds]) for machine in machines]
+
+
+def _world_seed(world: World, *key: int) -> np.random.SeedSequence:
+    return np.random.SeedSequence(world.random_state, spawn_key=key)
+
+
+def _rig_numbers(world: World, number: int) -> NDArray[np.int64]:
+    """Return the numbers of the rigs of a machine."""
+    return number * world.n_rigs_per_machine + np.arange(world.n_rigs_per_machine)
+
+
+def _draw_machine(world: World, number: int) -> DrawnMachine:
+    random = np.random.default_rng(_world_seed(world, _MACHINE, number))
+    # Few recordings more often than many: other machines teach more than further recordings of one.
+    fewest = min(FEWEST_RECORDINGS, world.n_recordings)
+    n = fewest + int((world.n_recordings - fewest + 1) * random.random() ** 2)
+    session = draw_session(world.speeds_rpm, world.loads_nm, world.defect_counts, n, random)
+    effects = world.prior.in_machine(random)
+    rigs = _rig_numbers(world, number).tolist()
+    return DrawnMachine(
+        effects=effects,
+        chains=[
+            world.prior.on_torque(len(effects), np.random.default_rng(_world_seed(world, _RIG, rig)))
+            for rig in rigs
+        ],
+        session=session,
+        seeds=[_world_seed(world, _RECORDING, number, i) for i in range(n)],
+    )
+
+
+def _recording_samples(world: World, machine: DrawnMachine) -> list[Sample]:
+    """Return the recordings of a machine to simulate."""
+    session = machine.session
+    rig = with_floor(world.rig, world.may_differ, session.tolerance).with_added(*machine.effects)
+    first_of = {number: machine.seeds[i] for i, number in reversed([*enumerate(session.assemblies.tolist())])}
+    samples = []
+    for i, seed in enumerate(machine.seeds):
+        speed, assembly = float(session.speeds_rpm[i]), first_of[int(session.assemblies[i])]
+        n_samples = turn_samples(Kinematics(world.sampling_rate, speed / 60, world.n_lobes))
+        population = Population(
+            rig.at(speed, float(session.loads_nm[i])), n_samples, world.sampling_rate, world.wheels,
+            quantity=world.quantity,
+        )  # fmt: skip
+        samples.append(population.sample(int(session.counts[i]), seed, assembly, spare=SPARE, solver=_SOLVER))
+    return samples
+
+
+def _rig_columns(
+    world: World, machine: DrawnMachine, runs: list[MachineRun | SimulationFailed | ValueError]
+) -> dict[str, NDArray[Any]]:
+    """Return the columns of the rigs of a machine; NaN for recordings that could not be made."""
+    session, chains = machine.session, machine.chains
+    shape = len(chains), len(machine.seeds)
+    values = np.full((*shape, len(world.cells)), np.nan, dtype=np.float32)
+    speeds = np.full(shape, np.nan)
+    for speed in np.unique(session.speeds_rpm):
+        conditions = Kinematics(world.sampling_rate, float(speed) / 60, world.n_lobes)
+        places, torques = [], []
+        for i in np.flatnonzero(session.speeds_rpm == speed):
+            for j, chain in enumerate(chains):
+                torque, turned = _record_chain(runs[i], chain, int(session.directions[i]))
+                if torque is not None and torque.size == turn_samples(conditions):
+                    places.append((j, i))
+                    torques.append(torque)
+                    speeds[j, i] = turned * 60
+        if places:
+            made, _ = recording_cells(np.array(torques), conditions)
+            values[tuple(np.array(places).T)] = made
+    every = [(*machine.effects, *chain) for chain in chains]
+    at = np.column_stack([session.speeds_rpm, session.loads_nm, session.directions])
+    return {
+        "values": values,
+        "conditions": np.broadcast_to(at, (len(chains), *at.shape)),
+        "counts": np.broadcast_to(session.counts, shape),
+        "speeds": speeds,
+        "sizes": np.array([world.sizes_of(effects) for effects in every]),
+    }
+
+
+def _pad_columns(columns: dict[str, NDArray[Any]], n_recordings: int) -> dict[str, NDArray[Any]]:
+    """Repeat the first recording's conditions up to a number of recordings; the others are NaN, and 0."""
+    missing = n_recordings - columns["counts"].shape[1]
+    ends = {"values": np.nan, "speeds": np.nan, "counts": 0}
+    padded = {
+        name: np.concatenate(
+            [columns[name], np.full((len(columns[name]), missing, *columns[name].shape[2:]), end)], axis=1
+        ).astype(columns[name].dtype)
+        for name, end in ends.items()
+    }
+    first = np.repeat(columns["conditions"][:, :1], missing, axis=1)
+    return columns | padded | {"conditions": np.concatenate([columns["conditions"], first], axis=1)}
+
+
+def _record_chain(
+    run: MachineRun | SimulationFailed | ValueError, chain: tuple[Effect, ...], direction: int
+) -> tuple[NDArray[np.float32] | None, float]:
+    """Return torque and the input's speed in Hz as recorded; None and NaN where nothing can be recorded."""
+    if not isinstance(run, MachineRun):
+        return None, np.nan
+    try:
+        made = record(run, chain, direction)
+    except NO_SUCH_RIG:
+        return None, np.nan
+    if not np.all(np.isfinite(made.torque)):
+        return None, np.nan
+    return made.torque, made.speed
+
 
 _MACHINES_PER_SHARD = 8  # their runs fill the lanes of some batches
 _FORMAT = "cyclofeat world 1"
