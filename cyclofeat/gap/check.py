@@ -289,20 +289,15 @@ def _check_effect(column: int, p: Float, rigs: Rigs, world: World) -> CheckedEff
     half, most = (
         visible_ends(parameter, detection_limit(strengths, found[there], share)) for share in (_HALF, _MOST)
     )
-    return CheckedEffect(
-        effect.effect_id, int(there.sum()), float(np.mean(found[there])) if there.any() else np.nan,
-        name, parameter.unit, *half, *most, _confused_effects(there & ~found, ~there, p, rigs),
-    )  # fmt: skip
-
-
-def _confused_effects(missed: Flags, without: Flags, p: Float, rigs: Rigs) -> tuple[str, ...]:
-    """Return absent effects whose probability is higher where an effect is missed than without it."""
+    missed, without = there & ~found, ~there
     rises: dict[str, float] = {}
-    if missed.sum() < _FEWEST:
-        return ()
-    for k, name in enumerate(rigs.names):
+    for k, other in enumerate(rigs.names if missed.sum() >= _FEWEST else ()):
         absent = ~rigs.present[:, k]
         if np.any(missed & absent) and np.any(without & absent):
-            rises[name] = float(p[missed & absent, k].mean() - p[without & absent, k].mean())
-    clear = sorted((name for name in rises if rises[name] > _CONFUSED), key=lambda name: -rises[name])
-    return tuple(clear[:_MOST_NAMES])
+            rises[other] = float(p[missed & absent, k].mean() - p[without & absent, k].mean())
+    # Absent effects whose probability is higher where the effect is missed than without it.
+    confused = sorted((other for other in rises if rises[other] > _CONFUSED), key=lambda other: -rises[other])
+    return CheckedEffect(
+        effect.effect_id, int(there.sum()), float(np.mean(found[there])) if there.any() else np.nan,
+        name, parameter.unit, *half, *most, tuple(confused[:_MOST_NAMES]),
+    )  # fmt: skip

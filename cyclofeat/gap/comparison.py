@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base import checks
-from cyclofeat._base.checks import is_number, one_of, positive, truth_value, whole
+from cyclofeat._base.checks import is_number, list_members, one_of, positive, truth_value, whole
 from cyclofeat._base.checks import n_jobs as checked_jobs
 from cyclofeat._base.quantities import TORQUES
 from cyclofeat.gap.simulations import (
@@ -110,12 +110,15 @@ class Comparison:
     _memory: Memory | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        counts: tuple[Any, ...] = list_members(self.defect_counts) or ()
+        if not counts or not all(is_number(c) and float(c).is_integer() and c >= 0 for c in counts):
+            raise ValueError(f"defect_counts must hold whole numbers from 0, got {self.defect_counts!r}")
         checked: dict[str, Any] = {
             "sampling_rate": positive("sampling_rate", self.sampling_rate, "a number of Hz"),
             "duration": positive("duration", self.duration, "a number of s"),
             "rig": as_rig(self.rig),
             "quantity": one_of("quantity", self.quantity, TORQUES),
-            "defect_counts": _checked_counts(self.defect_counts),
+            "defect_counts": tuple(int(count) for count in counts),
             "tachometer": truth_value("tachometer", self.tachometer),
             "one_assembly": truth_value("one_assembly", self.one_assembly),
             "random_state": whole("random_state", self.random_state, 0),
@@ -279,13 +282,6 @@ class Comparison:
                 f"{np.shape(X)[1] / self.sampling_rate:g} s"
             )
         return measured
-
-
-def _checked_counts(counts: Any) -> tuple[int, ...]:
-    values: tuple[Any, ...] = tuple(counts) if isinstance(counts, Iterable) else ()
-    if not values or not all(is_number(c) and float(c).is_integer() and c >= 0 for c in values):
-        raise ValueError(f"defect_counts must hold whole numbers from 0, got {counts!r}")
-    return tuple(int(count) for count in values)
 
 
 @dataclass(frozen=True)

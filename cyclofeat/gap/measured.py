@@ -184,9 +184,21 @@ class MeasuredRig:
                 "their gearbox, or give {n_lobes:=}",
                 wanted=rig.gearbox.n_lobes, got=n_lobes,
             )  # fmt: skip
-        at_output, of_input = _refer_to_output(given, measured, n_lobes)
-        at_one_rate, warnings = _bring_to_one_rate(at_output, sampling_rate)
-        of_recording, more = _sort_by_condition(at_one_rate, float(rig.gearbox.load_torque), conditions)
+        factor, warnings = factor_to_output(measured, n_lobes), []
+        if factor != 1:
+            given = tuple(recording.replace(torque=factor * recording.torque) for recording in given)
+            warnings.append(
+                f"input torque is multiplied by {factor}, the reduction: all torques are referred to the "
+                "output"
+            )
+        at_one_rate = _bring_to_one_rate(given, sampling_rate, warnings)
+        of_recording = _sort_by_condition(at_one_rate, float(rig.gearbox.load_torque), conditions, warnings)
+        assemblies = {recording.assembly for recording in given}
+        if None not in assemblies and 1 < len(assemblies) < len(given):
+            warnings.append(
+                f"{len(given)} recordings are of {len(assemblies)} assemblies, and each counts as one of its "
+                "own: differences may look surer than they are"
+            )
         return cls(
             recordings=at_one_rate,
             sampling_rate=at_one_rate[0].sampling_rate,
@@ -195,7 +207,7 @@ class MeasuredRig:
             of_recording=of_recording,
             has_counts=all(recording.defect_count is not None for recording in given),
             has_tachometer=all(recording.angle is not None for recording in given),
-            warnings=(*of_input, *warnings, *more, *_assembly_warning(given)),
+            warnings=tuple(warnings),
         )
 
     @property
@@ -363,21 +375,10 @@ class MeasuredRig:
         return [angle for angle in angles if angle is not None]
 
 
-def _refer_to_output(
-    recordings: Sequence[Recording], quantity: str, n_lobes: int
-) -> tuple[Sequence[Recording], list[str]]:
-    """Return recordings with the torque referred to the output, and a warning where it was the input's."""
-    factor = factor_to_output(quantity, n_lobes)
-    if factor == 1:
-        return recordings, []
-    warning = f"input torque is multiplied by {factor}, the reduction: all torques are referred to the output"
-    return [recording.replace(torque=factor * recording.torque) for recording in recordings], [warning]
-
-
 def _bring_to_one_rate(
-    recordings: Sequence[Recording], sampling_rate: float | None
-) -> tuple[tuple[Recording, ...], list[str]]:
-    """Return recordings at one rate, and a warning if some had to be resampled."""
+    recordings: tuple[Recording, ...], sampling_rate: float | None, warnings: list[str]
+) -> tuple[Recording, ...]:
+    """Return recordings at one rate, and add a warning if some had to be resampled."""
     rates = sorted({recording.sampling_rate for recording in recordings})
     rate = rates[0] if sampling_rate is None else positive("sampling_rate", sampling_rate, "a number of Hz")
     if rates[0] < rate * (1 - _SAME_RATE):
@@ -387,35 +388,32 @@ def _bring_to_one_rate(
         )
     faster = [one for one in rates if one > rate * (1 + _SAME_RATE)]
     if not faster:
-        return tuple(recordings), []
+        return recordings
     n = sum(recording.sampling_rate in faster for recording in recordings)
-    warning = (
+    warnings.append(
         f"{n} of {len(recordings)} recordings were resampled from {', '.join(f'{one:g}' for one in faster)} "
         f"to {rate:g} Hz: what lies above {rate / 2:g} Hz and the steps of their converter are not compared"
     )
-    return tuple(_lower_rate(recording, rate) for recording in recordings), [warning]
-
-
-def _lower_rate(recording: Recording, rate: float) -> Recording:
-    """Return a recording at a lower rate; unchanged where it has that rate."""
-    before = recording.sampling_rate
-    if math.isclose(before, rate, rel_tol=_SAME_RATE):
-        return recording
-    ratio = (Fraction(rate) / Fraction(before)).limit_denominator(_LARGEST_RATIO)
-    n = int((recording.n_samples - 1) * ratio) + 1
-    # The mean is taken out: its gain differs by 0.07 % between the filter's phases, and it ends at the ends.
-    mean = recording.torque.mean()
-    torque = mean + resample_poly(recording.torque - mean, ratio.numerator, ratio.denominator)[:n]
-    angle = recording.angle
-    if angle is not None:
-        angle = np.interp(np.arange(n) / float(ratio), np.arange(angle.size), angle)
-    return recording.replace(torque=torque, angle=angle, sampling_rate=rate)
+    at_one_rate = []
+    for recording in recordings:
+        if recording.sampling_rate in faster:
+            ratio = (Fraction(rate) / Fraction(recording.sampling_rate)).limit_denominator(_LARGEST_RATIO)
+            n = int((recording.n_samples - 1) * ratio) + 1
+            # Without the mean: its gain differs by 0.07 % between the filter's phases, and falls at the ends.
+            mean = recording.torque.mean()
+            torque = mean + resample_poly(recording.torque - mean, ratio.numerator, ratio.denominator)[:n]
+            angle = recording.angle
+            if angle is not None:
+                angle = np.interp(np.arange(n) / float(ratio), np.arange(angle.size), angle)
+            recording = recording.replace(torque=torque, angle=angle, sampling_rate=rate)
+        at_one_rate.append(recording)
+    return tuple(at_one_rate)
 
 
 def _sort_by_condition(
-    recordings: Sequence[Recording], load_nm: float, known: Sequence[Condition]
-) -> tuple[tuple[Condition, ...], list[str]]:
-    """Return the condition of each recording, and a warning if some state no load."""
+    recordings: Sequence[Recording], load_nm: float, known: Sequence[Condition], warnings: list[str]
+) -> tuple[Condition, ...]:
+    """Return the condition of each recording, and add a warning if some state no load."""
     speeds = [recording.speed_rpm for recording in recordings if recording.speed_rpm is not None]
     if len(speeds) < len(recordings):
         raise ArgumentError(
@@ -424,7 +422,6 @@ def _sort_by_condition(
         )  # fmt: skip
     loads = [load_nm if recording.load_nm is None else recording.load_nm for recording in recordings]
     unstated = sum(recording.load_nm is None for recording in recordings)
-    warnings = []
     if unstated:
         warnings.append(
             f"{unstated} of {len(recordings)} recordings state no load (load_nm): it is taken to be the "
@@ -435,7 +432,7 @@ def _sort_by_condition(
         Condition(round(float(speed), 6), float(load), -1 if recording.torque.mean() < 0 else 1)
         for speed, load, recording in at
     )
-    return tuple(next(filter(one.is_near, known), one) for one in found), warnings
+    return tuple(next(filter(one.is_near, known), one) for one in found)
 
 
 def set_points(values: Sequence[float] | Float, share: float) -> Float:
@@ -447,17 +444,6 @@ def set_points(values: Sequence[float] | Float, share: float) -> Float:
         snapped[same] = np.median(given[same])
         left &= ~same
     return snapped
-
-
-def _assembly_warning(recordings: Sequence[Recording]) -> list[str]:
-    """Return a warning if recordings of one assembly count as several."""
-    assemblies = {recording.assembly for recording in recordings}
-    if None in assemblies or not 1 < len(assemblies) < len(recordings):
-        return []
-    return [
-        f"{len(recordings)} recordings are of {len(assemblies)} assemblies, and each counts as one of its "
-        "own: differences may look surer than they are"
-    ]
 
 
 def _assembly_numbers(recordings: Sequence[Recording]) -> NDArray[np.int64]:

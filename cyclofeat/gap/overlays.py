@@ -12,7 +12,7 @@ from sklearn.utils.validation import check_array
 
 from cyclofeat.gap.comparison import Comparison
 from cyclofeat.gap.measured import Condition
-from cyclofeat.gap.summaries.summarise import RESOLUTION_NM, SPEED_TOLERANCE, Kinematics
+from cyclofeat.gap.summaries.summarise import RESOLUTION_NM, SPEED_TOLERANCE
 from cyclofeat.signal.orders import estimate_input_speed, order_lines
 
 Float = NDArray[np.float64]
@@ -103,8 +103,29 @@ def summarise_overlays(
     ends = np.array([np.percentile(X, [0.05, 99.95]) for X in torque.values()])
     low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
     edges = np.linspace(low, max(high, low + RESOLUTION_NM), _BINS + 1)
-    band_of_bin, hz = _twelfth_octaves(kinematics, lengths["measured"])
-    orders = np.arange(1, _n_lines(kinematics) + 1) / kinematics.n_lobes
+    # Band of each bin of the spectrum (-1: none), and the centres of those that hold a bin.
+    rate, nominal, n_lobes = kinematics.sampling_rate, kinematics.input_speed_hz, kinematics.n_lobes
+    bins = rfftfreq(lengths["measured"], 1 / rate)
+    inside = (bins > 0) & (bins <= _HIGHEST_SHARE * rate)
+    numbers = np.round(_BANDS_PER_OCTAVE * np.log2(bins[inside]))
+    bands, band_of_bin = np.unique(numbers, return_inverse=True)
+    # Lines of the output turn up to ``_LAST_ORDER``, below half of the sampling rate.
+    fastest = nominal * (1 + SPEED_TOLERANCE) / n_lobes
+    n_lines = min(_LAST_ORDER * n_lobes, int(_HIGHEST_SHARE * rate / fastest))
+
+    def band_rms(X: Float) -> Float:
+        n = X.shape[1]
+        window = np.hanning(n)
+        ripple = (X - X.mean(axis=1, keepdims=True)) * window
+        power = 2 * np.abs(rfft(ripple, axis=1)) ** 2 / (n * np.sum(window**2))
+        # Less than the resolution is no difference.
+        power += 2 * RESOLUTION_NM**2 / n
+        return np.sqrt([np.bincount(band_of_bin, row[inside]) for row in power])
+
+    def line_amplitudes(X: Float) -> Float:
+        speeds = estimate_input_speed(X, rate, nominal, SPEED_TOLERANCE, comb="mesh", n_lobes=n_lobes)
+        lines = np.abs(order_lines(X, rate, speeds, n_lines, n_lobes))
+        return np.asarray(np.hypot(lines, 2 * RESOLUTION_NM / np.sqrt(X.shape[1])))
 
     def make_overlay(kind: str, x: Float, values: Callable[[Float], Float]) -> Overlay:
         bands: dict[str, Band | None] = dict.fromkeys(sets)
@@ -116,47 +137,11 @@ def summarise_overlays(
         return Overlay(kind=kind, x=x, **bands, condition=Condition.of(comparison))  # type: ignore[arg-type]
 
     return (
-        make_overlay("spectrum", hz, lambda X: _band_rms(X, band_of_bin)),
-        make_overlay("orders", orders, lambda X: _line_amplitudes(X, kinematics, orders.size)),
+        make_overlay("spectrum", 2 ** (bands / _BANDS_PER_OCTAVE), band_rms),
+        make_overlay("orders", np.arange(1, n_lines + 1) / n_lobes, line_amplitudes),
         make_overlay(
             "distribution",
             (edges[1:] + edges[:-1]) / 2,
             lambda X: np.array([np.histogram(x, edges)[0] / (x.size * (edges[1] - edges[0])) for x in X]),
         ),
     )
-
-
-def _twelfth_octaves(kinematics: Kinematics, n_samples: int) -> tuple[NDArray[np.intp], Float]:
-    """Band of each bin of the spectrum (-1: none), and the centres in Hz of those that hold a bin."""
-    rate = kinematics.sampling_rate
-    hz = rfftfreq(n_samples, 1 / rate)
-    inside = (hz > 0) & (hz <= _HIGHEST_SHARE * rate)
-    number = np.full(hz.size, -1, dtype=np.intp)
-    bands, number[inside] = np.unique(
-        np.round(_BANDS_PER_OCTAVE * np.log2(hz[inside])), return_inverse=True
-    )  # fmt: skip
-    return number, 2 ** (bands / _BANDS_PER_OCTAVE)
-
-
-def _band_rms(X: Float, bands: NDArray[np.intp]) -> Float:
-    n = X.shape[1]
-    window = np.hanning(n)
-    ripple = (X - X.mean(axis=1, keepdims=True)) * window
-    power = 2 * np.abs(rfft(ripple, axis=1)) ** 2 / (n * np.sum(window**2))
-    # Less than the resolution is no difference.
-    power += 2 * RESOLUTION_NM**2 / n
-    shown = bands >= 0
-    return np.sqrt([np.bincount(bands[shown], row[shown]) for row in power])
-
-
-def _n_lines(kinematics: Kinematics) -> int:
-    """Lines of the output turn that are shown: up to ``_LAST_ORDER``, below half of the sampling rate."""
-    fastest = kinematics.input_speed_hz * (1 + SPEED_TOLERANCE) / kinematics.n_lobes
-    return min(_LAST_ORDER * kinematics.n_lobes, int(_HIGHEST_SHARE * kinematics.sampling_rate / fastest))
-
-
-def _line_amplitudes(X: Float, kinematics: Kinematics, n_lines: int) -> Float:
-    rate, nominal, n_lobes = kinematics.sampling_rate, kinematics.input_speed_hz, kinematics.n_lobes
-    speeds = estimate_input_speed(X, rate, nominal, SPEED_TOLERANCE, comb="mesh", n_lobes=n_lobes)
-    lines = np.abs(order_lines(X, rate, speeds, n_lines, n_lobes))
-    return np.asarray(np.hypot(lines, 2 * RESOLUTION_NM / np.sqrt(X.shape[1])))

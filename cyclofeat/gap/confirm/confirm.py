@@ -114,8 +114,7 @@ def confirm_effects(
     observed, estimates = (part[0] for part in summarise([shown]))
     prior = _size_prior(effects)
     middle, spread = posterior.size_distribution(shown, names)
-    variances = np.r_[spread**2, prior.covariance[-1, -1]]
-    believed = Gaussian(np.r_[middle, prior.mean[-1]], np.diag(variances))
+    believed = Gaussian(np.r_[middle, prior.mean[-1]], np.diag(np.r_[spread**2, prior.covariance[-1, -1]]))
     before = believed.without_last()
     simulate = functools.partial(simulate_sessions, world, shown, n_jobs=n_jobs)
     n_rounds, wider = (_ROUNDS, _WIDER) if names else (1, 1.0)
@@ -138,12 +137,11 @@ def confirm_effects(
         others = summaries, fit(summaries, of_possible)
     remainder = judge_remainder(features, sizes, fitted, observed, believed.mean, others)
     accepted = remainder.p >= _REJECTED
-    tolerance = float(np.clip(believed.mean[-1], *TOLERANCES))
 
     def features_at(sizes: Gaussian) -> Float:
         at_sizes = simulate(
-            lambda _: with_sizes(effects, sizes.mean), _TRIED, tolerance=lambda _: tolerance,
-            random_state=random_state + n_rounds,
+            lambda _: with_sizes(effects, sizes.mean), _TRIED, random_state=random_state + n_rounds,
+            tolerance=lambda _: float(np.clip(believed.mean[-1], *TOLERANCES)),
         )  # fmt: skip
         return summarise(at_sizes.sessions)[0]
 

@@ -24,12 +24,6 @@ _FARTHEST = 8.0
 _SMALLEST_SHARE = 0.02  # least spread of a cell, as a share of its spread over all rigs
 
 
-def _ridge_coefficients(inputs: Float, values: Float) -> Float:
-    """Coefficients of a ridge regression; the first column of the inputs, a constant, is not shrunk."""
-    model = Ridge(1.0).fit(inputs[:, 1:], values)
-    return np.vstack([model.intercept_, model.coef_.T])
-
-
 class Reference(BaseEstimator):
     """Mean and spread of each summary of recordings without a missing effect, by condition and count.
 
@@ -59,10 +53,12 @@ class Reference(BaseEstimator):
         self.counts_ = np.unique(rigs.counts)
         values = healthy.values[made].astype(np.float64)
         conditions, counts = healthy.conditions[made], healthy.counts[made]
-        self.known_, self.unknown_ = (
-            _ridge_coefficients(self._regression_inputs(conditions, given), values)
+        # The first column of the inputs, a constant, is not shrunk.
+        models = [
+            Ridge(1.0).fit(self._regression_inputs(conditions, given)[:, 1:], values)
             for given in (counts, None)
-        )
+        ]
+        self.known_, self.unknown_ = (np.vstack([model.intercept_, model.coef_.T]) for model in models)
         residuals = values - self._regression_inputs(conditions, counts) @ self.known_
         self.overall_ = np.nanstd(rigs.values, axis=(0, 1), dtype=np.float64) + 1e-6
         self.spread_ = np.maximum(residuals.std(axis=0), _SMALLEST_SHARE * self.overall_) + 1e-6

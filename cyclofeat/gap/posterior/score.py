@@ -71,19 +71,9 @@ def score_posterior(
     counts: bool = True,
     tachometer: bool = False,
 ) -> PosteriorScore:
-    """Score a posterior on simulated rigs.
+    """Score a posterior on simulated rigs of machines that it was not fitted to.
 
-    Parameters
-    ----------
-    posterior : EffectPosterior
-    rigs : Rigs
-        Of machines that the posterior was not fitted to.
-    counts, tachometer : bool
-        Whether they are known.
-
-    Returns
-    -------
-    PosteriorScore
+    ``counts`` and ``tachometer`` state whether they are known.
     """
     sessions = [rigs.session(k, counts=counts, tachometer=tachometer) for k in range(len(rigs))]
     probabilities = posterior.predict_proba(sessions)
@@ -94,6 +84,15 @@ def score_posterior(
     tied = np.all(_join_groups(named, rigs.names) == _join_groups(present, rigs.names), axis=1)
     right = named & present
     numbers = np.unique(number).tolist()
+    logarithmic, quantiles = np.array(rigs.logarithmic), posterior.predict_quantiles(sessions)
+    true = np.where(logarithmic, np.exp(np.where(logarithmic, rigs.sizes, 0.0)), rigs.sizes)
+    inside = (quantiles[:, :, 0] <= true) & (true <= quantiles[:, :, -1])
+    having = np.isfinite(rigs.sizes)
+    coverage = {
+        name: float(inside[having[:, k], k].mean())
+        for k, name in enumerate(rigs.size_names)
+        if np.isfinite(quantiles[:, k]).all() and having[:, k].any()
+    }
     return PosteriorScore(
         n_rigs=len(rigs),
         precision=_ratio_or_nan(right.sum(), named.sum()),
@@ -101,7 +100,7 @@ def score_posterior(
         whole_set={k: float(exact[number == k].mean()) for k in numbers},
         with_ties={k: float(tied[number == k].mean()) for k in numbers},
         calibration_error=calibration_error(probabilities[learned], present[learned]),
-        coverage=_interval_coverage(rigs, posterior.predict_quantiles(sessions)),
+        coverage=coverage,
         effect_recall=_effect_shares(rigs.names, right, present),
         effect_precision=_effect_shares(rigs.names, right, named),
         n_of_number={k: int(np.sum(number == k)) for k in numbers},
@@ -121,18 +120,6 @@ def _join_groups(flags: Flags, names: Sequence[str]) -> Flags:
     of_group = {name: f"group {k}" for k, group in enumerate(look_alikes()) for name in group}
     labels = np.array([of_group.get(name, name) for name in names])
     return np.column_stack([flags[:, labels == label].any(axis=1) for label in np.unique(labels)])
-
-
-def _interval_coverage(rigs: Rigs, quantiles: Float) -> dict[str, float]:
-    logarithmic = np.array(rigs.logarithmic)
-    true = np.where(logarithmic, np.exp(np.where(logarithmic, rigs.sizes, 0.0)), rigs.sizes)
-    inside = (quantiles[:, :, 0] <= true) & (true <= quantiles[:, :, -1])
-    there = np.isfinite(rigs.sizes)
-    return {
-        name: float(inside[there[:, k], k].mean())
-        for k, name in enumerate(rigs.size_names)
-        if np.isfinite(quantiles[:, k]).all() and there[:, k].any()
-    }
 
 
 def _effect_shares(names: Sequence[str], part: Flags, whole_of_it: Flags) -> dict[str, float]:

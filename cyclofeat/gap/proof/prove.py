@@ -319,7 +319,13 @@ def score_alternatives(
             floor = float(by_family.mean())
             moved = distance.floor_draws(replicates, scale, by_family, chances).mean(axis=1)
             floor_draws = distance.centre_draws(moved, floor)
-            reason = _no_gap(estimates[BEFORE], floor, float(np.std(draws[BEFORE] - floor_draws)))
+            gap, error = estimates[BEFORE] - floor, float(np.std(draws[BEFORE] - floor_draws))
+            if gap < _ERRORS * error:
+                reason = (
+                    f"the gap before, {estimates[BEFORE]:.3g}, does not stand out of what replication "
+                    f"leaves, {floor:.3g} +- {error:.2g} standard deviations of a recording: there is no gap "
+                    "to close"
+                )
         for name in alternatives:
             ratio, low, high = (math.nan,) * 3
             if not reason:
@@ -331,16 +337,6 @@ def score_alternatives(
                 low, high = np.nanquantile(ratios, _INTERVAL).tolist()
             rows.append(ProofRow(name, condition, ratio, low, high, reason))
     return Proof(tuple(rows), tuple(of_families), len(counts))
-
-
-def _no_gap(before: float, floor: float, error: float) -> str:
-    """Reason why there is no gap to close; empty where there is one."""
-    if before - floor >= _ERRORS * error:
-        return ""
-    return (
-        f"the gap before, {before:.3g}, does not stand out of what replication leaves, {floor:.3g} +- "
-        f"{error:.2g} standard deviations of a recording: there is no gap to close"
-    )
 
 
 def _distance_rows(name: str, condition: str, families: list[str], values: Float) -> list[DistanceRow]:

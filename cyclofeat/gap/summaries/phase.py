@@ -74,7 +74,10 @@ def phase_maps(
             _fold_windows(X, speed * per_turn / rate)
             for X, speed in zip((measured, simulated), known, strict=True)
         ]
-        reference = _mean_wave(folded[1])
+        # The mean of the simulated waves shifted to fit it, by iteration from the largest of them.
+        reference = np.asarray(folded[1][int(np.argmax(folded[1].var(axis=1)))])
+        for _ in range(_ROUNDS):
+            reference = np.mean([_align_wave(wave, reference) for wave in folded[1]], axis=0)
         aligned = [np.array([_align_wave(wave, reference) for wave in waves]) for waves in folded]
         p = stats.ttest_ind(*aligned, equal_var=False, axis=0).pvalue
         of_measured, of_simulated = aligned
@@ -107,14 +110,6 @@ def _fold_windows(X: NDArray[Any], turns_per_sample: Float) -> Float:
         # If a turn has few samples, always at the same phases, some bins are empty: interpolate.
         waves.append(np.interp(np.arange(_BINS), filled, mean[filled], period=_BINS))
     return np.array(waves)
-
-
-def _mean_wave(waves: Float) -> Float:
-    """Return the mean of waves shifted to fit it, by iteration from the largest of them."""
-    mean = np.asarray(waves[int(np.argmax(waves.var(axis=1)))])
-    for _ in range(_ROUNDS):
-        mean = np.mean([_align_wave(wave, mean) for wave in waves], axis=0)
-    return mean
 
 
 def _align_wave(wave: Float, reference: Float) -> Float:

@@ -68,6 +68,13 @@ class Cell:
     high_hz: float = np.nan
 
 
+_SPEED_CELLS = (
+    Cell("speed", "input speed by the mesh lines", "%"),
+    Cell("speed", "input speed by the tachometer", "%"),
+    Cell("speed", "mesh lines against the tachometer", "%"),
+)
+
+
 @dataclass(frozen=True)
 class Kinematics:
     """Sampling rate in Hz, nominal input speed in Hz and lobes of a wheel, which is also the reduction."""
@@ -131,35 +138,34 @@ def summarise_windows(
     """
     kinematics.whole_turns(np.shape(X)[1])
     given = None if speeds is None else np.asarray(speeds, dtype=float)
+    rate, nominal_hz, n_lobes = kinematics.sampling_rate, kinematics.input_speed_hz, kinematics.n_lobes
     values: list[Float] = []
     cells: list[Cell] = []
     # A few windows at a time: a bank of recordings is large.
     for start in range(0, len(X), _AT_A_TIME):
         part = slice(start, start + _AT_A_TIME)
-        some, cells = _summaries_of(
-            np.asarray(X[part], dtype=np.float64), kinematics, None if given is None else given[part]
-        )
-        values.append(some)
+        torque = np.asarray(X[part], dtype=np.float64)
+        by_mesh = speeds_by_mesh(torque, rate, nominal_hz, n_lobes)
+        of_window = by_mesh if given is None else given[part]
+        columns, speed_cells = [100 * (by_mesh / nominal_hz - 1)], [_SPEED_CELLS[0]]
+        if given is not None:
+            columns += [100 * (of_window / nominal_hz - 1), 100 * (by_mesh / of_window - 1)]
+            speed_cells = [*_SPEED_CELLS]
+        mean = torque.mean(axis=1, keepdims=True)
+        ripple = torque - mean
+        lines = rfft(ripple, axis=1)
+        families = [
+            (np.column_stack(columns), speed_cells),
+            _slow_cells(ripple, lines, rate),
+            _amplitude_cells(torque, ripple, mean[:, 0]),
+            _band_cells(hann_lines(lines), ripple.shape[1], rate),
+            _order_cells(ripple, rate, of_window, nominal_hz, n_lobes),
+            _average_cells(ripple, rate, of_window, n_lobes),
+            _feature_cells(torque, rate),
+        ]
+        values.append(np.hstack([of_family for of_family, _ in families]))
+        cells = [cell for _, of_family in families for cell in of_family]
     return np.vstack(values), cells
-
-
-def _summaries_of(torque: Float, kinematics: Kinematics, speeds: Float | None) -> tuple[Float, list[Cell]]:
-    rate, nominal_hz, n_lobes = kinematics.sampling_rate, kinematics.input_speed_hz, kinematics.n_lobes
-    by_mesh = speeds_by_mesh(torque, rate, nominal_hz, n_lobes)
-    of_window = by_mesh if speeds is None else speeds
-    mean = torque.mean(axis=1, keepdims=True)
-    ripple = torque - mean
-    lines = rfft(ripple, axis=1)
-    parts = [
-        _speed_cells(by_mesh, nominal_hz, speeds),
-        _slow_cells(ripple, lines, rate),
-        _amplitude_cells(torque, ripple, mean[:, 0]),
-        _band_cells(hann_lines(lines), ripple.shape[1], rate),
-        _order_cells(ripple, rate, of_window, nominal_hz, n_lobes),
-        _average_cells(ripple, rate, of_window, n_lobes),
-        _feature_cells(torque, rate),
-    ]
-    return np.hstack([values for values, _ in parts]), [cell for _, cells in parts for cell in cells]
 
 
 def smallest_spreads(cells: list[Cell]) -> Float:
@@ -191,16 +197,6 @@ def speeds_by_mesh(torque: Float, sampling_rate: float, nominal_hz: float, n_lob
         if within.size and lines[np.argmax(prominence)].min() < 1:
             speeds[i] = factors[within[np.argmax(prominence[within])]] * nominal_hz
     return speeds
-
-
-def _speed_cells(by_mesh: Float, nominal_hz: float, speeds: NDArray[Any] | None) -> tuple[Float, list[Cell]]:
-    columns, cells = [100 * (by_mesh / nominal_hz - 1)], [Cell("speed", "input speed by the mesh lines", "%")]
-    if speeds is not None:
-        columns.append(100 * (np.asarray(speeds) / nominal_hz - 1))
-        columns.append(100 * (by_mesh / np.asarray(speeds) - 1))
-        cells.append(Cell("speed", "input speed by the tachometer", "%"))
-        cells.append(Cell("speed", "mesh lines against the tachometer", "%"))
-    return np.column_stack(columns), cells
 
 
 def block_means(X: NDArray[Any], sampling_rate: float, highest_hz: float) -> tuple[NDArray[Any], float]:
@@ -359,28 +355,18 @@ def _average_cells(
     """Level and crest of the averages over input turns and over lobes, and level of the residual."""
     columns = []
     for per_turn in (1.0, (n_lobes + 1) / n_lobes):
-        found = []
+        powers = []
         for x, speed in zip(ripple, speeds, strict=True):
             average, slot, n = synchronous_average(x, speed * per_turn / sampling_rate, _BINS)
             # Mean square less squared mean: what the average leaves in each bin.
             left = np.bincount(slot, x**2, _BINS) - n * average**2
             spread = left / np.maximum(n, 1)
-            of_average, of_left = RESOLUTION_NM**2 * _BINS / x.size, RESOLUTION_NM**2
-            powers = [
-                np.mean(average**2) + of_average,
-                np.max(average**2) + of_average,
-                left.sum() / x.size + of_left,
-                spread.max() + of_left,
-                spread.min() + of_left,
-            ]
-            found.append(powers)
-        power = np.array(found)
-        columns += [
-            level_db(power[:, 0]),
-            level_db(power[:, 1]) - level_db(power[:, 0]),
-            level_db(power[:, 2]),
-        ]
-        columns += [level_db(power[:, 3]) - level_db(power[:, 4])]
+            of_average = np.array([np.mean(average**2), np.max(average**2)])
+            of_rest = np.array([left.sum() / x.size, spread.max(), spread.min()])
+            resolution = RESOLUTION_NM**2
+            powers.append(np.r_[of_average + resolution * _BINS / x.size, of_rest + resolution])
+        level, highest, rest, most, least = level_db(np.transpose(powers))
+        columns += [level, highest - level, rest, most - least]
     names = ("level of the average over", "crest of the average over", "level left by the average over",
              "unevenness left over")  # fmt: skip
     cells = [Cell("averages", f"{name} {by}", "dB") for by in ("input turns", "lobes") for name in names]

@@ -32,13 +32,7 @@ def locate_all(
     simulated : MeasuredRig, optional
         Recordings of another simulator, in the place of simulated ones: of each the first output turn is
         used. With the same rate, conditions and knowledge of counts and tachometer as ``measured`` (parts of
-        one :class:`MeasuredRig`); conditions that it lacks are left out. How alike recordings of one assembly
-        are is not asked.
-
-    Returns
-    -------
-    tuple of LocatedGap
-        In the order of the conditions.
+        one :class:`MeasuredRig`); conditions that it lacks are left out.
 
     Raises
     ------
@@ -60,36 +54,23 @@ def locate_all(
         alpha=settings.alpha / len(compared),
         n_permutations=settings.n_permutations * len(compared),
     )
-    return tuple(_locate_condition(measured, condition, world, shared, simulated) for condition in compared)
-
-
-def _locate_condition(
-    measured: MeasuredRig,
-    condition: Condition,
-    world: World,
-    settings: GapSettings,
-    simulated: MeasuredRig | None,
-) -> LocatedGap:
-    """Compare the recordings of one condition."""
-    comparison = measured.comparison(condition, world, settings)
-    turns = measured.turns(comparison)
-    bank = None
-    if simulated is not None:
-        comparison = comparison.replace(one_assembly=False)
-        bank = simulated.bank(comparison)
-        missing = set() if turns.counts is None else set(turns.counts.tolist()) - set(bank.counts.tolist())
-        if missing:
-            raise ValueError(
-                f"simulated must hold each count of the measured recordings at {condition.text}, got none "
-                f"with {min(missing)} worn lobes"
-            )
-    return locate(
-        comparison,
-        turns,
-        alpha=settings.alpha,
-        n_permutations=settings.n_permutations,
-        bank=bank,
-    )
+    located = []
+    for condition in compared:
+        comparison = measured.comparison(condition, world, shared)
+        turns = measured.turns(comparison)
+        bank = None
+        if simulated is not None:
+            comparison = comparison.replace(one_assembly=False)
+            bank = simulated.bank(comparison)
+            missing = {*turns.counts_or_zeros.tolist()} - {*bank.counts.tolist()}
+            if missing and turns.counts is not None:
+                raise ValueError(
+                    f"simulated must hold each count of the measured recordings at {condition.text}, got "
+                    f"none with {min(missing)} worn lobes"
+                )
+        options = {"alpha": shared.alpha, "n_permutations": shared.n_permutations}
+        located.append(locate(comparison, turns, bank=bank, **options))
+    return tuple(located)
 
 
 @dataclass(frozen=True)

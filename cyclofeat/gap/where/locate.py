@@ -247,23 +247,17 @@ def locate(
     )  # fmt: skip
     of_measured, of_simulated = blank.centred_sets()
     trend = SpeedAndLoad(of_simulated, measured.cells, smallest_spreads(measured.cells))
-    shared = _shared_variance(blank, trend)
+    shared = np.zeros(len(measured.cells))
+    if comparison.one_assembly:
+        counts = sorted(set(bank.counts.tolist()))
+        of_assemblies = comparison.bank(_ASSEMBLIES * _PER_ASSEMBLY, counts, n_assemblies=_ASSEMBLIES)
+        values = blank.centred(comparison.summaries(of_assemblies), of_assemblies.counts)
+        shared = intraclass_correlation(trend.without(values), of_assemblies.assemblies)
     compared = trend.without(of_measured), trend.without(of_simulated)
     table, family_p = _test_cells(dataclasses.replace(blank, shared_variance=shared), compared)
     return dataclasses.replace(
         blank, shared_variance=shared, table=table, family_p=family_p, _compared=compared
     )
-
-
-def _shared_variance(located: LocatedGap, trend: SpeedAndLoad) -> Float:
-    """Share of each cell's variance that recordings of one assembly have in common."""
-    comparison = located.comparison
-    if not comparison.one_assembly:
-        return np.zeros(len(located.cells))
-    counts = sorted(set(located.bank.counts.tolist()))
-    bank = comparison.bank(_ASSEMBLIES * _PER_ASSEMBLY, counts, n_assemblies=_ASSEMBLIES)
-    values = located.centred(comparison.summaries(bank), bank.counts)
-    return intraclass_correlation(trend.without(values), bank.assemblies)
 
 
 def _test_cells(

@@ -44,22 +44,12 @@ def turn_samples(kinematics: Kinematics) -> int:
 
 
 def recording_cells(X: NDArray[np.float32], kinematics: Kinematics) -> tuple[Float, list[Cell]]:
-    """Summarise recordings of one output turn.
+    """Summarise recordings of one output turn (n_recordings, n_samples) in Nm, positive for a braking load.
 
-    Parameters
-    ----------
-    X : ndarray, shape (n_recordings, n_samples)
-        Torque in Nm, positive for a load that brakes.
-    kinematics : Kinematics
-
-    Returns
-    -------
-    values : ndarray, shape (n_recordings, n_cells)
-        Those of ``summarise``, and: modulation of the mesh lines' amplitudes and phases and
-        how far it follows the slow torque, which a drift of the load causes and one of the sensor does not;
-        mains lines and slow part in Hz; signed trend and curvature; exponential decays, and the torque that
-        they settle to; repeated, equal and extreme values.
-    cells : list of Cell
+    Returns values (n_recordings, n_cells) and their cells: those of :func:`summarise_windows`, and modulation
+    of the mesh lines' amplitudes and phases and how far it follows the slow torque, which a drift of the load
+    causes and one of the sensor does not; mains lines and slow part in Hz; signed trend and curvature;
+    exponential decays, and the torque that they settle to; repeated, equal and extreme values.
     """
     values, cells = summarise_windows(X, kinematics)
     mean = X.mean(axis=1, dtype=np.float64)
@@ -68,9 +58,7 @@ def recording_cells(X: NDArray[np.float32], kinematics: Kinematics) -> tuple[Flo
     parts = [
         _modulation_cells(ripple, kinematics, speeds),
         _fixed_in_hz(ripple, kinematics.sampling_rate),
-        _course_cells(ripple),
-        _decay_cells(ripple, mean, kinematics.sampling_rate),
-        _slip_cells(ripple, kinematics.sampling_rate),
+        _shape_cells(ripple, mean, kinematics.sampling_rate),
         _code_cells(X),
     ]
     return (
@@ -99,7 +87,11 @@ def _modulation_cells(ripple: Float, kinematics: Kinematics, speeds: Float) -> t
     slow_power = np.mean(slow**2, axis=1)
     columns, cells = [level_db(slow_power + RESOLUTION_NM**2)], [Cell("modulation", "slow torque", "dB")]
     # Without the slow torque, which is up to a thousand times a mesh line and would leak into it.
-    light = (ripple - _interpolate_boxes(means, box, n_samples)).astype(np.float32)
+    place = np.clip((np.arange(n_samples) + 0.5) / box - 0.5, 0, means.shape[1] - 1)
+    before = np.minimum(place.astype(int), means.shape[1] - 2)
+    share = place - before
+    between_boxes = means[:, before] * (1 - share) + means[:, before + 1] * share
+    light = (ripple - between_boxes).astype(np.float32)
     turns = (kinematics.n_lobes + 1) * speeds[:, None] * np.arange(n_samples) / sampling_rate
     first = np.exp(-2j * np.pi * turns).astype(np.complex64)
     carrier = np.ones_like(first)
@@ -107,8 +99,13 @@ def _modulation_cells(ripple: Float, kinematics: Kinematics, speeds: Float) -> t
         carrier = carrier * first
         phasor = smooth_boxes(box_means(light * carrier, box))
         phasor = phasor / (phasor.mean(axis=1, keepdims=True) + 1e-9)
+        # Without mean and straight line: an error of the speed turns the phase steadily.
+        time = np.linspace(-1, 1, phasor.shape[1])
+        time = time / np.sqrt(time @ time)
         for what, part in (("amplitude", phasor.real - 1), ("phase", np.angle(phasor))):
-            part = _without_line(np.clip(part, -10, 10))
+            part = np.clip(part, -10, 10)
+            part = part - part.mean(axis=1, keepdims=True)
+            part = part - (part @ time)[:, None] * time
             power = np.mean(part**2, axis=1)
             together = np.mean(part * slow, axis=1)
             columns += [
@@ -122,22 +119,6 @@ def _modulation_cells(ripple: Float, kinematics: Kinematics, speeds: Float) -> t
                 Cell("modulation", f"slope of {what} {line} over the slow torque", "1"),
             ]
     return np.column_stack(columns), cells
-
-
-def _interpolate_boxes(means: Float, box: int, n_samples: int) -> Float:
-    """Interpolate the means of boxes linearly between their centres, shape (n_windows, n_samples)."""
-    place = np.clip((np.arange(n_samples) + 0.5) / box - 0.5, 0, means.shape[1] - 1)
-    before = np.minimum(place.astype(int), means.shape[1] - 2)
-    share = place - before
-    return np.asarray(means[:, before] * (1 - share) + means[:, before + 1] * share)
-
-
-def _without_line(values: Float) -> Float:
-    """Remove mean and straight line from each row: an error of the speed turns the phase steadily."""
-    time = np.linspace(-1, 1, values.shape[1])
-    time = time / np.sqrt(time @ time)
-    values = values - values.mean(axis=1, keepdims=True)
-    return np.asarray(values - (values @ time)[:, None] * time)
 
 
 def _fixed_in_hz(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
@@ -168,21 +149,16 @@ def _fixed_in_hz(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]
     return np.column_stack(columns), cells
 
 
-def _course_cells(ripple: Float) -> tuple[Float, list[Cell]]:
-    """Straight line and parabola through the record, with their signs."""
+def _shape_cells(ripple: Float, mean: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
+    """Line and parabola through the record, exponential decays, and slips."""
     time = np.linspace(-1, 1, ripple.shape[1])
     shapes = np.column_stack([time, 1.5 * time**2 - 0.5])
-    values = ripple @ (shapes / np.sum(shapes**2, axis=0))
-    names = ("straight line", "parabola")
-    return signed_log(10 * values), [Cell("course", name, "1") for name in names]
-
-
-def _decay_cells(ripple: Float, mean: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
-    """Exponential decays through the record: their size, what each leaves, and what the torque settles to."""
+    sizes = signed_log(10 * (ripple @ (shapes / np.sum(shapes**2, axis=0))))
+    columns, cells = [*sizes.T], [Cell("course", name, "1") for name in ("straight line", "parabola")]
+    # The size of each decay, the level that it leaves, and what the torque settles to.
     slow, rate = block_means(ripple, sampling_rate, _DECAY_HZ)
     slow = slow - slow.mean(axis=1, keepdims=True)
     time = np.arange(slow.shape[1]) / rate
-    columns, cells = [], []
     for time_constant in _DECAYS_S:
         decay = np.exp(-time / time_constant)
         shape = decay - decay.mean()
@@ -191,12 +167,7 @@ def _decay_cells(ripple: Float, mean: Float, sampling_rate: float) -> tuple[Floa
         columns += [size, level_db(left + RESOLUTION_NM**2), mean - size * decay.mean()]
         names = (("size of", "Nm"), ("level left by", "dB"), ("torque settled after", "Nm"))
         cells += [Cell("decays", f"{name} a decay in {time_constant:g} s", unit) for name, unit in names]
-    return np.column_stack(columns), cells
-
-
-def _slip_cells(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
-    """Skewness of the changes of the slow torque: stick-slip climbs slowly and falls fast."""
-    columns, cells = [], []
+    # Stick-slip climbs slowly and falls fast: the changes of the slow torque are skewed.
     for box_s in _SLIP_BOXES_S:
         box = max(round(box_s * sampling_rate), 1)
         changes = np.diff(box_means(ripple, box), axis=1)

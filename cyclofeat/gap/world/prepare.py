@@ -237,7 +237,16 @@ def prepare_world(
         )
     shards = [f"shard-{shard:05d}.npz" for shard in range(n_shards)]
     missing = store.missing_names(shards)
-    calls = (joblib.delayed(_simulate_shard)(world, store, shards.index(name), name) for name in missing)
+
+    def simulate_shard(name: str) -> None:
+        first = shards.index(name) * _MACHINES_PER_SHARD
+        machines = simulate_machines(world, range(first, first + _MACHINES_PER_SHARD))
+        columns: dict[str, Any] = {
+            name: np.concatenate([machine[name] for machine in machines]) for name in machines[0]
+        }
+        store.write_file(name, lambda stream: np.savez(stream, **columns))
+
+    calls = (joblib.delayed(simulate_shard)(name) for name in missing)
     results = joblib.Parallel(n_jobs=n_jobs, return_as="generator_unordered")(calls)
     with stopped_quietly(results):
         for done, _ in enumerate(results, start=n_shards - len(missing) + 1):
@@ -259,12 +268,3 @@ def prepare_world(
         **columns,
     )
     return rigs.of(simulated.sum(axis=1) >= min(FEWEST_RECORDINGS, simulated.shape[1]))
-
-
-def _simulate_shard(world: World, store: ShardStore, shard: int, name: str) -> None:
-    first = shard * _MACHINES_PER_SHARD
-    machines = simulate_machines(world, range(first, first + _MACHINES_PER_SHARD))
-    columns: dict[str, Any] = {
-        name: np.concatenate([machine[name] for machine in machines]) for name in machines[0]
-    }
-    store.write_file(name, lambda stream: np.savez(stream, **columns))
