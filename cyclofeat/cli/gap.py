@@ -101,8 +101,8 @@ def format_check(result: GapCheck) -> Printed:
     recordings = number_of(len(result.conditions), "recording")
     lines = [
         f"{score.n_rigs} simulated rigs with known effects, {recordings} of each at {'; '.join(at)}",
-        f"sets of effects named exactly: {result.sets_right:.0%}, and but for look-alikes "
-        f"{result.sets_right_with_ties:.0%}",
+        f"sets of effects named exactly: {result.score.sets_right:.0%}, and but for look-alikes "
+        f"{result.score.sets_right_with_ties:.0%}",
         f"effects found: {score.recall:.0%}; names that are right: {score.precision:.0%}",
         *(_check_line(one) for one in sorted(result.effects, key=lambda one: -one.recall) if one.n),
     ]

@@ -104,16 +104,6 @@ class GapCheck(EffectRows[CheckedEffect]):
     next_measurements: tuple[NextMeasurement, ...]
     seconds: float = field(repr=False)
 
-    @property
-    def sets_right(self) -> float:
-        """Share of the rigs whose effects were named exactly."""
-        return self.score.between(0, len(self.effects))
-
-    @property
-    def sets_right_with_ties(self) -> float:
-        """The same if look-alikes count as one effect."""
-        return self.score.between(0, len(self.effects), ties=True)
-
     def to_dict(self) -> dict[str, Any]:
         """Plain values that JSON can hold, as ``cyclofeat gap --check --json`` prints them."""
         return dict(
@@ -123,8 +113,8 @@ class GapCheck(EffectRows[CheckedEffect]):
                     "recordings": len(self.conditions),
                     "conditions": [asdict(one) for one in dict.fromkeys(self.conditions)],
                     "rigs": self.score.n_rigs,
-                    "sets_right": self.sets_right,
-                    "sets_right_with_ties": self.sets_right_with_ties,
+                    "sets_right": self.score.sets_right,
+                    "sets_right_with_ties": self.score.sets_right_with_ties,
                     "precision": self.score.precision,
                     "recall": self.score.recall,
                     "wrong": self.wrong,
@@ -152,8 +142,8 @@ class GapCheck(EffectRows[CheckedEffect]):
             "recordings": f"{len(self.conditions)} at "
             + "; ".join(dict.fromkeys(one.text for one in self.conditions)),
             "simulated rigs": self.score.n_rigs,
-            "sets named exactly": f"{self.sets_right:.0%}",
-            "the same but for look-alikes": f"{self.sets_right_with_ties:.0%}",
+            "sets named exactly": f"{self.score.sets_right:.0%}",
+            "the same but for look-alikes": f"{self.score.sets_right_with_ties:.0%}",
             "names that are right": f"{self.score.precision:.0%}",
             "found in less than half": ", ".join(rarely),
             "would help": "; ".join(f"{one.what} ({one.gain:.2g} bits)" for one in self.next_measurements),
@@ -210,7 +200,7 @@ def check_recordings(
     --------
     >>> planned = [Condition(500, 22)] * 6 + [Condition(500, 11)] * 6
     >>> check = check_recordings(planned, n_jobs=2)  # doctest: +SKIP
-    >>> print(check.effect("gain"), check.sets_right)  # doctest: +SKIP
+    >>> print(check.effect("gain"), check.score.sets_right)  # doctest: +SKIP
     """
     began = time.monotonic()
     posterior = posterior or load_posterior()

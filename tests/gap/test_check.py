@@ -172,7 +172,7 @@ def asked(monkeypatch):
     """What the command hands over, without any simulation."""
     given = {}
     score = PosteriorScore(
-        40, 0.9, 0.5, {0: 1.0, 2: 0.25}, {0: 1.0, 2: 0.5}, 0.02, {}, {}, {}, {0: 20, 2: 20},
+        40, 0.9, 0.5, 0.625, 0.75, 0.02, {}, {},
         np.full((40, 3), 0.5),
     )  # fmt: skip
     nexts = (NextMeasurement("recordings at 10 Nm", (), 0.41),)

@@ -200,20 +200,15 @@ class EffectPosterior(BaseEstimator):
         errors = sizes[rows] - mean
         self.spread_power_ = spread_power(errors, spread)
         self.size_quantiles_ = quantiles_of(errors / spread**self.spread_power_)
-        self.limits_ = self._visible_limits(
-            self._calibrated_probabilities(logits, inputs.causes), rigs.sizes[rows]
-        )
-        return self
-
-    def _visible_limits(self, probabilities: Float, sizes: Float) -> Float:
-        """Return the strengths from which effects are named, by rigs with these sizes."""
-        limits = np.full(len(self.names_), np.nan)
-        named = with_look_alikes(np.nan_to_num(probabilities), self.names_) > NAMED
+        probabilities = np.nan_to_num(self._calibrated_probabilities(logits, inputs.causes))
+        named = with_look_alikes(probabilities, self.names_) > NAMED
+        self.limits_ = np.full(len(self.names_), np.nan)
         for k, column, parameter in self._main_parameters():
-            there = np.isfinite(sizes[:, column])
-            strengths = strengths_of(parameter, sizes[there, column])
-            limits[k] = detection_limit(strengths, named[there, k], _SEEN)
-        return limits
+            true = rigs.sizes[rows, column]
+            having = np.isfinite(true)
+            strengths = strengths_of(parameter, true[having])
+            self.limits_[k] = detection_limit(strengths, named[having, k], _SEEN)
+        return self
 
     def _main_parameters(self) -> list[tuple[int, int, EffectParameter]]:
         """Column of each effect, column of its main parameter, and this parameter."""

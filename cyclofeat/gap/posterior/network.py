@@ -29,25 +29,6 @@ _SPREADS = (-5.0, 2.0)  # limits of the logarithm of a size's standard deviation
 FIXED = ("uncorrelating", "pool_centre", "pool_spread")  # weights that are not trained
 
 
-def initial_weights(
-    n_columns: int, uncorrelating: NDArray[Any], n_whole: int, n_outputs: int, random: np.random.Generator
-) -> dict[str, NDArray[np.float32]]:
-    """Draw weights; those that are not trained leave pools as they are."""
-    first, second = _RECORDING
-    n_pools = 7 * len(uncorrelating) + n_whole
-    weights: dict[str, NDArray[np.float32]] = {
-        "uncorrelating": uncorrelating.astype(np.float32),
-        "pool_centre": np.zeros(n_pools, dtype=np.float32),
-        "pool_spread": np.ones(n_pools, dtype=np.float32),
-    }
-    layers = {
-        "recording_1": (n_columns, first, 2.0), "recording_2": (first, second, 2.0),
-        "session_1": (n_pools + 2 * second, _SESSION, 2.0), "session_2": (_SESSION, _SESSION, 0.5),
-        "session_3": (_SESSION, _SESSION, 0.5), "answer": (_SESSION, n_outputs, 0.1),
-    }  # fmt: skip
-    return weights | first_weights(layers, random)
-
-
 def with_outputs(weights: Weights, columns: NDArray[np.intp], random: np.random.Generator) -> dict[str, Any]:
     """Return weights whose outputs are some of those that there are; -1 stands for a new one."""
     layer, bias = weights["answer"], weights["answer_bias"]
@@ -230,14 +211,22 @@ def _first_weights(
     """Random weights; the pools are standardised and presence begins at its share."""
     rows = random.choice(len(made.made), min(len(made.made), _STANDARDISING), replace=False)
     inputs = random_inputs(made.of(rows), reference, random)
-    n_effects, n_sizes = targets.present.shape[1], targets.sizes.shape[1]
-    weights = initial_weights(
-        inputs.recordings.shape[2], reference.uncorrelating_, inputs.whole.shape[1],
-        n_effects + 2 * n_sizes, random,
-    )  # fmt: skip
-    found = np.asarray(pool_recordings(np, weights, **inputs.of_network))
-    weights["pool_centre"] = np.median(found, axis=0).astype(np.float32)
-    weights["pool_spread"] = (found.std(axis=0) + 0.05).astype(np.float32)
+    n_effects, n_outputs = targets.present.shape[1], targets.present.shape[1] + 2 * targets.sizes.shape[1]
+    first, second = _RECORDING
+    n_pools = 7 * len(reference.uncorrelating_) + inputs.whole.shape[1]
+    layers = {
+        "recording_1": (inputs.recordings.shape[2], first, 2.0), "recording_2": (first, second, 2.0),
+        "session_1": (n_pools + 2 * second, _SESSION, 2.0), "session_2": (_SESSION, _SESSION, 0.5),
+        "session_3": (_SESSION, _SESSION, 0.5), "answer": (_SESSION, n_outputs, 0.1),
+    }  # fmt: skip
+    weights: Trained = {
+        "uncorrelating": reference.uncorrelating_.astype(np.float32),
+        "pool_centre": np.zeros(n_pools, dtype=np.float32),
+        "pool_spread": np.ones(n_pools, dtype=np.float32),
+    } | first_weights(layers, random)
+    pools = np.asarray(pool_recordings(np, weights, **inputs.of_network))
+    weights["pool_centre"] = np.median(pools, axis=0).astype(np.float32)
+    weights["pool_spread"] = (pools.std(axis=0) + 0.05).astype(np.float32)
     share = np.clip(targets.present.mean(axis=0), 1e-3, 1 - 1e-3)
     weights["answer_bias"][:n_effects] = np.log(share / (1 - share))
     return weights

@@ -29,18 +29,16 @@ class PosteriorScore:
     precision, recall : float
         Of the effects named with a probability above one half. An effect that the posterior has not learned
         is never named.
-    whole_set, with_ties : dict from int to float
-        Share of the rigs whose effects are named exactly, by their number; with ties, an effect may be named
-        for another of its group.
+    sets_right, sets_right_with_ties : float
+        Share of the rigs whose effects are named exactly; with ties, an effect may be named for another of
+        its group.
     calibration_error : float
         Mean distance of probabilities, in 15 bins, from the shares of the rigs that have the effect; of
         effects that the posterior has learned.
     coverage : dict from str to float
         Share of the true sizes inside the 90 % interval, by parameter.
-    effect_recall, effect_precision : dict from str to float
-        By effect; NaN where it is absent, or never named.
-    n_of_number : dict from int to int
-        Rigs by number of effects.
+    effect_recall : dict from str to float
+        By effect; NaN where it is absent.
     probabilities : ndarray, shape (n_rigs, n_effects)
         Of each effect in each rig; NaN where it is not learned.
     """
@@ -48,20 +46,12 @@ class PosteriorScore:
     n_rigs: int
     precision: float
     recall: float
-    whole_set: dict[int, float]
-    with_ties: dict[int, float]
+    sets_right: float
+    sets_right_with_ties: float
     calibration_error: float
     coverage: dict[str, float] = field(repr=False)
     effect_recall: dict[str, float] = field(repr=False)
-    effect_precision: dict[str, float] = field(repr=False)
-    n_of_number: dict[int, int] = field(repr=False)
     probabilities: Float = field(repr=False, compare=False)
-
-    def between(self, least: int, most: int, *, ties: bool = False) -> float:
-        """Return the share of sets right among rigs with ``least`` to ``most`` effects, NaN without any."""
-        shares = self.with_ties if ties else self.whole_set
-        n = {k: self.n_of_number[k] for k in shares if least <= k <= most}
-        return _ratio_or_nan(sum(shares[k] * n[k] for k in n), sum(n.values()))
 
 
 def score_posterior(
@@ -79,11 +69,8 @@ def score_posterior(
     probabilities = posterior.predict_proba(sessions)
     learned = np.isfinite(probabilities)
     present, named = rigs.present, learned & (probabilities > NAMED)
-    number = present.sum(axis=1)
-    exact = np.all(named == present, axis=1)
     tied = np.all(_join_groups(named, rigs.names) == _join_groups(present, rigs.names), axis=1)
     right = named & present
-    numbers = np.unique(number).tolist()
     logarithmic, quantiles = np.array(rigs.logarithmic), posterior.predict_quantiles(sessions)
     true = np.where(logarithmic, np.exp(np.where(logarithmic, rigs.sizes, 0.0)), rigs.sizes)
     inside = (quantiles[:, :, 0] <= true) & (true <= quantiles[:, :, -1])
@@ -97,13 +84,14 @@ def score_posterior(
         n_rigs=len(rigs),
         precision=_ratio_or_nan(right.sum(), named.sum()),
         recall=_ratio_or_nan(right.sum(), present.sum()),
-        whole_set={k: float(exact[number == k].mean()) for k in numbers},
-        with_ties={k: float(tied[number == k].mean()) for k in numbers},
+        sets_right=float(np.all(named == present, axis=1).mean()),
+        sets_right_with_ties=float(tied.mean()),
         calibration_error=calibration_error(probabilities[learned], present[learned]),
         coverage=coverage,
-        effect_recall=_effect_shares(rigs.names, right, present),
-        effect_precision=_effect_shares(rigs.names, right, named),
-        n_of_number={k: int(np.sum(number == k)) for k in numbers},
+        effect_recall={
+            name: _ratio_or_nan(few, many)
+            for name, few, many in zip(rigs.names, right.sum(axis=0), present.sum(axis=0), strict=True)
+        },
         probabilities=probabilities,
     )
 
@@ -120,11 +108,6 @@ def _join_groups(flags: Flags, names: Sequence[str]) -> Flags:
     of_group = {name: f"group {k}" for k, group in enumerate(look_alikes()) for name in group}
     labels = np.array([of_group.get(name, name) for name in names])
     return np.column_stack([flags[:, labels == label].any(axis=1) for label in np.unique(labels)])
-
-
-def _effect_shares(names: Sequence[str], part: Flags, whole_of_it: Flags) -> dict[str, float]:
-    counted = zip(names, part.sum(axis=0), whole_of_it.sum(axis=0), strict=True)
-    return {name: _ratio_or_nan(few, many) for name, few, many in counted}
 
 
 def _ratio_or_nan(part: float, whole_of_it: float) -> float:

@@ -46,9 +46,6 @@ class PublishedSettings:
         (:func:`cyclofeat.simulators.known_effects`) and ``"load_scale"``. None: all but ``"clock_error"``,
         which does not change these statistics.
     max_effects : int
-    max_simulated : int
-        Largest number of named effects that change the gearbox's motion: each set of those needs simulations
-        of its own, while effects of the meter are applied to stored records.
     duration : float
         Length of the records in s. *Assumption* where the source does not state it.
     n_draws : int
@@ -67,7 +64,6 @@ class PublishedSettings:
 
     library: Sequence[str] | None = None
     max_effects: int = 3
-    max_simulated: int = 1
     duration: float = 1.8
     n_draws: int = 6
     alpha: float = 0.05
@@ -75,7 +71,6 @@ class PublishedSettings:
 
     def __post_init__(self) -> None:
         checks.whole("max_effects", self.max_effects, 1)
-        checks.whole("max_simulated", self.max_simulated, 0)
         checks.positive("duration", self.duration, "a number of s")
         checks.whole("n_draws", self.n_draws, 1)
         if not 0 < checks.number("alpha", self.alpha) < 1:

@@ -214,14 +214,15 @@ class Search:
         return sign_flip_p(self.score(less, discs) - self.score(more, discs), "greater")
 
     def _candidate_effects(self, named: Set) -> list[str]:
-        """Return the effects that may be added: one of each group, within the limit of ``max_simulated``."""
+        """Return the effects that may be added: one of each group, and one that changes the gearbox's motion.
+
+        Each set of those needs simulations of its own; effects of the meter are applied to stored records.
+        """
         return [
             name
             for name in self.library
             if name not in named
-            and not (
-                simulated_ones((name,)) and len(simulated_ones((*named, name))) > self.settings.max_simulated
-            )
+            and not (simulated_ones((name,)) and simulated_ones(named))
             and not any(name in group and set(group) & set(named) for group in self._same_torque)
         ]
 

@@ -55,11 +55,20 @@ def simulate_machines(world: World, numbers: Sequence[int]) -> list[dict[str, ND
     Returns the columns of the rigs of each machine (:class:`cyclofeat.gap.world.Rigs`), the number of the rig
     first.
     """
-    columns = simulate_drawn(world, [_draw_machine(world, number) for number in numbers])
-    return [
-        {"numbers": _rig_numbers(world, number)} | _pad_columns(of_machine, world.n_recordings)
-        for number, of_machine in zip(numbers, columns, strict=True)
-    ]
+    machines = []
+    for number, columns in zip(
+        numbers, simulate_drawn(world, [_draw_machine(world, number) for number in numbers]), strict=True
+    ):
+        # Up to the largest number of recordings: the first one's conditions again, NaN, and counts of 0.
+        missing = world.n_recordings - columns["counts"].shape[1]
+        for name, end in {"values": np.nan, "speeds": np.nan, "counts": 0}.items():
+            of_name = columns[name]
+            padding = np.full((len(of_name), missing, *of_name.shape[2:]), end)
+            columns[name] = np.concatenate([of_name, padding], axis=1).astype(of_name.dtype)
+        first = np.repeat(columns["conditions"][:, :1], missing, axis=1)
+        columns["conditions"] = np.concatenate([columns["conditions"], first], axis=1)
+        machines.append({"numbers": _rig_numbers(world, number)} | columns)
+    return machines
 
 
 def simulate_drawn(world: World, machines: Sequence[DrawnMachine]) -> list[dict[str, NDArray[Any]]]:
@@ -127,14 +136,19 @@ def _rig_columns(
         places, torques = [], []
         for i in np.flatnonzero(session.speeds_rpm == speed):
             for j, chain in enumerate(chains):
-                torque, turned = _record_chain(runs[i], chain, int(session.directions[i]))
-                if torque is not None and torque.size == turn_samples(conditions):
+                run = runs[i]
+                if not isinstance(run, MachineRun):
+                    continue
+                try:
+                    made = record(run, chain, int(session.directions[i]))
+                except NO_SUCH_RIG:
+                    continue
+                if np.all(np.isfinite(made.torque)) and made.torque.size == turn_samples(conditions):
                     places.append((j, i))
-                    torques.append(torque)
-                    speeds[j, i] = turned * 60
+                    torques.append(made.torque)
+                    speeds[j, i] = made.speed * 60
         if places:
-            made, _ = recording_cells(np.array(torques), conditions)
-            values[tuple(np.array(places).T)] = made
+            values[tuple(np.array(places).T)] = recording_cells(np.array(torques), conditions)[0]
     every = [(*machine.effects, *chain) for chain in chains]
     at = np.column_stack([session.speeds_rpm, session.loads_nm, session.directions])
     return {
@@ -144,35 +158,6 @@ def _rig_columns(
         "speeds": speeds,
         "sizes": np.array([world.sizes_of(effects) for effects in every]),
     }
-
-
-def _pad_columns(columns: dict[str, NDArray[Any]], n_recordings: int) -> dict[str, NDArray[Any]]:
-    """Repeat the first recording's conditions up to a number of recordings; the others are NaN, and 0."""
-    missing = n_recordings - columns["counts"].shape[1]
-    ends = {"values": np.nan, "speeds": np.nan, "counts": 0}
-    padded = {
-        name: np.concatenate(
-            [columns[name], np.full((len(columns[name]), missing, *columns[name].shape[2:]), end)], axis=1
-        ).astype(columns[name].dtype)
-        for name, end in ends.items()
-    }
-    first = np.repeat(columns["conditions"][:, :1], missing, axis=1)
-    return columns | padded | {"conditions": np.concatenate([columns["conditions"], first], axis=1)}
-
-
-def _record_chain(
-    run: MachineRun | SimulationFailed | ValueError, chain: tuple[Effect, ...], direction: int
-) -> tuple[NDArray[np.float32] | None, float]:
-    """Return torque and the input's speed in Hz as recorded; None and NaN where nothing can be recorded."""
-    if not isinstance(run, MachineRun):
-        return None, np.nan
-    try:
-        made = record(run, chain, direction)
-    except NO_SUCH_RIG:
-        return None, np.nan
-    if not np.all(np.isfinite(made.torque)):
-        return None, np.nan
-    return made.torque, made.speed
 
 
 _MACHINES_PER_SHARD = 8  # their runs fill the lanes of some batches

@@ -107,18 +107,17 @@ def missing_effects(rig: Rig) -> tuple[Effect, ...]:
 
 def with_floor(rig: Rig, may_differ: Sequence[Effect], tolerance: float = 1.0) -> Rig:
     """Return the rig with so much of what may differ anyway, and with noise and drift where it has none."""
-    return with_may_differ(rig, (*(_scale_spread(one, tolerance) for one in may_differ), *FLOOR))
-
-
-def _scale_spread(effect: Effect, factor: float) -> Effect:
-    """Return an effect with its parameters' distances from neutral changed by a factor, but distributions."""
-    changed = {}
-    for name, parameter in effect.parameters.items():
-        value, neutral = getattr(effect, name), parameter.neutral
-        if neutral is not None and isinstance(value, int | float | tuple):
-            ends = neutral + factor * (np.array(value) - neutral)
-            changed[name] = tuple(ends.tolist()) if ends.ndim else float(ends)
-    return effect.with_parameters(**changed)
+    scaled = []
+    for effect in may_differ:
+        changed = {}
+        for name, parameter in effect.parameters.items():
+            value, neutral = getattr(effect, name), parameter.neutral
+            # Distributions stay as they are.
+            if neutral is not None and isinstance(value, int | float | tuple):
+                ends = neutral + tolerance * (np.array(value) - neutral)
+                changed[name] = tuple(ends.tolist()) if ends.ndim else float(ends)
+        scaled.append(effect.with_parameters(**changed))
+    return with_may_differ(rig, (*scaled, *FLOOR))
 
 
 def draw_session(
