@@ -330,12 +330,7 @@ class GapSettings:
     def __post_init__(self) -> None:
         if not 0 < checks.number("alpha", self.alpha) < 1:
             raise ValueError(f"alpha must be between 0 and 1, got {self.alpha!r}")
-        least = {
-            "n_after": 10,
-            "n_report": 10,
-            "n_permutations": 19,
-            "n_bank": 10,
-        }
+        least = {"n_after": 10, "n_report": 10, "n_permutations": 19, "n_bank": 10}
         for name, low in least.items():
             checks.whole(name, getattr(self, name), low)
         object.__setattr__(self, "random_state", checks.seed_number(self.random_state))

@@ -143,12 +143,6 @@ class MeasuredRig:
         conditions : sequence of Condition, optional
             Those of other recordings: a set-point within the same limits of one of theirs is that one.
 
-        Raises
-        ------
-        TypeError, ValueError
-            If there are no recordings, one states no speed, quantities or discs differ or are not as wanted,
-            or a rate is below ``sampling_rate``.
-
         Examples
         --------
         >>> torque = np.random.default_rng(0).normal(22, 0.1, 51_200)
@@ -256,11 +250,6 @@ class MeasuredRig:
         """Return the recordings at a comparison's condition, cut to output turns.
 
         The torque is multiplied by the direction: positive for a load that brakes.
-
-        Raises
-        ------
-        ValueError
-            If a recording is shorter than an output turn, or constant over one.
         """
         condition = Condition.of(comparison)
         recordings = self.at(condition)
@@ -334,16 +323,7 @@ class MeasuredRig:
     def session(self, *, one_assembly: bool = False) -> Session:
         """Return the summaries of the first output turn of each recording, for a posterior.
 
-        Parameters
-        ----------
-        one_assembly : bool
-            Whether all are of one assembly. Default: as the recordings state; an assembly each where one
-            states none.
-
-        Raises
-        ------
-        ValueError
-            If a recording is shorter than an output turn and 3 % more.
+        With ``one_assembly`` all are of one. Default: as they state; an assembly each where one states none.
         """
         needed = []
         for i, (one, at) in enumerate(zip(self.recordings, self.of_recording, strict=True)):

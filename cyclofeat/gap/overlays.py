@@ -64,22 +64,8 @@ def summarise_overlays(
 ) -> tuple[Overlay, ...]:
     """Summarise recordings, model and corrected model at one condition for pictures.
 
-    Parameters
-    ----------
-    comparison : Comparison
-        It states the condition.
-    measured, model, corrected : array-like, shape (n_recordings, n_samples)
-        Torque in Nm, positive for a load that brakes. ``corrected`` is None where nothing was added.
-
-    Returns
-    -------
-    tuple of Overlay
-        Spectrum, orders, and distribution.
-
-    Raises
-    ------
-    ValueError
-        If torque is not finite or of other length in one of them.
+    Each is torque in Nm, (n_recordings, n_samples), positive for a load that brakes; ``corrected`` is None
+    where nothing was added. Returns spectrum, orders, and distribution.
 
     Examples
     --------

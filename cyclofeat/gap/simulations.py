@@ -104,22 +104,9 @@ class Bank:
 class Population:
     """Source of simulated recordings: a rig and the conditions under which it is recorded.
 
-    Start angle and first worn lobe of each recording are random.
-
-    Parameters
-    ----------
-    rig : Rig
-        With the spread between its assemblies.
-    n_samples : int
-        Length of a recording.
-    sampling_rate : float
-        In Hz.
-    wheels : tuple of tuple of int
-        Wheels that may carry the wear, with equal chances.
-    direction : {1, -1}
-        -1 in reverse (:func:`record`).
-    quantity : {"output_torque", "input_torque"}
-        What is measured.
+    Start angle and first worn lobe of each recording are random. The rig has the spread between its
+    assemblies; the ``wheels`` that may carry the wear have equal chances; ``direction`` is -1 in reverse
+    (:func:`record`).
     """
 
     rig: Rig
@@ -199,7 +186,7 @@ def simulate_bank(
     n: int,
     *,
     n_assemblies: int | None = None,
-    random_state: int = 0,
+    random_state: int,
     n_jobs: int = 1,
 ) -> Bank:
     """Simulate n recordings of a population that take the ``counts`` of worn lobes in turn.

@@ -16,21 +16,8 @@ from cyclofeat.gap import Comparison
 from cyclofeat.gap.simulations import Bank
 from cyclofeat.gap.summaries.summarise import FAMILIES, Cell, Kinematics, summarise_windows
 from cyclofeat.gap.where.locate import LocatedGap, locate
-from cyclofeat.gap.where.permutation import (
-    SPREADS,
-    TOGETHER,
-    Permuted,
-    family_p,
-    holm,
-    statistics_by_family,
-)
-from cyclofeat.simulators import (
-    Drift,
-    Effect,
-    Hum,
-    Offset,
-    TorqueMeterLowPass,
-)
+from cyclofeat.gap.where.permutation import SPREADS, TOGETHER, Permuted, family_p, holm, statistics_by_family
+from cyclofeat.simulators import Drift, Effect, Hum, Offset, TorqueMeterLowPass
 
 FS, SPEED = 25_600, 500 / 60
 COUNTS = [0, 3, 6]

@@ -154,10 +154,7 @@ def test_the_order_of_recordings_does_not_matter(hasty, held_out):
         one = held_out.session(3, counts=counts, tachometer=True)
         other = held_out.session(3, [4, 1, 0, 5, 3, 2], counts=counts, tachometer=True)
         np.testing.assert_allclose(
-            list(hasty.presence(one).values()),
-            list(hasty.presence(other).values()),
-            rtol=1e-5,
-            atol=1e-7,
+            list(hasty.presence(one).values()), list(hasty.presence(other).values()), rtol=1e-5, atol=1e-7
         )
 
 

@@ -158,7 +158,7 @@ def case(
 
 
 def ratio(*args: object, condition: str = "all", alternative: str = "after") -> float:
-    rows = score_alternatives(*args).rows  # type: ignore[arg-type]
+    rows = score_alternatives(*args, random_state=0).rows  # type: ignore[arg-type]
     return next(row.grr for row in rows if (row.alternative, row.condition) == (alternative, condition))
 
 
@@ -171,7 +171,7 @@ def test_ratio_of_what_is_left(left: float, expected: float) -> None:
 def test_no_gap_has_no_ratio_and_says_so() -> None:
     undefined = 0
     for seed in range(12):
-        rows = score_alternatives(*case(0.0, 0.0, seed=seed), n_draws=100).rows
+        rows = score_alternatives(*case(0.0, 0.0, seed=seed), n_draws=100, random_state=0).rows
         undefined += np.isnan(rows[0].grr)
         if np.isnan(rows[0].grr):
             assert "does not stand out" in rows[0].undefined
@@ -184,7 +184,7 @@ def test_no_gap_has_no_ratio_and_says_so() -> None:
     [([0, 1, 2, 3], True), ([0, 0, 3, 3], True), ([0, 3, 6], False), ([0], False), ([2, 2], False)],
 )
 def test_few_recordings(counts: list[int], defined: bool) -> None:
-    found = score_alternatives(*case(6.0, 0.0, counts=counts)).rows[0]
+    found = score_alternatives(*case(6.0, 0.0, counts=counts), random_state=0).rows[0]
     assert np.isnan(found.grr) != defined
     assert ("at least 4 are needed" in found.undefined) != defined
 
@@ -212,7 +212,7 @@ def test_conditions_are_those_of_the_fit() -> None:
     wrong = after.values.copy()
     wrong[after.counts == 6] = alternatives["nothing"].values[after.counts == 6]
     alternatives = alternatives | {"box": Sample(wrong, after.counts)}
-    found = score_alternatives(measured, alternatives, parts, measured.counts != 6)
+    found = score_alternatives(measured, alternatives, parts, measured.counts != 6, random_state=0)
     by = {(row.alternative, row.condition): row.grr for row in found.rows}
     assert by["box", "seen"] == pytest.approx(1.0, abs=0.1)
     assert by["box", "unseen"] == pytest.approx(0.0, abs=0.1)
@@ -224,7 +224,7 @@ def test_interval_holds_the_ratio_and_errors_fall_with_recordings() -> None:
     widths = []
     for n in (3, 12):
         counts = np.repeat([0, 3, 6], n).tolist()
-        row = score_alternatives(*case(3.0, 0.4, counts=counts)).rows[1]
+        row = score_alternatives(*case(3.0, 0.4, counts=counts), random_state=0).rows[1]
         assert row.low <= row.grr <= row.high
         widths.append(row.high - row.low)
     assert widths[1] < widths[0]

@@ -67,15 +67,15 @@ class Confirmed:
     fitted: bool = True
 
     @property
-    def quantiles(self) -> list[tuple[float, ...]]:
+    def quantiles(self) -> list[tuple[float, float, float]]:
         """0.05, 0.5 and 0.95 quantile of each size, in the parameter's unit."""
         reach = stats.norm.ppf(0.95) * self.sizes.spread
-        columns = [
+        low, middle, high = (
             [float(getattr(effect, name)) for effect in effects for name in effect.vector_names()]
             for end in (self.sizes.mean - reach, self.sizes.mean, self.sizes.mean + reach)
             for effects in [with_sizes(self.effects, end)]
-        ]
-        return list(zip(*columns, strict=True))
+        )
+        return list(zip(low, middle, high, strict=True))
 
 
 def confirm_effects(
@@ -111,6 +111,9 @@ def confirm_effects(
         features = [_mean_and_spread(posterior.deviations(one)) for one in sessions]
         return np.array(features), posterior.standardised_sizes(sessions)[:, columns]
 
+    def draw_tolerance(sizes: Gaussian, random: np.random.Generator) -> float:
+        return float(np.clip(random.normal(sizes.mean[-1], sizes.spread[-1]), *TOLERANCES))
+
     observed, estimates = (part[0] for part in summarise([shown]))
     prior = _size_prior(effects)
     middle, spread = posterior.size_distribution(shown, names)
@@ -123,9 +126,7 @@ def confirm_effects(
         drawn = Gaussian(believed.mean, believed.covariance * wider**2)
         simulated = simulate(
             functools.partial(_draw_sizes, effects, drawn.without_last()), n_sessions,
-            tolerance=lambda random, drawn=drawn: float(
-                np.clip(random.normal(drawn.mean[-1], drawn.spread[-1]), *TOLERANCES)
-            ),
+            tolerance=functools.partial(draw_tolerance, drawn),
             random_state=random_state + round_,
         )  # fmt: skip
         sizes = np.column_stack([simulated.sizes[:, columns], simulated.tolerances])

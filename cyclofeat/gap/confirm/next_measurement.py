@@ -80,13 +80,8 @@ class FurtherRecordings:
     """Recordings that could be made besides those of a session.
 
     At another load, another speed, in reverse, and more of the same; speeds and loads are those of the world.
-
-    Attributes
-    ----------
-    session : Session
-        With all these recordings, whose summaries are still to be simulated.
-    n_before : int
-        Number of its recordings that are not further ones; they come first.
+    ``session`` has the ``n_before`` recordings first, then all these, whose summaries are still to be
+    simulated.
     """
 
     def __init__(self, session: Session, world: World) -> None:

@@ -45,15 +45,8 @@ class LoopShape:
 def loop_shape(torque: ArrayLike, deflection: ArrayLike) -> LoopShape:
     """Area, lost motion and stiffness of a loop.
 
-    Parameters
-    ----------
-    torque, deflection : array-like, shape (n,)
-        One cycle in Nm and rad, in its order in time, both counted in the same sense.
-
-    Returns
-    -------
-    LoopShape
-        NaN for a lost motion or stiffness that the loop does not show.
+    One cycle in Nm and rad, (n,), in its order in time, both counted in the same sense. Lost motion or
+    stiffness that the loop does not show is NaN.
 
     Examples
     --------
@@ -94,14 +87,8 @@ def elastic_torque(torque: ArrayLike, coulomb: ArrayLike, load_share: ArrayLike)
 
     and E changes only where it has to: a play operator whose half width grows with the load (Coulomb friction
     T_c of the drive and a share mu of what it carries, as in a mesh of constant efficiency). Rising, E
-    follows T - T_c - mu |E|, falling T + T_c + mu |E|, and it stands still in between.
-
-    Parameters
-    ----------
-    torque : array-like, shape (n,)
-        T in Nm over one cycle, in the order of time.
-    coulomb, load_share : float or array-like, shape (...)
-        T_c in Nm, not negative, and mu, from 0 to below 1.
+    follows T - T_c - mu |E|, falling T + T_c + mu |E|, and it stands still in between. T has shape (n,), T_c
+    in Nm and mu, from 0 to below 1, have shape (...).
 
     Examples
     --------
@@ -133,19 +120,10 @@ def contact_deflection(
 ) -> Float:
     """Deflection in rad of the contacts of a gearbox with held output under a slow torque: (..., n).
 
-    It is an odd function of the torque: half the play where the torque leaves zero, then what the contacts
-    give way.
-
-    Parameters
-    ----------
-    gearbox : CycloidalGearbox
-        Its clearances and friction are replaced.
-    torque : array-like, shape (..., n)
-        Torque in Nm that the contacts carry, referred to the output.
-    clearance : float or array-like, shape (...)
-        Of pins and output rollers, in m.
-    factor : float or array-like, shape (...)
-        On the stiffness of all contacts: the deflection at T is that of the gearbox itself at T / factor.
+    It is an odd function of the torque that the contacts carry, in Nm at the output (..., n): half the play
+    where the torque leaves zero, then what the contacts give way. The gearbox has ``clearance`` (...) in m of
+    pins and output rollers, and no friction. ``factor`` (...) is on the stiffness of all contacts: the
+    deflection at T is that of the gearbox itself at T / factor.
 
     Notes
     -----

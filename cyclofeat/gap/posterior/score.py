@@ -55,11 +55,7 @@ class PosteriorScore:
 
 
 def score_posterior(
-    posterior: EffectPosterior,
-    rigs: Rigs,
-    *,
-    counts: bool = True,
-    tachometer: bool = False,
+    posterior: EffectPosterior, rigs: Rigs, *, counts: bool = True, tachometer: bool = False
 ) -> PosteriorScore:
     """Score a posterior on simulated rigs of machines that it was not fitted to.
 

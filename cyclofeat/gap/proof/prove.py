@@ -126,20 +126,10 @@ def prove_all(
     *,
     others: Callable[[Comparison, MeasuredTurns | None], Mapping[str, Alternative]] | None = None,
 ) -> tuple[Proof, ...]:
-    """Judge the corrected model at each condition held out.
+    """Judge the corrected model (at any speed and load) at each condition held out.
 
-    Parameters
-    ----------
-    fitted, held_out : MeasuredRig
-    corrected : Rig
-        At any speed and load.
-    world : World
-        With the original model.
-    settings : GapSettings
-        ``n_report`` and those of the simulations are used.
-    others : callable, optional
-        Returns further alternatives at a condition, given its comparison and the recordings fitted there
-        (None without any).
+    The ``world`` has the original model. ``others`` returns further alternatives at a condition, given its
+    comparison and the recordings fitted there (None without any).
     """
     fitted, held_out = fitted.known_as(held_out), held_out.known_as(fitted)
     proofs = []
@@ -177,17 +167,11 @@ def prove_condition(
     held_out : MeasuredTurns
         Recordings that nothing was fitted to.
     fitted_counts : ndarray of int, optional
-        Counts of the recordings that the correction was fitted to. Recordings of other counts are judged
-        separately. Default: all are judged together.
+        Counts of the recordings that the correction was fitted to: others are judged separately.
     n_simulated : int, default=64
         Simulated recordings of each alternative, all with the same random numbers; at least 4 of each count.
     others : mapping from str to Rig or callable, optional
         Further alternatives by name: ``"oracle"`` for the truth.
-
-    Raises
-    ------
-    ValueError
-        If all simulations of one count fail.
 
     Notes
     -----
@@ -262,23 +246,13 @@ def score_alternatives(
     seen: NDArray[np.bool_] | None = None,
     *,
     n_draws: int = 400,
-    random_state: int = 0,
+    random_state: int,
 ) -> Proof:
     """Return distances and gap reduction of alternatives, from summaries.
 
-    Parameters
-    ----------
-    measured : Sample
-        Held-out recordings; their counts are all the same where they are not known.
-    alternatives : dict from str to Sample
-        Records of each, ``"nothing"`` and ``"after"`` among them.
-    parts : list of Part
-        Part of each cell.
-    seen : ndarray of bool, shape (n,), optional
-        True where a recording's count occurs among those that alternatives were fitted to.
-    n_draws : int
-        Bootstrap draws, the same for all alternatives.
-    random_state : int
+    Counts of ``measured`` are all the same where they are not known. ``alternatives`` hold the records of
+    each, ``"nothing"`` and ``"after"`` among them, ``parts`` the part of each cell. ``seen`` (n,) is True for
+    a count that alternatives were fitted to. All share the ``n_draws`` of the bootstrap.
     """
     random, counts = np.random.default_rng([random_state, 3]), measured.counts
     conditions = {"all": np.ones(len(counts), dtype=bool)}

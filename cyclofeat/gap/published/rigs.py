@@ -158,10 +158,7 @@ class SimulatedRigs:
         if simulated_ones(key) == key:
             return self._n_gear(key)
         n_parameters = sum(len(_parameter_names(name)) for name in key)
-        return max(
-            self._n_gear(simulated_ones(key)),
-            min(16 * self.n_draws, 5 * self.n_draws * n_parameters),
-        )
+        return max(self._n_gear(simulated_ones(key)), min(16 * self.n_draws, 5 * self.n_draws * n_parameters))
 
     def thetas(self, key: Set) -> Float:
         """Latin hypercube over the priors of each effect, shape (n_rigs, n_parameters)."""

@@ -16,21 +16,8 @@ STATISTICS = ("mean", "std", "up", "down")
 def sign_flip_p(differences: ArrayLike, alternative: str = "two-sided") -> float:
     """Exact p of a mean of zero, if all signs of the differences are equally likely.
 
-    Parameters
-    ----------
-    differences : array-like, shape (n,)
-        One number per independent unit; at most 20 of them.
-    alternative : {"two-sided", "greater"}
-
-    Returns
-    -------
-    float
-        Share of the 2^n sign patterns whose mean is at least as extreme, the observed one among them.
-
-    Raises
-    ------
-    ValueError
-        If there are no or more than 20 differences, some are not finite, or the alternative is unknown.
+    It is the share of the 2^n sign patterns of up to 20 differences, one per independent unit, whose mean is
+    at least as extreme (``"two-sided"`` or ``"greater"``), the observed one among them.
 
     Examples
     --------

@@ -9,12 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from cyclofeat.gap.summaries.summarise import (
-    SPEED_TOLERANCE,
-    Kinematics,
-    speeds_by_mesh,
-    synchronous_average,
-)
+from cyclofeat.gap.summaries.summarise import SPEED_TOLERANCE, Kinematics, speeds_by_mesh, synchronous_average
 from cyclofeat.signal.orders import estimate_input_speed
 
 Float = NDArray[np.float64]

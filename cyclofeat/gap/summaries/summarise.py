@@ -105,7 +105,7 @@ def summarise_windows(
     Parameters
     ----------
     X : ndarray, shape (n_windows, n_samples)
-        Torque in Nm, at least one output turn each.
+        Torque in Nm, at least one output turn each, in which lobes and shaft come apart.
     kinematics : Kinematics
     speeds : ndarray, shape (n_windows,), optional
         Mean input speed of each window by a tachometer, in Hz. Default: from its mesh lines. Orders are
@@ -115,11 +115,6 @@ def summarise_windows(
     -------
     values : ndarray, shape (n_windows, n_cells)
     cells : list of Cell
-
-    Raises
-    ------
-    ValueError
-        If a window is shorter than one output turn, in which lobes and shaft come apart.
 
     Notes
     -----

@@ -75,12 +75,7 @@ def read_measured(
     groups: ArrayLike | None,
     angle: ArrayLike | None,
 ) -> MeasuredTurns:
-    """Check measured recordings and cut them to whole output turns.
-
-    Arguments as :meth:`cyclofeat.gap.Comparison.measured`. Raises ValueError if they do not belong together,
-    windows are too short, values are not finite, a recording has two counts, or a count exceeds the lobes of
-    a wheel.
-    """
+    """Check measured recordings and cut them to whole output turns: see :meth:`Comparison.measured`."""
     windows = check_array(X, dtype=[np.float64, np.float32], input_name="X")
     of_window, counts = recordings_of(len(windows), y, groups)
     if counts is not None and counts.max() > kinematics.n_lobes:

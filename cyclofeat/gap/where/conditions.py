@@ -21,23 +21,9 @@ def locate_all(
     Each condition is tested at ``settings.alpha`` over their number, with so many times more relabellings, so
     that the chance of a false "disagree" over all of them is at most ``alpha``.
 
-    Parameters
-    ----------
-    measured : MeasuredRig
-        Conditions with one recording are left out.
-    world : World
-        The model and what may differ anyway.
-    settings : GapSettings
-        ``alpha``, ``n_permutations`` and those of the simulations are used.
-    simulated : MeasuredRig, optional
-        Recordings of another simulator, in the place of simulated ones: of each the first output turn is
-        used. With the same rate, conditions and knowledge of counts and tachometer as ``measured`` (parts of
-        one :class:`MeasuredRig`); conditions that it lacks are left out.
-
-    Raises
-    ------
-    ValueError
-        If no condition has two recordings (and two simulated ones), or ``simulated`` lacks a count.
+    Conditions with one recording are left out. ``simulated`` are recordings of another simulator, in the
+    place of simulated ones: of each the first output turn is used. It is part of the same
+    :class:`MeasuredRig`; conditions that it lacks are left out.
     """
     parts = (measured,) if simulated is None else (measured, simulated)
     compared = [
@@ -50,9 +36,7 @@ def locate_all(
             f"to compare with, got {len(measured.recordings)} at {len(measured.conditions)} conditions"
         )
     shared = dataclasses.replace(
-        settings,
-        alpha=settings.alpha / len(compared),
-        n_permutations=settings.n_permutations * len(compared),
+        settings, alpha=settings.alpha / len(compared), n_permutations=settings.n_permutations * len(compared)
     )
     located = []
     for condition in compared:
@@ -68,8 +52,10 @@ def locate_all(
                     f"simulated must hold each count of the measured recordings at {condition.text}, got "
                     f"none with {min(missing)} worn lobes"
                 )
-        options = {"alpha": shared.alpha, "n_permutations": shared.n_permutations}
-        located.append(locate(comparison, turns, bank=bank, **options))
+        n_permutations = shared.n_permutations
+        located.append(
+            locate(comparison, turns, alpha=shared.alpha, n_permutations=n_permutations, bank=bank)
+        )
     return tuple(located)
 
 
@@ -164,11 +150,7 @@ class Where:
 def where_of(located: LocatedGap, *, pictures: bool = True) -> Where:
     """Rows of a comparison, without its recordings.
 
-    Parameters
-    ----------
-    located : LocatedGap
-    pictures : bool, default=True
-        Fold the torque over the turn and test all numbers at once too, which takes some seconds.
+    For ``pictures`` torque is folded over the turn and all numbers are tested at once, which takes seconds.
     """
     columns = {(cell.family, cell.name): k for k, cell in enumerate(located.cells)}
     measured, simulated = (values.std(axis=0, ddof=1) for values in located.centred_sets())

@@ -192,22 +192,15 @@ def locate(
         With ``one_assembly=True`` the recordings count as fewer: by how many, 128 more simulated recordings
         tell, four of each assembly.
     measured : MeasuredTurns
-        At least two recordings, of :meth:`Comparison.measured`. Where counts are known, the simulated
-        recordings have the same ones, and the mean of each count is taken out.
+        At least two recordings. Where counts are known, the simulated ones have the same counts, and the mean
+        of each count is taken out.
     alpha : float, default=0.05
         Chance of a false "disagree" over all families together.
     n_permutations : int, default=999
         Number of relabellings. A p is at least 11 / (n_permutations + 1), as 11 families are adjusted for:
         fewer than 219 can never "disagree" at 0.05, and are refused.
     bank : Bank, optional
-        Recordings to compare with, of every count of the measured ones and as long as they. Default:
-        simulated ones.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than two recordings, an argument is out of its range, or ``n_permutations`` is too
-        small for ``alpha``.
+        Recordings of every measured count, in the place of simulated ones.
 
     Notes
     -----

@@ -173,8 +173,8 @@ def _shape_cells(ripple: Float, mean: Float, sampling_rate: float) -> tuple[Floa
         changes = np.diff(box_means(ripple, box), axis=1)
         cubes = np.mean(changes**3, axis=1)
         columns += [cubes / (np.mean(changes**2, axis=1) + RESOLUTION_NM**2) ** 1.5, signed_log(1e3 * cubes)]
-        names = ("skewness of", "third moment of")
-        cells += [Cell("slips", f"{name} changes in {1e3 * box_s:g} ms", "1") for name in names]
+        for name in ("skewness of", "third moment of"):
+            cells.append(Cell("slips", f"{name} changes in {1e3 * box_s:g} ms", "1"))
     return np.column_stack(columns), cells
 
 

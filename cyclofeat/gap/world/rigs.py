@@ -69,12 +69,6 @@ class Session:
             Equal numbers for recordings of one assembly. Default: an assembly each.
         n_lobes : int, default=15
 
-        Raises
-        ------
-        ValueError
-            If the arguments do not belong together, a recording is shorter than that, or its torque is not
-            finite.
-
         Examples
         --------
         >>> from cyclofeat.simulators import Rig
@@ -165,16 +159,9 @@ class Rigs:
     def session(
         self, rig: int, recordings: Index = slice(None), *, counts: bool = True, tachometer: bool = False
     ) -> Session:
-        """Return recordings of a rig, without those that failed.
+        """Return recordings of the rig in a row, without those that failed.
 
-        Parameters
-        ----------
-        rig : int
-            Row of the rig.
-        recordings : sequence of int or slice
-            Those shown. Default: all.
-        counts, tachometer : bool
-            Whether counts of worn lobes and the speed are known.
+        ``counts`` and ``tachometer`` state whether counts of worn lobes and the speed are known.
         """
         shown = np.arange(self.values.shape[1])[recordings]
         shown = shown[np.isfinite(self.values[rig, shown, 0])]
@@ -187,16 +174,6 @@ class Rigs:
 
 
 def present_effects(sizes: Float, size_names: Sequence[str], names: Sequence[str]) -> NDArray[np.bool_]:
-    """Return which effects rigs have, shape (n_rigs, n_effects).
-
-    Parameters
-    ----------
-    sizes : ndarray, shape (n_rigs, n_sizes)
-        NaN where an effect is absent.
-    size_names : sequence of str
-        Of the sizes, as ``"noise.rms_nm"``.
-    names : sequence of str
-        Of the effects.
-    """
+    """Return which effects rigs have (n_rigs, n_effects): sizes (n_rigs, n_sizes) of absent ones are NaN."""
     owners = np.array([name.partition(".")[0] for name in size_names])
     return np.column_stack([np.isfinite(sizes[:, owners == name]).any(axis=1) for name in names])

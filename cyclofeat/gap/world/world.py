@@ -53,13 +53,6 @@ class EffectPrior:
     probable, and sizes follow the priors of the effects' parameters. Several rigs share a machine: first the
     effects that the gearbox answers are drawn, then, for each rig, those on the torque signal alone, with
     the probabilities that they have given the first.
-
-    Parameters
-    ----------
-    effects : sequence of Effect
-        With the settings that they are to have; sizes are drawn.
-    most : int
-        Largest number of effects at once.
     """
 
     effects: tuple[Effect, ...]
