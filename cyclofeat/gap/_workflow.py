@@ -26,7 +26,7 @@ from cyclofeat.gap.world.rigs import Session
 from cyclofeat.gap.world.world import World
 from cyclofeat.recordings import Recording
 from cyclofeat.recordings.recording import common_n_lobes
-from cyclofeat.simulators import Effect, Rig
+from cyclofeat.simulators import Rig
 from cyclofeat.simulators.effects.library import look_alikes
 
 _ROWS = 12
@@ -94,7 +94,8 @@ def find_gap(
         posterior, session, named, possible=possible.sessions,
         random_state=settings.seed, n_jobs=settings.n_jobs, progress=say,
     )  # fmt: skip
-    corrected = corrected_rig(located, world.rig, confirmed.effects)
+    model, gearbox = located[0].comparison, world.rig.gearbox
+    corrected = model.corrected_rig(confirmed.effects).replace(gearbox=gearbox)
     variants = draw_effects(posterior, session, confirmed, _VARIANTS, random_state=settings.seed)
     left = _remainder_of_result(world, confirmed)
     proof: tuple[Proof, ...] = ()
@@ -111,7 +112,7 @@ def find_gap(
         where=tuple(where_of(one, pictures=settings.pictures) for one in located),
         rig=corrected,
         quantity=rig.quantity,
-        posterior_rig=corrected_rig(located, world.rig, variants=variants),
+        posterior_rig=model.corrected_rig(variants=variants).replace(gearbox=gearbox),
         effects=_found_effects(posterior, session, presence, confirmed),
         named=confirmed.effects,
         remainder=left,
@@ -121,16 +122,6 @@ def find_gap(
         warnings=tuple(warnings),
         seconds=time.monotonic() - began,
     )
-
-
-def corrected_rig(
-    located: Sequence[LocatedGap],
-    rig: Rig,
-    effects: Sequence[Effect] = (),
-    variants: Sequence[Sequence[Effect]] = (),
-) -> Rig:
-    """Return the model with effects added, for all assemblies or in variants."""
-    return located[0].comparison.corrected_rig(effects, variants).replace(gearbox=rig.gearbox)
 
 
 def _found_effects(

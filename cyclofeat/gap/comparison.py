@@ -189,9 +189,13 @@ class Comparison:
         ----------
         call : callable
         kind : str
-            Name of the subfolder of ``cache``: ``"bank"``.
+            Name of the subfolder of ``cache``.
         *key : object
             Text, numbers and arrays that the result depends on.
+
+        Returns
+        -------
+        object
         """
         assert self._memory is not None
         return self._memory(call, kind, *key, code=SIMULATED_BY)

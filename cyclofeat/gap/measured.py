@@ -7,7 +7,6 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +34,9 @@ Float = NDArray[np.float64]
 # Set-points that differ by less are one condition: shares of the speed and of the load.
 SAME_SPEED, SAME_LOAD = 0.005, 0.02
 _SAME_RATE = 1e-6  # two statements of one rate, as they come back from text files
+_FEW_RECORDINGS = 4
+_CLIPPED = 1e-3  # share of samples at one extreme value from which a recording counts as clipped
+_FLAT = 5  # samples on end
 _LARGEST_RATIO = 50_000  # of rates: a clock's error by rounding it is at most 0.002 %
 
 
@@ -83,26 +85,11 @@ class Condition:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredRig:
-    """Recordings of one rig, at one condition or at several.
+    """Recordings of one rig, at one condition or at several, made by :meth:`of`.
 
-    Made by :meth:`of`.
-
-    Attributes
-    ----------
-    recordings : tuple of Recording
-        All at one sampling rate, with the torque referred to the output.
-    sampling_rate : float
-        In Hz.
-    quantity : {"output_torque", "input_torque"}
-        What was measured.
-    n_lobes : int
-        Lobes of a disc.
-    of_recording : tuple of Condition
-        Condition of each recording.
-    has_counts, has_tachometer : bool
-        Whether the counts of worn lobes, and the angle of a shaft, are used: all recordings state them.
-    warnings : tuple of str
-        What the recordings did not state or had to be changed in.
+    The recordings are at one sampling rate, with the torque referred to the output; ``of_recording`` is the
+    condition of each. Counts of worn lobes (``has_counts``) and the angle of a shaft (``has_tachometer``) are
+    used if all recordings state them. ``warnings`` name what was not stated or had to be changed.
     """
 
     recordings: tuple[Recording, ...] = field(repr=False)
@@ -212,11 +199,33 @@ class MeasuredRig:
     @property
     def doubts(self) -> list[str]:
         """A sentence on each property of the recordings that limits the conclusions."""
-        return doubts_of(
-            [one.torque for one in self.recordings],
-            has_counts=self.has_counts,
-            has_tachometer=self.has_tachometer,
-        )
+        torques = [recording.torque for recording in self.recordings]
+        n = len(torques)
+        doubts = []
+        if n < _FEW_RECORDINGS:
+            doubts.append(
+                f"{n} recordings: how much they vary from one to the next is hardly known, and only large "
+                "differences are found"
+            )
+        if not self.has_counts:
+            doubts.append(
+                "the counts of worn lobes are not known: differences between classes hide smaller ones"
+            )
+        if not self.has_tachometer:
+            doubts.append(
+                "no tachometer: an error of the speed and one of the converter's clock cannot be told apart"
+            )
+        for extreme, word in ((np.max, "largest"), (np.min, "smallest")):
+            at_end = [torque == extreme(torque) for torque in torques]
+            clipped = sum(
+                np.mean(flags) > _CLIPPED and find_runs(flags)[1].max() >= _FLAT for flags in at_end
+            )
+            if clipped:
+                doubts.append(
+                    f"{clipped} of {n} recordings seem clipped: they stay at their {word} value for samples "
+                    "on end"
+                )
+        return doubts
 
     def at(self, condition: Condition) -> tuple[Recording, ...]:
         """Return the recordings of a condition."""
@@ -306,10 +315,7 @@ class MeasuredRig:
         )
 
     def bank(self, comparison: Comparison) -> Bank:
-        """Return the first output turn of each recording at a comparison's condition, as if simulated.
-
-        Counts are 0 where they are not known, and speeds nominal without a tachometer.
-        """
+        """Return the first output turn of each recording at a comparison's condition, as if simulated."""
         condition, turns = Condition.of(comparison), self.turns(comparison)
         first = np.unique(turns.of_window, return_index=True)[1]
         nominal = np.full(len(first), condition.speed_rpm / 60)
@@ -430,34 +436,3 @@ def _assembly_numbers(recordings: Sequence[Recording]) -> NDArray[np.int64]:
     """Return numbers of assemblies; a recording that states none has one of its own."""
     names = [f"\n{i}" if one.assembly is None else str(one.assembly) for i, one in enumerate(recordings)]
     return np.unique(names, return_inverse=True)[1].astype(np.int64)
-
-
-_FEW_RECORDINGS = 4
-_CLIPPED = 1e-3  # share of samples at one extreme value from which a recording counts as clipped
-_FLAT = 5  # samples on end
-
-
-def doubts_of(torques: Sequence[NDArray[Any]], *, has_counts: bool, has_tachometer: bool) -> list[str]:
-    """Return a sentence on each property of a rig's recordings that limits the conclusions."""
-    n = len(torques)
-    doubts = []
-    if n < _FEW_RECORDINGS:
-        doubts.append(
-            f"{n} recordings: how much they vary from one to the next is hardly known, and only large "
-            "differences are found"
-        )
-    if not has_counts:
-        doubts.append("the counts of worn lobes are not known: differences between classes hide smaller ones")
-    if not has_tachometer:
-        doubts.append(
-            "no tachometer: an error of the speed and one of the converter's clock cannot be told apart"
-        )
-    for extreme, word in ((np.max, "largest"), (np.min, "smallest")):
-        at_end = [torque == extreme(torque) for torque in torques]
-        clipped = sum(np.mean(flags) > _CLIPPED and find_runs(flags)[1].max() >= _FLAT for flags in at_end)
-        if clipped:
-            doubts.append(
-                f"{clipped} of {n} recordings seem clipped: they stay at their {word} value for samples on "
-                "end"
-            )
-    return doubts

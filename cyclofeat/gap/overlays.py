@@ -38,17 +38,10 @@ class Band:
 class Overlay:
     """One picture's curves of recordings, model and corrected model at one condition.
 
-    Attributes
-    ----------
-    kind : {"spectrum", "orders", "distribution"}
-        rms in Nm by twelfth octaves; amplitudes in Nm of the lines of the output turn; density of the torque
-        in 1/Nm.
-    x : ndarray, shape (n,)
-        Frequency in Hz, order of the input shaft, or torque in Nm.
-    measured, model : Band
-    corrected : Band or None
-        None where nothing was added to the model.
-    condition : Condition
+    The ``"spectrum"`` is the rms in Nm by twelfth octaves over the frequency in Hz, ``"orders"`` are
+    amplitudes in Nm of the lines of the output turn over the order of the input shaft, and the
+    ``"distribution"`` is the density in 1/Nm over the torque in Nm. ``corrected`` is None where nothing was
+    added to the model.
     """
 
     kind: str

@@ -82,16 +82,7 @@ class Record:
 class Bank:
     """Simulated recordings.
 
-    Attributes
-    ----------
-    X : ndarray, shape (n, n_samples)
-        Torque in Nm, float32.
-    counts : ndarray of int, shape (n,)
-        Worn lobes of each.
-    speeds : ndarray, shape (n,)
-        Mean input speed of each in Hz.
-    assemblies : ndarray of int, shape (n,)
-        Assembly of each.
+    Torque in Nm (n, n_samples), float32; worn lobes, mean input speed in Hz and assembly of each (n,).
     """
 
     X: NDArray[np.float32] = field(repr=False)

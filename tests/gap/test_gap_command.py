@@ -331,11 +331,3 @@ def test_a_posterior_that_is_absent(tmp_path: Path, capsys: Any) -> None:
     code, _, err = run(capsys, folder, "--posterior", tmp_path / "absent.npz")
     assert code == 2
     assert f"no such posterior: {tmp_path / 'absent.npz'}; write one with --prepare FILE" in err
-
-
-def test_what_argparse_refuses(tmp_path: Path, capsys: Any) -> None:
-    for arguments in ([tmp_path, "--max-effects", "1"], [tmp_path, "--alpha", "small"]):
-        with pytest.raises(SystemExit) as stop:
-            run(capsys, *arguments)
-        assert stop.value.code == 2
-        assert "error: " in capsys.readouterr().err

@@ -11,30 +11,21 @@ import json
 import math
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from scipy.signal import welch
 
-from benchmarks import gap
-from benchmarks._markdown import wilson
 from benchmarks.hidden_effects import (
-    _answers,
     _ask,
     _effects,
     _equivalence,
     _folders,
     _sets,
-    _table,
-    _visible,
 )
-from benchmarks.hidden_effects.__main__ import main
 from benchmarks.hidden_effects._machine import Machine, run
 from cyclofeat.gap import World, load_posterior
 from cyclofeat.gap.confirm.confirm import confirm_effects
 from cyclofeat.gap.posterior.answers import named_effects
-from cyclofeat.gap.world.rigs import Session
 from cyclofeat.gap.world.world import FLOOR
 from cyclofeat.simulators import CycloidalGearbox, Drift, Effect, Noise, known_effects
 from cyclofeat.simulators.effects.effect import TorqueContext
@@ -148,36 +139,6 @@ def test_courses_of_the_load_are_the_librarys(effect: str) -> None:
     assert np.all(np.abs(np.diff(moments.mean(axis=0), axis=0)) < 4 * error + 1e-9)
 
 
-def test_blows_come_once_per_turn() -> None:
-    machine, time = Machine(), np.arange(0, 9, 1e-4)
-    course = _effects._broken_tooth(machine, {"blow_nm": 2.0}, time, 1.0, np.random.default_rng(0))
-    starts = time[1:][np.diff((course > 0).astype(int)) == 1]
-    np.testing.assert_allclose(np.diff(starts), 30 * math.pi / machine.speed, atol=3e-4)
-    assert course.max() == pytest.approx(2.0, rel=0.05)
-
-
-def test_effects_beyond_the_library_are_what_they_say() -> None:
-    time = np.arange(2 * FS) / FS
-    torque = 22 + 0.3 * np.sin(2 * np.pi * 100 * time)
-    run = _effects.Run(torque, 52 * time, 0, 22.0)
-
-    def made(effect: str, **values: float) -> Any:
-        return _effects._SIGNAL[effect][1](torque, run, values, np.random.default_rng(3)) - torque
-
-    assert np.abs(made("hysteresis", width_nm=0.2)[FS:]).max() == pytest.approx(0.1, rel=1e-6)
-    assert np.std(made("supply_modulation", share=0.01, frequency_hz=73)) == pytest.approx(
-        0.22 / 2**0.5, rel=0.01
-    )
-    assert np.std(made("inverter_tone", amplitude_nm=0.1, frequency_hz=4000)) == pytest.approx(
-        0.1 / 2**0.5, rel=0.01
-    )
-    assert np.min(made("dropout", per_second=4, length_s=0.01) + torque) == 0
-    spikes = made("spikes", height_nm=2.0, per_second=20)
-    assert set(np.round(np.unique(spikes), 9)) <= {-4.0, -2.0, 0.0, 2.0, 4.0}
-    assert 15 <= np.count_nonzero(spikes) <= 65
-    assert np.mean(made("noise_bursts", rms_nm=0.1, per_second=3) != 0) == pytest.approx(0.15, abs=0.12)
-
-
 @pytest.mark.parametrize("condition", _equivalence.CONDITIONS, ids=lambda condition: condition.name)
 def test_same_run_same_torque(condition: _equivalence.Condition) -> None:
     """At a time step at which the simulator has converged, sample by sample over the settled part."""
@@ -229,68 +190,6 @@ def test_locator_finds_nothing_where_nothing_is_hidden() -> None:
     assert alarms <= 5  # 1.5 expected; more than 5 has a chance of 0.3 %
 
 
-def test_nuisance_is_the_priors() -> None:
-    drawn = [_effects.draw_nuisance(np.random.default_rng(seed)) for seed in range(2000)]
-    speeds, loads = (np.array([getattr(one, name) for one in drawn]) for name in ("speed", "load"))
-    assert np.abs(speeds).max() <= 0.003
-    assert np.std(speeds) == pytest.approx(0.003 / np.sqrt(3), rel=0.05)
-    assert np.abs(loads).max() <= 0.005
-    assert np.std(loads) == pytest.approx(0.005 / np.sqrt(3), rel=0.05)
-    pins = np.array([one.pins for one in drawn])
-    assert np.std(pins.real) == pytest.approx(5e-6, rel=0.02)
-    assert np.std(pins.imag) == pytest.approx(5e-6, rel=0.02)
-    assert np.mean([one.wheels == (0,) for one in drawn]) == pytest.approx(0.5, abs=0.05)
-    assert {one.first_lobe for one in drawn} == set(range(15))
-    turns = np.array([one.start_angle for one in drawn]) / (30 * np.pi)
-    assert turns.min() >= 0
-    assert turns.max() < 1
-    assert np.mean(turns) == pytest.approx(0.5, abs=0.03)
-
-
-@pytest.mark.parametrize("decoy", ["edges", "speed", "load", "both", "assembly", "disc"])
-def test_decoys_stay_inside_the_prior(decoy: str) -> None:
-    common = [0.7, 0.2, 0.4, 0.9]
-    drawn = [_effects.draw_nuisance(np.random.default_rng(seed), decoy, common) for seed in range(50)]
-    assert max(abs(one.speed) for one in drawn) <= 0.003
-    assert max(abs(one.load) for one in drawn) <= 0.005
-    assert len({one.start_angle for one in drawn}) == 50
-    if decoy in ("edges", "speed", "both"):
-        assert all(abs(one.speed) == 0.003 for one in drawn)
-    if decoy in ("speed", "both"):
-        assert len({one.speed for one in drawn}) == 1
-    if decoy in ("load", "both"):
-        assert {one.load for one in drawn} == {0.005}
-    if decoy == "assembly":
-        assert all(np.array_equal(one.pins, drawn[0].pins) for one in drawn)
-    if decoy == "disc":
-        assert {(one.first_lobe, one.wheels) for one in drawn} == {(13, (0,))}
-
-
-def test_slow_process_has_the_stated_density() -> None:
-    rms, cutoff = 0.7, 2.0
-    time = np.arange(2**15) / 512
-    width = cutoff * (np.pi / 4) / np.sin(np.pi / 4)
-    found, squares = [], []
-    for seed in range(60):
-        x = _effects.slow_process(np.random.default_rng(seed), rms, cutoff, time)
-        frequencies, psd = welch(x, 512, nperseg=2**13, detrend=False)
-        found.append(psd)
-        squares.append(np.mean(x**2))
-    assert np.sqrt(np.mean(squares)) == pytest.approx(rms, rel=0.06)
-    density = rms**2 / width / (1 + (frequencies / cutoff) ** 4)
-    inside = (frequencies > 0.2) & (frequencies < 15)
-    ratio = np.mean(found, axis=0)[inside] / density[inside]
-    assert np.mean(ratio) == pytest.approx(1, abs=0.03)
-    assert np.all(np.abs(10 * np.log10(ratio)) < 1.5)
-
-
-def test_second_mode_is_in_the_machine() -> None:
-    two = Machine(rotor=(0.006, 1.5e4, 0.02), second_rotor=(0.015, 5e3, 0.02))
-    one = Machine(rotor=(0.021, 1.5e4, 0.02))
-    quiet = [run(machine, 2 * FS)[0][-FS:] for machine in (two, one)]
-    assert abs(np.std(quiet[0]) / np.std(quiet[1]) - 1) > 0.1
-
-
 # The sets.
 
 
@@ -300,17 +199,6 @@ def test_truth_is_what_code_and_tables_give() -> None:
     digest = (HERE / "truth.sha256").read_text(encoding="utf-8").split()[0]
     assert hashlib.sha256(text.encode()).hexdigest() == digest
     assert json.loads(text)["sets"].keys() == _sets.definitions().keys()
-
-
-def test_kinds_and_numbers() -> None:
-    sets = list(_sets.definitions().values())
-    assert Counter(one.kind for one in sets) == {"null": 400, "single": 400, "several": 300, "outside": 100}
-    assert sum(bool(one.decoy) for one in sets) == 100
-    assert sum(len(one.conditions) == 3 for one in sets) == pytest.approx(400, abs=15)
-    assert sum(one.conditions == (_sets.STANDARD,) for one in sets) == pytest.approx(400, abs=15)
-    assert Counter(len(one.effects) for one in sets if one.kind == "several") == dict.fromkeys(
-        range(2, 7), 60
-    )
 
 
 def test_every_effect_of_the_training_world_is_hidden_alone_in_three_strengths() -> None:
@@ -337,240 +225,7 @@ def test_sizes_lie_inside_the_librarys_priors() -> None:
                     assert low <= value <= high, (one.name, name, key)
 
 
-def test_conditions_and_recordings() -> None:
-    for one in _sets.definitions().values():
-        fit, hold = ([p for p in one.recordings if p.part == part] for part in ("fit", "hold"))
-        n = len(one.conditions)
-        assert len(fit) == {1: 8, 3: 12}[n]
-        assert len(hold) == (0 if one.kind == "null" else len(fit))
-        for at in (*one.conditions, *((one.between,) if one.between else ())):
-            assert 350 <= at.speed_rpm <= 700
-            assert 10 <= at.load_nm <= 30
-            assert at.direction in (1, -1)
-        if n == 3:
-            loads = [at.load_nm for at in one.conditions]
-            assert max(loads) >= 1.999 * min(loads)
-            assert sum(p.condition == one.between for p in hold) in (0, 6)
-        elif hold:
-            assert sum(p.count % 2 for p in hold) == 4  # counts that no fit has seen
-
-
-def test_sets_that_share_a_machine_differ_on_the_signal_only() -> None:
-    shared: dict[int, list[_sets.Definition]] = {}
-    for one in _sets.definitions().values():
-        shared.setdefault(one.machine, []).append(one)
-    assert len(shared) < 1000
-    for sets in shared.values():
-        assert len({(one.kind, one.conditions, one.decoy) for one in sets}) == 1
-        assert len({str(_folders._in_machine(one)) for one in sets}) == 1
-        assert len({str(sorted(one.hidden)) for one in sets}) == len(sets)
-
-
-def test_folders_are_read_and_the_same_every_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A set's folder holds what the generator gives, and one beside it that shares its machine."""
-    first = next(one for one in _sets.definitions().values() if [n for n, _ in one.hidden] == ["gain"])
-    _folders.generate([first.name], tmp_path, 1)
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
-        one.name for one in _sets.definitions().values() if one.machine == first.machine
-    )
-    _folders.generate([first.name], tmp_path, 1)
-    assert "0 sets" in capsys.readouterr().out
-    fit, hold = _folders.read_set(first.name, tmp_path)
-    planned, (torque,) = next(_folders.recordings_of([first]))
-    np.testing.assert_array_equal(fit[0].torque, torque)
-    assert [len(fit), len(hold)] == [
-        sum(p.part == part for p in first.recordings) for part in ("fit", "hold")
-    ]
-    assert (fit[0].speed_rpm, fit[0].load_nm) == (planned.condition.speed_rpm, planned.condition.load_nm)
-    sign = np.sign(torque.mean())
-    assert sign == planned.condition.direction
-    factor = dict(first.hidden)["gain"]["factor"]
-    assert sign * torque.mean() == pytest.approx(factor * planned.condition.load_nm, rel=0.02)
-    session = _ask.session_of(first.name, tmp_path)
-    assert np.all(np.abs(session.values[:, 0]) < 1)  # speed in % of the stated one
-
-
-# The oracle.
-
-
-def test_the_oracles_distance_is_that_of_the_samples() -> None:
-    random = np.random.default_rng(0)
-    distances = []
-    for _ in range(10):
-        blocks = np.arange(32) % 4
-        pairs = random.normal(size=(32, 40)) + 10 * blocks[:, None]
-        with_it, without = pairs + 0.1 * random.normal(size=(32, 40)), pairs
-        with_it = with_it + np.r_[3.0, np.zeros(39)]
-        same = without + 1e-3 * random.normal(size=(32, 40))
-        distances.append([_visible.distance(one, without, blocks) for one in (with_it, same)])
-    seen, unseen = np.mean(distances, axis=0)
-    assert 2.0 < seen < 3.3
-    assert abs(unseen) < 0.2
-
-
-def test_the_oracle_has_judged_every_effect_of_every_set_and_no_other() -> None:
-    known = _visible.visible()
-    assert set(known) == set(_sets.set_names(["single", "several"]))
-    for name, sigmas in known.items():
-        assert set(sigmas) == {effect for effect, _ in _sets.definitions()[name].hidden}
-    seen = [sigma >= _visible.SIGMA for sigmas in known.values() for sigma in sigmas.values()]
-    page = " ".join((HERE / "README.md").read_text(encoding="utf-8").split())
-    assert f"Of the {len(seen):,} effects" in page
-    assert f"it sees {sum(seen):,}." in page
-
-
-# The score.
-
-
-def answered(name: str, seen: set[str] | None = None, **probabilities: float) -> _answers.Answer:
-    truth = _sets.definitions()[name]
-    effects = [{"id": effect, "probability": p} for effect, p in probabilities.items()]
-    hidden = {effect for effect, _ in truth.hidden}
-    return _answers.Answer(truth, frozenset(hidden if seen is None else seen), {"effects": effects})
-
-
-def one_of(kind: str, *effects: str) -> str:
-    return next(
-        name for name, one in _sets.definitions().items()
-        if one.kind == kind and (not effects or {e for e, _ in one.hidden} == set(effects))
-    )  # fmt: skip
-
-
-def test_ties_count_as_one_and_invisible_effects_may_be_named_or_not() -> None:
-    gain = one_of("single", "gain")
-    assert answered(gain, gain=0.9, hum=0.1).exact
-    tied = answered(gain, offset=0.6, hum=0.1)
-    assert tied.right
-    assert not tied.exact
-    assert not answered(gain, gain=0.9, hum=0.7).right
-    assert not answered(gain, gain=0.2).right
-    assert answered(gain, seen=set(), gain=0.2).right
-    assert answered(gain, seen=set(), gain=0.7).right
-    assert tied.told_apart(["gain"], ["offset"]) is False
-    assert tied.told_apart(["hum"]) is None
-    one_of_two = answered(gain, gain=0.3, load_scale=0.4, offset=0.2)
-    assert one_of_two.told_apart(["gain"], ["offset"]) is False
-    assert one_of_two.told_apart(["offset"], ["gain", "load_scale"]) is True
-    shared = answered(gain, gain=0.3, offset=0.3, hum=0.1)
-    assert shared.right
-    assert shared.named == set()
-
-
-def test_a_claim_is_wrong_if_present_and_absent_or_absent_and_visible() -> None:
-    gain = one_of("single", "gain")
-    assert not answered(gain, gain=0.01, offset=0.97).wrong_claim
-    assert not answered(gain, gain=0.01, offset=0.5, load_scale=0.01).wrong_claim
-    assert answered(gain, gain=0.01, offset=0.01, load_scale=0.01).wrong_claim
-    assert not answered(gain, seen=set(), gain=0.01).wrong_claim
-    assert answered(gain, gain=0.97, hum=0.99).wrong_claim
-    assert answered(gain, hum=0.5).claims() == {"hum": "unresolved"}
-
-
-def test_figures_by_hand() -> None:
-    null, gain, hum = one_of("null"), one_of("single", "gain"), one_of("single", "hum")
-    outside = one_of("outside")
-    every = [
-        answered(null, hum=0.95, gain=0.05), answered(gain, gain=0.95, hum=0.05),
-        answered(hum, hum=0.45, gain=0.05), answered(outside, hum=0.95),
-    ]  # fmt: skip
-    size = dict(_sets.definitions()[gain].hidden)["gain"]["factor"]
-    every[1].result["effects"][0]["sizes"] = {"factor": {"value": 1.1 * size, "low": 0.0, "high": size / 2}}
-    found = {one.name: one for one in _table.figures(every)}
-    assert found['null: verdict "disagree"'].value is None
-    assert found["null: an effect with probability 0.5 or more"].value == 1
-    assert found["1 effect: right group, nothing else"].value == 0.5
-    assert found["1 effect: median error of sizes"].value == pytest.approx(0.1)
-    assert found["precision, by groups"].value == 0.5
-    assert found["recall of visible effects, by groups"].value == 0.5
-    assert found["1 effect: 90 % intervals that cover"].value == 0
-    confident, unflagged = (
-        found["inside: wrong name with 0.9 or more"],
-        found["outside, not flagged: wrong name with 0.9 or more"],
-    )
-    hidden = {effect for effect, _ in _sets.definitions()[outside].hidden}
-    assert (confident.value, confident.n, confident.met) == (1 / 3, 3, False)
-    assert (unflagged.value, unflagged.n, unflagged.met) == (float("hum" not in hidden), 1, None)
-    assert "| 1 | 2 |" in _table.markdown(every)
-
-
-def test_wilson_by_hand() -> None:
-    low, high = wilson(8, 10)
-    assert (low, high) == pytest.approx((0.4902, 0.9433), abs=1e-4)
-
-
-def test_results_are_read_from_files(tmp_path: Path) -> None:
-    name = one_of("single", "hum")
-    result = {
-        "format": _answers.FORMAT,
-        "verdict": "disagree",
-        "effects": [{"id": "hum", "probability": 0.9}],
-    }
-    (tmp_path / f"{name}.json").write_text(json.dumps(result), encoding="utf-8")
-    (read,) = _answers.read_answers(tmp_path)
-    assert read.named == read.true == {"hum"}
-    (tmp_path / f"{name}.json").write_text(json.dumps(result | {"format": "other"}), encoding="utf-8")
-    with pytest.raises(ValueError, match="format must be"):
-        _answers.read_answers(tmp_path)
-    with pytest.raises(ValueError, match=r"holds no <set>\.json"):
-        _answers.read_answers(tmp_path / "none")
-
-
-def test_shown_sessions_are_parts_of_the_whole() -> None:
-    conditions = np.array([(500.0, 22.0, 1)] * 12)
-    session = Session(np.arange(24.0).reshape(12, 2), conditions, np.arange(12))
-    part = _ask.shown(session, 4, counts=False)
-    assert part.values[:, 0].tolist() == [0, 6, 12, 18]
-    assert part.counts is None
-    assert _ask.shown(session).counts is not None
-
-
-def test_wrong_arguments(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="kinds must be of"):
-        _sets.set_names(["pairs"])
-    with pytest.raises(SystemExit):
-        main(["generate"])
-    name = one_of("single", "hum")
-    result = {"format": _answers.FORMAT, "effects": [{"id": "hum", "probability": 0.9}]}
-    (tmp_path / f"{name}.json").write_text(json.dumps(result), encoding="utf-8")
-    assert main(["score", str(tmp_path)]) == 0
-    assert "1 of 400 single" in (tmp_path / "score.md").read_text(encoding="utf-8")
-
-
-class Guess:
-    """A posterior that has learned two effects of three."""
-
-    names_ = ("hum", "gain", "noise")
-    size_names_ = ("hum.amplitude_nm", "gain.factor", "noise.rms_nm")
-
-    def predict_proba(self, sessions: list[Session]) -> np.ndarray:
-        return np.tile([0.9, 0.2, np.nan], (len(sessions), 1))
-
-    def predict_visible(self, sessions: list[Session]) -> np.ndarray:
-        return np.tile([0.88, 0.01, np.nan], (len(sessions), 1))
-
-    def predict_quantiles(self, sessions: list[Session]) -> np.ndarray:
-        return np.tile([[0.1, 0.2, 0.3, 0.4, 0.5], [1.0] * 5, [np.nan] * 5], (len(sessions), 1, 1))
-
-
-def test_what_a_posterior_says_is_a_result() -> None:
-    name = one_of("single", "hum")
-    session = Session(np.zeros((8, 2)), np.array([(500.0, 22.0, 1)] * 8), np.zeros(8, dtype=np.int64))
-    (result,) = _ask.names_of(Guess(), [session])
-    assert [one["id"] for one in result["effects"]] == ["hum", "gain"]
-    assert result["effects"][0]["sizes"] == {"amplitude_nm": {"value": 0.3, "low": 0.1, "high": 0.5}}
-    (answer,) = _answers.answers({name: json.loads(json.dumps(result))})
-    assert answer.named == {"hum"}
-    assert answer.claims()["hum"] == "unresolved"
-    assert answer.perhaps_seen() == {"hum"}  # a gain would be too small
-    text = "\n".join(gap.by_posterior(Guess(), {name: session}))
-    assert "| all recordings, counts unknown | 1 | 1 | 1 | 1 |" in text
-
-
-def test_the_whole_workflow_is_run_on_sets_of_every_kind() -> None:
-    chosen = gap.whole_names(_sets.set_names(), 12)
-    assert Counter(_sets.definitions()[name].kind for name in chosen) == {
-        "several": 6, "single": 2, "outside": 2, "null": 2,
-    }  # fmt: skip
+# The packaged posterior.
 
 
 def test_the_packaged_posterior_names_strong_effects_of_another_simulator(tmp_path: Path) -> None:

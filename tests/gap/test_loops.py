@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from cyclofeat.gap import LoopModel, find_loop_gap
-from cyclofeat.gap.loops.loop_gap import LOOP_EFFECTS
 from cyclofeat.gap.loops.parts import contact_deflection, elastic_torque, loop_shape, relative_error
 from cyclofeat.simulators import CycloidalGearbox, torque_deflection
 
@@ -45,11 +44,6 @@ def test_friction_is_the_play_operator_by_brute_force():
                 elastic -= step
             found[k] = elastic
     assert elastic_torque(torque, coulomb, share) == pytest.approx(found, abs=5e-3)
-
-
-def test_without_friction_nothing_is_kept():
-    torque = triangle(5.0)
-    assert elastic_torque(torque, 0.0, 0.0) == pytest.approx(torque, abs=1e-12)
 
 
 def test_many_frictions_at_once_are_each_alone():
@@ -186,10 +180,6 @@ def test_shape_of_a_parallelogram():
 def test_bad_input_is_named(call, message):
     with pytest.raises(ValueError, match=message):
         call()
-
-
-def test_bounds_are_those_of_positive_parameters():
-    assert all(0 < low < high for bounds in LOOP_EFFECTS.values() for low, high in bounds.values())
 
 
 def test_torque_beyond_the_contacts_curve_is_taken_as_far_as_a_factor_reaches():

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import re
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -350,17 +349,6 @@ def test_other_discs_are_compared_too() -> None:
     )
     assert found.rig.gearbox.n_lobes == 11
     assert found.verdict != "disagree"
-
-
-def test_verdicts_over_conditions() -> None:
-    def result(*verdicts: str) -> GapResult:
-        where = tuple(SimpleNamespace(verdict=verdict, p=0.5) for verdict in verdicts)
-        return GapResult(where=where, rig=MODEL)
-
-    assert result("equivalent", "equivalent").verdict == "equivalent"
-    assert result("equivalent", "unresolved").verdict == "unresolved"
-    assert result("equivalent", "disagree").verdict == "disagree"
-    assert result("equivalent", "equivalent", "disagree").p == 1.0
 
 
 def test_sessions_hold_one_turn_of_each_recording() -> None:

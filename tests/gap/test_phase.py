@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from cyclofeat.gap import Comparison
-from cyclofeat.gap.summaries import phase as _phase
 from cyclofeat.gap.summaries.phase import phase_maps
 from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.where import locate as _locate
 from cyclofeat.gap.where.locate import locate
-from cyclofeat.signal.orders import estimate_input_speed
 
 RATE, SPEED, N_LOBES = 6400.0, 500 / 60, 15
 N = 11_520
@@ -36,12 +34,6 @@ def test_a_speed_within_the_tolerance_of_summaries_does_not_smear(factor: float)
     found = phase_maps(measured, simulated, CONDITIONS, 0.05)
     for name in ("input", "lobe"):
         assert amplitude(found[name].measured) == pytest.approx(1.0, abs=0.1), name
-
-
-def test_near_the_nominal_speed_the_search_takes_its_finer_steps() -> None:
-    X = torque(SPEED * np.array([0.9871, 1.0003, 1.0147]), N_LOBES + 1)
-    found = _phase._fine_speeds(X, CONDITIONS)
-    assert np.array_equal(found, estimate_input_speed(X, RATE, SPEED, 0.015, comb="mesh"))
 
 
 def test_a_tachometer_says_the_speed() -> None:

@@ -217,12 +217,6 @@ def test_a_tiny_learning_rate_leaves_the_start_as_it_is(few, hasty):
     np.testing.assert_allclose(gone_on.networks_[0]["answer"], hasty.networks_[0]["answer"], atol=1e-6)
 
 
-@pytest.mark.parametrize("rate", [0, -1e-3, np.nan])
-def test_a_learning_rate_is_positive(few, rate):
-    with pytest.raises(ValueError, match="learning_rate must be positive and finite"):
-        EffectPosterior(learning_rate=rate).fit(few)
-
-
 @pytest.mark.slow
 def test_a_posterior_goes_on_from_another_one(posterior, hasty, few, held_out):
     gone_on = EffectPosterior(1, epochs=2).fit(few, start=posterior)
@@ -296,6 +290,8 @@ def test_bad_input_is_named(hasty, rigs):
             hasty.presence(Session(np.zeros((1, 5)), np.array([conditions], dtype=float)))
     with pytest.raises(ValueError, match=r"counts of \[0, 1, .*, 7\], like the world .* got \[9\]"):
         hasty.presence(Session(np.zeros((1, 5)), np.array([[500.0, 20.0, 1.0]]), counts=np.array([9])))
+    with pytest.raises(ValueError, match="learning_rate must be positive and finite"):
+        EffectPosterior(learning_rate=-1e-3).fit(rigs)
     with pytest.raises(ValueError, match="epochs must be at least 1, got 0"):
         EffectPosterior(epochs=0).fit(rigs)
     with pytest.raises(ValueError, match="rigs must hold at least 100 recordings of rigs without an effect"):

@@ -171,7 +171,7 @@ def test_ratio_of_what_is_left(left: float, expected: float) -> None:
 def test_no_gap_has_no_ratio_and_says_so() -> None:
     undefined = 0
     for seed in range(12):
-        rows = score_alternatives(*case(0.0, 0.0, seed=seed), n_draws=100, random_state=0).rows
+        rows = score_alternatives(*case(0.0, 0.0, seed=seed), random_state=0).rows
         undefined += np.isnan(rows[0].grr)
         if np.isnan(rows[0].grr):
             assert "does not stand out" in rows[0].undefined
@@ -305,13 +305,6 @@ def test_same_simulator_wrong_simulator_and_order(hold: Bank, cache: Path) -> No
     assert prove_condition(comparison, wrong, turns, n_simulated=10).result.grr == pytest.approx(
         expected, abs=0.05
     )
-
-
-def test_no_gap_is_said(cache: Path) -> None:
-    null = comparison_at(cache).bank(8, [0, 4], random_state=107)
-    row = prove_rig(BASE.with_added(Hum(0.05)), null, cache, seen=[0, 4]).result
-    assert np.isnan([row.grr, row.low, row.high]).all()
-    assert "does not stand out" in row.undefined
 
 
 @pytest.mark.bench

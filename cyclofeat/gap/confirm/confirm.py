@@ -39,10 +39,8 @@ class Confirmed:
     ----------
     effects : tuple of Effect
         With the most probable sizes.
-    names : tuple of str
-        Of their sizes, as in :attr:`World.size_names`.
-    sizes : Gaussian
-        Their joint distribution, on the scale of their fit.
+    names, sizes : tuple of str, Gaussian
+        Their sizes as in :attr:`World.size_names`, and the joint distribution on the scale of their fit.
     remainder : Unexplained
         What they leave.
     accepted : bool
@@ -132,10 +130,8 @@ def confirm_effects(
         sizes = np.column_stack([simulated.sizes[:, columns], simulated.tolerances])
         features, of_simulated = summarise(simulated.sessions)
         believed, fitted, fit = size_posterior(sizes, features, of_simulated, (observed, estimates), prior)
-    others = None
-    if possible:
-        summaries, of_possible = summarise(possible)
-        others = summaries, fit(summaries, of_possible)
+    of_possible = summarise(possible) if possible else None
+    others = None if of_possible is None else (of_possible[0], fit(*of_possible))
     remainder = judge_remainder(features, sizes, fitted, observed, believed.mean, others)
     accepted = remainder.p >= _REJECTED
 

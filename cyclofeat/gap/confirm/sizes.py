@@ -105,14 +105,9 @@ SMALLEST = 0.05  # differences far below the spread of a recording, which is abo
 class Unexplained:
     """Distance of a session from simulated ones of the corrected rig.
 
-    Attributes
-    ----------
-    p : float
-        Share of sessions of the corrected rig that lie as far.
-    p_open : float
-        Share of sessions with open effects besides that lie as far; NaN without any.
-    z : ndarray, shape (n_summaries,)
-        Difference in each summary, in standard deviations of a session.
+    ``p`` is the share of sessions of the corrected rig that lie as far, ``p_open`` that of sessions with open
+    effects besides (NaN without any), ``z`` (n_summaries,) the differences in standard deviations of a
+    session.
     """
 
     p: float

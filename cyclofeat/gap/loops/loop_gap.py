@@ -52,14 +52,8 @@ LOOP_EFFECTS: dict[str, dict[str, tuple[float, float]]] = {
 class Subset:
     """A set of effects and how it predicts loops that it was not fitted on.
 
-    Attributes
-    ----------
-    effects : tuple of str
-        In the order of ``LOOP_EFFECTS``; none is the model alone.
-    error : float
-        Mean over the transfers of the relative error (:func:`relative_error`) on the loops held out.
-    errors : tuple of float
-        That of each transfer.
+    Effects in the order of ``LOOP_EFFECTS`` (none is the model alone), and the relative error
+    (:func:`relative_error`) on the loops held out: its mean over the transfers, and that of each.
     """
 
     effects: tuple[str, ...]

@@ -27,14 +27,8 @@ _GRID = 400
 class LoopShape:
     """Numbers that a test bench states of a loop.
 
-    Attributes
-    ----------
-    area : float
-        Enclosed area in J.
-    lost_motion : float
-        Width in rad between the two crossings of zero torque.
-    stiffness : float
-        Slope in Nm/rad of the loading branches between half and the whole of the peak torque.
+    Enclosed area in J, width in rad between the two crossings of zero torque, and slope in Nm/rad of the
+    loading branches between half and the whole of the peak torque.
     """
 
     area: float

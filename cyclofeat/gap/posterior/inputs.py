@@ -136,20 +136,11 @@ _MEAN_CELL = "amplitudes: mean"
 class Recordings:
     """Recordings of several sessions, padded to an equal number.
 
-    Attributes
-    ----------
-    known, unknown : ndarray of float32, shape (n_sessions, n_recordings, 2 * n_cells)
-        Deviations from the reference with the count and without it; 0 for padding.
-    conditions : ndarray, shape (n_sessions, n_recordings, 3)
-        Speed in RPM, load in Nm, direction.
-    counts : ndarray of int, shape (n_sessions, n_recordings)
-    speeds : ndarray, shape (n_sessions, n_recordings, 2)
-        Deviation of the speed by the tachometer, and of that by the mesh lines from it, on a scale that is
-        linear for small ones and logarithmic for large ones.
-    mean_torque : ndarray, shape (n_sessions, n_recordings)
-        In Nm.
-    made : ndarray of bool, shape (n_sessions, n_recordings)
-        False for padding.
+    Arrays of shape (n_sessions, n_recordings, ...). ``known`` and ``unknown`` (2 * n_cells): deviations from
+    the reference with the count and without it; 0 for padding. ``conditions`` (3): speed in RPM, load in Nm,
+    direction. ``speeds`` (2): deviation of the speed by the tachometer, and of that by the mesh lines from
+    it, on a scale that is linear for small ones and logarithmic for large ones. ``mean_torque`` is in Nm,
+    ``made`` False for padding.
     """
 
     known: Single
@@ -169,18 +160,10 @@ class Recordings:
 class Inputs:
     """Arrays that the network takes, and what the mean torque alone says.
 
-    Attributes
-    ----------
-    recordings : ndarray of float32, shape (n_sessions, n_recordings, n_columns)
-        Deviations, then conditions, count and tachometer of each recording.
-    shown : ndarray of float32, shape (n_sessions, n_recordings)
-        1, or 0 for recordings that are not shown.
-    many : ndarray of float32, shape (n_sessions, n_recordings)
-        1 for shown recordings with a known count above 2.
-    whole : ndarray of float32, shape (n_sessions, n_facts)
-        Fit of gain and offset, and what is known of the session.
-    causes : ndarray, shape (n_sessions, 3)
-        Not for the network: :func:`cause_logits`.
+    ``recordings`` (n_sessions, n_recordings, n_columns): deviations, then conditions, count and tachometer of
+    each. ``shown`` and ``many`` (n_sessions, n_recordings): 1 for recordings that are shown, and for those of
+    them with a known count above 2. ``whole`` (n_sessions, n_facts): fit of gain and offset, and what is
+    known of the session. ``causes`` (n_sessions, 3), not for the network: :func:`cause_logits`.
     """
 
     recordings: Single

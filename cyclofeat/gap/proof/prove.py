@@ -30,7 +30,11 @@ BEFORE, AFTER, FLOOR, OVERALL = "nothing", "after", "floor", "overall"
 
 _FEWEST = 4  # recordings below which their spread is too uncertain
 _ERRORS = 2.0  # standard errors by which the gap must exceed the floor
-_SPLITS = 100
+_SPLITS, _DRAWS = 100, 400  # of halves, and of the bootstrap
+_NO_GAP = (
+    "the gap before, {:.3g}, does not stand out of what replication leaves, {:.3g} +- {:.2g} standard "
+    "deviations of a recording: there is no gap to close"
+)
 _INTERVAL = (0.05, 0.95)
 
 
@@ -38,16 +42,10 @@ _INTERVAL = (0.05, 0.95)
 class DistanceRow:
     """A distance of held-out recordings.
 
-    Attributes
-    ----------
-    alternative : str
-        ``"nothing"`` (the simulator before), ``"after"``, another alternative, or ``"floor"``, which
-        replication alone would leave.
-    condition : {"all", "seen", "unseen"}
-    family : str
-        One of spectrum, orders, averages, amplitudes, features; or ``"overall"``, their mean.
-    distance : float
-        In spreads of one recording.
+    The alternative is ``"nothing"`` (the simulator before), ``"after"``, another one, or ``"floor"``, which
+    replication alone would leave; the condition that of :class:`ProofRow`. The family is one of spectrum,
+    orders, averages, amplitudes, features; or ``"overall"``, their mean. The distance is in spreads of one
+    recording.
     """
 
     alternative: str
@@ -245,14 +243,13 @@ def score_alternatives(
     parts: list[Part],
     seen: NDArray[np.bool_] | None = None,
     *,
-    n_draws: int = 400,
     random_state: int,
 ) -> Proof:
     """Return distances and gap reduction of alternatives, from summaries.
 
     Counts of ``measured`` are all the same where they are not known. ``alternatives`` hold the records of
     each, ``"nothing"`` and ``"after"`` among them, ``parts`` the part of each cell. ``seen`` (n,) is True for
-    a count that alternatives were fitted to. All share the ``n_draws`` of the bootstrap.
+    a count that alternatives were fitted to. All share the draws of the bootstrap.
     """
     random, counts = np.random.default_rng([random_state, 3]), measured.counts
     conditions = {"all": np.ones(len(counts), dtype=bool)}
@@ -268,7 +265,7 @@ def score_alternatives(
         key=lambda found: float(np.sum((found.values / scale.spread) ** 2 @ scale.weights.T)),
     )
     groups = distance.number_strata(counts, apart=seen, least=distance.POOLED_BELOW)
-    chances = distance.bootstrap_chances(groups, n_draws, random)
+    chances = distance.bootstrap_chances(groups, _DRAWS, random)
     families = distance.families_of(parts)
     rows: list[ProofRow] = []
     of_families: list[DistanceRow] = []
@@ -280,12 +277,12 @@ def score_alternatives(
         estimates, draws = {}, {}
         for name, simulated in alternatives.items():
             single = distance.family_distances(some, simulated, scale)[0]
-            many = distance.family_distances(some, simulated, scale, drawn)
+            many = distance.family_distances(some, simulated, scale, drawn).mean(axis=1)
             estimates[name] = float(single.mean())
-            draws[name] = distance.centre_draws(many.mean(axis=1), estimates[name])
+            draws[name] = distance.centre_draws(many, estimates[name])
             of_families += _distance_rows(name, condition, families, single)
         reason = _too_few(int(inside.sum()), len(counts), replicates.n_free)
-        floor, floor_draws = np.nan, np.full(n_draws, np.nan)
+        floor, floor_draws = np.nan, np.full(_DRAWS, np.nan)
         if not reason:
             of_bank = distance.bank_error(some.counts, before, scale)
             by_family = distance.family_floors(replicates, scale, some.counts, of_bank, _SPLITS, random)
@@ -293,13 +290,9 @@ def score_alternatives(
             floor = float(by_family.mean())
             moved = distance.floor_draws(replicates, scale, by_family, chances).mean(axis=1)
             floor_draws = distance.centre_draws(moved, floor)
-            gap, error = estimates[BEFORE] - floor, float(np.std(draws[BEFORE] - floor_draws))
-            if gap < _ERRORS * error:
-                reason = (
-                    f"the gap before, {estimates[BEFORE]:.3g}, does not stand out of what replication "
-                    f"leaves, {floor:.3g} +- {error:.2g} standard deviations of a recording: there is no gap "
-                    "to close"
-                )
+            error = float(np.std(draws[BEFORE] - floor_draws))
+            if not estimates[BEFORE] - floor >= _ERRORS * error:
+                reason = _NO_GAP.format(estimates[BEFORE], floor, error)
         for name in alternatives:
             ratio, low, high = (math.nan,) * 3
             if not reason:

@@ -253,6 +253,17 @@ def find_published_gap(
         at = np.searchsorted(np.cumsum(weights[order]), (0.05, 0.95)).clip(max=len(order) - 1)
         unit = kind_of(effect).parameters[name].unit
         parameters.append(Size(f"{effect}.{name}", unit, float(best[k]), *dense.theta[order[at], k].tolist()))
+    warnings, fewest = [], fewest_units(settings.alpha)
+    if n < fewest:
+        warnings.append(
+            f"{n} discs: no effect can be named, as p over them is never below {2.0**-n:.2g} and alpha is "
+            f"{settings.alpha:g}; it takes at least {fewest}, and {fewest + 1} to predict one by the others"
+        )
+    elif n == fewest:
+        warnings.append(
+            f"{n} discs: no effect can be named without one of them, so held_out is the simulator alone; it "
+            f"takes at least {fewest + 1} at alpha={settings.alpha:g}"
+        )
     return PublishedGap(
         discrepancies=_locate_statistics(measured, rigs.table(()).values.mean(axis=(0, 1))),
         ranking=search.ranking(discs),
@@ -265,7 +276,7 @@ def find_published_gap(
         held_out=tuple(row for disc in discs for row in predict_statistics(search, disc, entropies)),
         measured=measured,
         fitted=np.array([np.median(search.sample(named, discs, disc)[0], axis=0) for disc in discs]),
-        warnings=tuple(_too_few(n, settings.alpha)),
+        warnings=tuple(warnings),
         n_simulated=rigs.n_simulated,
         n_failed=rigs.n_failed,
         _rigs=rigs,
@@ -326,22 +337,6 @@ def _locate_statistics(measured: Float, expected: Float) -> tuple[Discrepancy, .
             )
         )
     return tuple(rows)
-
-
-def _too_few(n: int, alpha: float) -> list[str]:
-    """Return warnings if n discs, or n - 1 of them, are too few to name an effect."""
-    fewest = fewest_units(alpha)
-    if n < fewest:
-        return [
-            f"{n} discs: no effect can be named, as p over them is never below {2.0**-n:.2g} and alpha is "
-            f"{alpha:g}; it takes at least {fewest}, and {fewest + 1} to predict one by the others"
-        ]
-    if n == fewest:
-        return [
-            f"{n} discs: no effect can be named without one of them, so held_out is the simulator alone; it "
-            f"takes at least {fewest + 1} at alpha={alpha:g}"
-        ]
-    return []
 
 
 def _table_columns(table: Any) -> tuple[NDArray[np.int64], Float]:

@@ -32,18 +32,10 @@ _SAMPLES = 400
 class Step:
     """One effect that was named.
 
-    Attributes
-    ----------
-    effect : str
-    score_before, score_after : float
-        Mean CRPS of discs left out, in spreads over the discs, without and with it.
-    p : float
-        One-sided sign-flip p over the discs of that improvement, of this candidate alone.
-    look_alikes : tuple of str
-        Candidates that do as well, as far as these discs can tell. Effects whose torque is the same to these
-        statistics come first (a drift of sensor or load; an offset, gain or set-point).
-    next_measurement : str
-        Measurement that would tell it from them.
+    The score is the mean CRPS of discs left out, in spreads over the discs, without and with it; ``p`` the
+    one-sided sign-flip p over the discs of that improvement, of this candidate alone. ``look_alikes`` do as
+    well, as far as these discs can tell: first effects whose torque is the same to these statistics (a drift
+    of sensor or load; an offset, gain or set-point). ``next_measurement`` would tell it from them.
     """
 
     effect: str
@@ -58,14 +50,9 @@ class Step:
 class Tried:
     """An effect that was scored.
 
-    Attributes
-    ----------
-    effect : str
-        Or ``"nothing"``, or ``"constant"``: the mean of the other discs.
-    score : float
-        Mean CRPS of discs left out, in spreads over the discs; smaller is better.
-    p : float
-        One-sided sign-flip p of the improvement over what is named already; NaN where none was asked for.
+    ``effect`` may be ``"nothing"``, or ``"constant"``: the mean of the other discs. The score is that of
+    :class:`Step`, smaller is better; ``p`` the one-sided sign-flip p of the improvement over what is named
+    already, NaN where none was asked for.
     """
 
     effect: str

@@ -24,20 +24,11 @@ _FINE_TOLERANCE = SPEED_TOLERANCE / 2
 class PhaseMap:
     """Torque folded over one turn of the input, or over the passage of one lobe.
 
-    Attributes
-    ----------
-    name : {"input", "lobe"}
-        ``"input"``: one turn of the input. ``"lobe"``: 15/16 of it, in which all 15 lobes pass in turn, once
-        each.
-    phase : ndarray, shape (n_bins,)
-        Share of the turn at the middle of each bin.
-    measured, simulated : ndarray, shape (n_bins,)
-        Mean ripple in Nm over recordings, each shifted in phase to fit the others best.
-    measured_spread, simulated_spread : ndarray, shape (n_bins,)
-        Standard deviation of one recording in Nm.
-    flagged : ndarray of bool, shape (n_bins,)
-        Bins whose means differ by Welch's t-test at the level alpha, Bonferroni over the bins. A mark in a
-        picture, not part of the verdict: alignment favours agreement.
+    ``"input"`` is one turn of the input, ``"lobe"`` 15/16 of it, in which all 15 lobes pass in turn, once
+    each. Arrays (n_bins,): share of the turn at the middle of each bin; mean ripple in Nm over recordings,
+    each shifted in phase to fit the others best, and the standard deviation of one; and ``flagged`` bins,
+    whose means differ by Welch's t-test at the level alpha, Bonferroni over the bins. These mark a picture
+    and are no part of the verdict: alignment favours agreement.
     """
 
     name: str
@@ -63,7 +54,13 @@ def phase_maps(
     """
     maps = {}
     rate, n_lobes = kinematics.sampling_rate, kinematics.n_lobes
-    known = speeds or [_fine_speeds(X, kinematics) for X in (measured, simulated)]
+    known: list[Float] = list(speeds or ())
+    for X in () if speeds else (measured, simulated):
+        # With finer steps near the nominal speed.
+        nominal_hz = kinematics.input_speed_hz
+        near = estimate_input_speed(X, rate, nominal_hz, _FINE_TOLERANCE, comb="mesh", n_lobes=n_lobes)
+        far = speeds_by_mesh(np.asarray(X, dtype=np.float64), rate, nominal_hz, n_lobes)
+        known.append(np.where(np.abs(far / nominal_hz - 1) > _FINE_TOLERANCE, far, near))
     for name, per_turn in (("input", 1.0), ("lobe", (n_lobes + 1) / n_lobes)):
         folded = [
             _fold_windows(X, speed * per_turn / rate)
@@ -86,14 +83,6 @@ def phase_maps(
             flagged=np.asarray(p * _BINS <= alpha),
         )
     return maps
-
-
-def _fine_speeds(X: NDArray[Any], kinematics: Kinematics) -> Float:
-    """Return the mean input speed of each window in Hz, with finer steps near the nominal speed."""
-    rate, nominal_hz, n_lobes = kinematics.sampling_rate, kinematics.input_speed_hz, kinematics.n_lobes
-    near = estimate_input_speed(X, rate, nominal_hz, _FINE_TOLERANCE, comb="mesh", n_lobes=n_lobes)
-    far = speeds_by_mesh(np.asarray(X, dtype=np.float64), rate, nominal_hz, n_lobes)
-    return np.where(np.abs(far / nominal_hz - 1) > _FINE_TOLERANCE, far, near)
 
 
 def _fold_windows(X: NDArray[Any], turns_per_sample: Float) -> Float:

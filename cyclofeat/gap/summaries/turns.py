@@ -24,17 +24,9 @@ _RIDGE = 0.05
 class MeasuredTurns:
     """Measured recordings, checked and cut to whole output turns.
 
-    Attributes
-    ----------
-    windows : ndarray, shape (n_windows, n_samples)
-        Torque in Nm, float32 as that of simulated recordings.
-    of_window : ndarray of int, shape (n_windows,)
-        Number of the recording of each window, from 0.
-    counts : ndarray of int, shape (n_recordings,), or None
-        Worn lobes of each recording; None where they are not known.
-    speeds : ndarray, shape (n_windows,), or None
-        Mean input speed of each window in Hz, by a tachometer.
-    kinematics : Kinematics
+    ``windows`` (n_windows, n_samples) hold torque in Nm, float32 as that of simulated recordings;
+    ``of_window`` the number of the recording of each, from 0; ``counts`` (n_recordings,) worn lobes, where
+    they are known; ``speeds`` (n_windows,) mean input speeds in Hz by a tachometer, or None.
     """
 
     windows: NDArray[np.float32] = field(repr=False)
@@ -83,7 +75,16 @@ def read_measured(
     n_samples = kinematics.whole_turns(windows.shape[1])
     speeds = None
     if angle is not None:
-        speeds = checked_speeds(angle, windows.shape, n_samples, kinematics.sampling_rate)
+        angles = np.asarray(angle, dtype=float)
+        if angles.shape != windows.shape:
+            raise ValueError(f"angle must have the shape of X, {windows.shape}, got {angles.shape}")
+        if not np.all(np.isfinite(angles)):
+            raise ValueError("angle must be finite, got NaN or infinity")
+        speeds = mean_speed(angles[:, :n_samples], kinematics.sampling_rate)
+        if np.any(speeds <= 0):
+            raise ValueError(
+                "angle must grow over each window: it is the input shaft's, in rad and unwrapped"
+            )
     # Same precision as simulated recordings: otherwise the share of distinct values would differ.
     return MeasuredTurns(windows[:, :n_samples].astype(np.float32), of_window, counts, speeds, kinematics)
 
@@ -138,19 +139,6 @@ def per_recording(values: Float, of_window: NDArray[np.intp]) -> Float:
     """Mean over the windows of each recording, shape (n_recordings, n_columns)."""
     n = int(of_window.max()) + 1
     return np.array([values[of_window == k].mean(axis=0) for k in range(n)])
-
-
-def checked_speeds(angle: ArrayLike, shape: tuple[int, ...], n_samples: int, sampling_rate: float) -> Float:
-    """Mean input speed in Hz over the first ``n_samples`` of each window, from its checked angle in rad."""
-    angles = np.asarray(angle, dtype=float)
-    if angles.shape != shape:
-        raise ValueError(f"angle must have the shape of X, {shape}, got {angles.shape}")
-    if not np.all(np.isfinite(angles)):
-        raise ValueError("angle must be finite, got NaN or infinity")
-    speeds = mean_speed(angles[:, :n_samples], sampling_rate)
-    if np.any(speeds <= 0):
-        raise ValueError("angle must grow over each window: it is the input shaft's, in rad and unwrapped")
-    return speeds
 
 
 def class_means(values: Float, counts: NDArray[Any]) -> dict[int, Float]:

@@ -63,12 +63,8 @@ def locate_all(
 class WhereRow(Row):
     """One number of the comparison, with its levels.
 
-    Attributes
-    ----------
-    mean : float
-        Mean over the recordings, in the cell's unit.
-    measured_spread, simulated_spread : float
-        Standard deviation of one recording, and of one simulated recording, about the mean of its count.
+    Mean over the recordings, in the cell's unit, and standard deviation of one recording, and of one
+    simulated recording, about the mean of its count.
     """
 
     mean: float

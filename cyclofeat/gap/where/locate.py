@@ -75,24 +75,16 @@ class LocatedGap:
 
     Attributes
     ----------
-    comparison : Comparison
-    measured : MeasuredTurns
-    bank : Bank
-        Simulated recordings.
     simulated : ndarray, shape (n_bank, n_cells)
-        Their summaries.
-    alpha : float
-    n_permutations : int
+        Summaries of the bank.
     shared_variance : ndarray, shape (n_cells,)
-        Share of each cell's variance that recordings of one assembly have in common; 0 where each is of an
-        assembly of its own.
+        Share of each cell's variance that recordings of one assembly have in common; 0 for an assembly each.
     table : tuple of Row
         All cells: means in the order of the families, then spreads, then all means together. Spreads and
         all together are tested one-sidedly: only the lower end of their intervals holds at 1 - alpha, the
         upper end lies as far above the difference and bounds nothing.
     family_p : dict from str to float
-        Smallest p of each family, adjusted within and across families; ``"spreads"`` and ``"together"`` are
-        families of their own.
+        Smallest p of each family, ``"spreads"`` and ``"together"`` among them, adjusted within and across.
     """
 
     comparison: Comparison

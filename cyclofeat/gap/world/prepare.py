@@ -23,7 +23,7 @@ from cyclofeat.gap.world.rigs import Rigs
 from cyclofeat.gap.world.world import DrawnSession, World, draw_session, with_floor
 from cyclofeat.simulators import Effect, SimulationFailed
 from cyclofeat.simulators.machine import MachineRun
-from cyclofeat.simulators.sampling import Sample, sample_runs
+from cyclofeat.simulators.sampling import sample_runs
 
 Float = NDArray[np.float64]
 
@@ -55,10 +55,22 @@ def simulate_machines(world: World, numbers: Sequence[int]) -> list[dict[str, ND
     Returns the columns of the rigs of each machine (:class:`cyclofeat.gap.world.Rigs`), the number of the rig
     first.
     """
+    drawn = []
+    for number in numbers:
+        random = np.random.default_rng(_world_seed(world, _MACHINE, number))
+        # Few recordings more often than many: other machines teach more than further recordings of one.
+        fewest = min(FEWEST_RECORDINGS, world.n_recordings)
+        n = fewest + int((world.n_recordings - fewest + 1) * random.random() ** 2)
+        session = draw_session(world, n, random)
+        effects = world.prior.in_machine(random)
+        chains = [
+            world.prior.on_torque(len(effects), np.random.default_rng(_world_seed(world, _RIG, rig)))
+            for rig in _rig_numbers(world, number).tolist()
+        ]
+        seeds = [_world_seed(world, _RECORDING, number, i) for i in range(n)]
+        drawn.append(DrawnMachine(effects, chains, session, seeds))
     machines = []
-    for number, columns in zip(
-        numbers, simulate_drawn(world, [_draw_machine(world, number) for number in numbers]), strict=True
-    ):
+    for number, columns in zip(numbers, simulate_drawn(world, drawn), strict=True):
         # Up to the largest number of recordings: the first one's conditions again, NaN, and counts of 0.
         missing = world.n_recordings - columns["counts"].shape[1]
         for name, end in {"values": np.nan, "speeds": np.nan, "counts": 0}.items():
@@ -73,7 +85,18 @@ def simulate_machines(world: World, numbers: Sequence[int]) -> list[dict[str, ND
 
 def simulate_drawn(world: World, machines: Sequence[DrawnMachine]) -> list[dict[str, NDArray[Any]]]:
     """Simulate drawn machines, and return the columns of the rigs of each, without their numbers."""
-    samples = [sample for machine in machines for sample in _recording_samples(world, machine)]
+    samples = []
+    for machine in machines:
+        session, seeds = machine.session, machine.seeds
+        rig = with_floor(world.rig, world.may_differ, session.tolerance).with_added(*machine.effects)
+        first_of = {number: seeds[i] for i, number in reversed([*enumerate(session.assemblies.tolist())])}
+        for i, seed in enumerate(seeds):
+            speed, assembly = float(session.speeds_rpm[i]), first_of[int(session.assemblies[i])]
+            n_samples = turn_samples(Kinematics(world.sampling_rate, speed / 60, world.n_lobes))
+            at = rig.at(speed, float(session.loads_nm[i]))
+            population = Population(at, n_samples, world.sampling_rate, world.wheels, quantity=world.quantity)
+            count = int(session.counts[i])
+            samples.append(population.sample(count, seed, assembly, spare=SPARE, solver=_SOLVER))
     runs = iter(sample_runs(samples, kernel=KERNEL))
     return [_rig_columns(world, machine, [next(runs) for _ in machine.seeds]) for machine in machines]
 
@@ -85,42 +108,6 @@ def _world_seed(world: World, *key: int) -> np.random.SeedSequence:
 def _rig_numbers(world: World, number: int) -> NDArray[np.int64]:
     """Return the numbers of the rigs of a machine."""
     return number * world.n_rigs_per_machine + np.arange(world.n_rigs_per_machine)
-
-
-def _draw_machine(world: World, number: int) -> DrawnMachine:
-    random = np.random.default_rng(_world_seed(world, _MACHINE, number))
-    # Few recordings more often than many: other machines teach more than further recordings of one.
-    fewest = min(FEWEST_RECORDINGS, world.n_recordings)
-    n = fewest + int((world.n_recordings - fewest + 1) * random.random() ** 2)
-    session = draw_session(world.speeds_rpm, world.loads_nm, world.defect_counts, n, random)
-    effects = world.prior.in_machine(random)
-    rigs = _rig_numbers(world, number).tolist()
-    return DrawnMachine(
-        effects=effects,
-        chains=[
-            world.prior.on_torque(len(effects), np.random.default_rng(_world_seed(world, _RIG, rig)))
-            for rig in rigs
-        ],
-        session=session,
-        seeds=[_world_seed(world, _RECORDING, number, i) for i in range(n)],
-    )
-
-
-def _recording_samples(world: World, machine: DrawnMachine) -> list[Sample]:
-    """Return the recordings of a machine to simulate."""
-    session = machine.session
-    rig = with_floor(world.rig, world.may_differ, session.tolerance).with_added(*machine.effects)
-    first_of = {number: machine.seeds[i] for i, number in reversed([*enumerate(session.assemblies.tolist())])}
-    samples = []
-    for i, seed in enumerate(machine.seeds):
-        speed, assembly = float(session.speeds_rpm[i]), first_of[int(session.assemblies[i])]
-        n_samples = turn_samples(Kinematics(world.sampling_rate, speed / 60, world.n_lobes))
-        population = Population(
-            rig.at(speed, float(session.loads_nm[i])), n_samples, world.sampling_rate, world.wheels,
-            quantity=world.quantity,
-        )  # fmt: skip
-        samples.append(population.sample(int(session.counts[i]), seed, assembly, spare=SPARE, solver=_SOLVER))
-    return samples
 
 
 def _rig_columns(

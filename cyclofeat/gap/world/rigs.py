@@ -112,16 +112,11 @@ class Rigs:
         Effects, their fitted parameters, and summaries of a recording.
     logarithmic : tuple of bool
         Whether ``sizes`` holds the logarithm of a parameter.
-    numbers : ndarray of int, shape (n_rigs,)
-    machines : ndarray of int, shape (n_rigs,)
+    numbers, machines : ndarray of int, shape (n_rigs,)
         Rigs of one machine share its runs: keep them on one side of a split.
-    values : ndarray of float32, shape (n_rigs, n_recordings, n_cells)
-        Summaries; NaN for a recording whose simulation failed.
-    conditions : ndarray, shape (n_rigs, n_recordings, 3)
-        Speed in RPM, load in Nm, direction.
-    counts : ndarray of int, shape (n_rigs, n_recordings)
-    speeds : ndarray, shape (n_rigs, n_recordings)
-        Mean speed in RPM, as a tachometer has it.
+    values, conditions, counts, speeds : ndarray, shape (n_rigs, n_recordings, ...)
+        Summaries, NaN where the simulation failed; speed in RPM, load in Nm and direction; worn lobes; mean
+        speed in RPM, as a tachometer has it.
     sizes : ndarray, shape (n_rigs, n_sizes)
         Parameters on the scale of their fit (:meth:`Effect.to_vector`), NaN where the effect is absent.
     world : dict

@@ -113,19 +113,13 @@ def with_floor(rig: Rig, may_differ: Sequence[Effect], tolerance: float = 1.0) -
     return with_may_differ(rig, (*scaled, *FLOOR))
 
 
-def draw_session(
-    speeds_rpm: tuple[float, float],
-    loads_nm: tuple[float, float],
-    defect_counts: Sequence[int],
-    n_recordings: int,
-    random: np.random.Generator,
-) -> DrawnSession:
+def draw_session(world: World, n_recordings: int, random: np.random.Generator) -> DrawnSession:
     """Draw one or three conditions, which the recordings take in turn, and what differs between them."""
-    speeds, loads = random.uniform(*speeds_rpm, 3), random.uniform(*loads_nm, 3)
+    speeds, loads = random.uniform(*world.speeds_rpm, 3), random.uniform(*world.loads_nm, 3)
     directions = np.where(random.random(3) < _REVERSED, -1, 1)
     n_conditions = 3 if random.random() < 0.5 else 1
     at = np.arange(n_recordings) % n_conditions
-    counts = random.choice(np.array(defect_counts), n_recordings)
+    counts = random.choice(np.array(world.defect_counts), n_recordings)
     one_assembly = random.random() < _ONE_ASSEMBLY
     assemblies = np.zeros(n_recordings, dtype=np.int64) if one_assembly else np.arange(n_recordings)
     tolerance = random.uniform(*TOLERANCES)
