@@ -67,7 +67,7 @@ def test_tables(result) -> None:
     assert unexplained.to_frame("where").speed_rpm.nunique() == 2
     assert unexplained.to_frame("sizes").effect.tolist() == ["hum", "pin_errors", "gain", "clearance"]
     assert result.to_frame("remainder").empty
-    with pytest.raises(ValueError, match="table must be one of effects, sizes, .*, got 'ranking'"):
+    with pytest.raises(ValueError, match="table must be one of 'effects', 'sizes', .*, got 'ranking'"):
         result.to_frame("ranking")
 
 

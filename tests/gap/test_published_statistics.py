@@ -113,7 +113,7 @@ def test_the_tables_of_the_gap_are_its_rows(drift):
     for table in ("discrepancies", "ranking", "steps", "rejected", "parameters", "held_out"):
         assert len(gap.to_frame(table)) == len(getattr(gap, table)) > 0, table
     assert gap.to_frame().score.tolist() == [row.score for row in gap.ranking]
-    with pytest.raises(ValueError, match="table must be one of discrepancies, .*, got 'dropped'"):
+    with pytest.raises(ValueError, match="table must be one of 'discrepancies', .*, got 'dropped'"):
         gap.to_frame("dropped")
 
 
