@@ -6,10 +6,8 @@ import math
 import os
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.utils import Bunch
 
 from cyclofeat.datasets.readers._npz import load_arrays
@@ -58,22 +56,11 @@ def load_published_tables() -> Bunch:
     0
     """
     folder = files(__package__) / "tables"
-    tables: dict[str, Any] = {}
+    tables = {}
     for name, file in _TABLES.items():
         with (folder / file).open(encoding="utf-8") as lines:
             tables[name] = np.genfromtxt(lines, delimiter=",", names=True, dtype=None, encoding="utf-8")
-    description = _description(
-        "Published statistics, centroids and entropies of torque measured on a cycloidal gearbox.",
-        origin=(
-            'tables 4, 5 and 6 of "Verification of the cycloidal gear train fault diagnosis methods based on '
-            'measured data".'
-        ),
-        licence="single numbers are facts, given with their source; the articles are their publishers'.",
-        units="torque in Nm, entropy in bits; the centroid's unit is not stated at the source.",
-        inferred="nothing: values as printed. One recording per disc; the torque is not published.",
-        more=(folder / "README.md").read_text(encoding="utf-8"),
-    )
-    return Bunch(**tables, DESCR=description)
+    return Bunch(**tables, DESCR=_read_description("tables"))
 
 
 def load_jelmerv_cycloidal() -> Bunch:
@@ -122,41 +109,19 @@ def load_jelmerv_cycloidal() -> Bunch:
     loops: list[Bunch] = []
     run_in: list[Bunch] = []
     for name, array in arrays.items():
-        kind, design, state = _split_name(name)
-        if kind == "runin":
+        kind, _, rest = name.removeprefix("runin_").partition("_")
+        design = next(design for design in _DESIGNS if rest.startswith(design))
+        if kind == "torque":
             run_in.append(Bunch(design=design, time=array[:, 0] * 60, torque=array[:, 1]))
         else:
-            labels: dict[str, Any] = {"kind": kind, "design": design, "state": state, "name": name}
+            labels = {"kind": kind, "design": design, "state": rest.removeprefix(f"{design}_"), "name": name}
             loops.append(Bunch(**labels, torque=array[:, 0], deflection=array[:, 1] * (math.pi / 180)))
     geometry = Bunch(
         n_pins=14, n_lobes=13, pin_radius=3.5e-3, pin_circle_radius=34e-3, eccentricity=1.5e-3,
         clearance=0.05e-3, n_output_rollers=8, output_roller_radius=9e-3,
         output_roller_circle_radius=20e-3, disc_thickness=25e-3,
     )  # fmt: skip
-    description = _description(
-        "Measured torque-deflection loops of three 3D-printed cycloidal drives, output locked.",
-        origin=(
-            "JelmerV, Anti-Backlash Cycloidal Actuator (MSc thesis, 2024), "
-            "https://github.com/JelmerV/Anti-Backlash-Cycloidal-Actuator, commit 78d6dacc."
-        ),
-        licence="CC BY-SA 4.0, https://creativecommons.org/licenses/by-sa/4.0/; attribution as above.",
-        units="torque in Nm and deflection in rad, both referred to the output; time in s; lengths in m.",
-        inferred=(
-            "torque follows from the motor's current (no torque cell); curves were read back from the "
-            "source's vector figures; the design of each run-in record follows from the legend's order."
-        ),
-        more="\n".join((folder / name).read_text(encoding="utf-8") for name in ("README.md", "LICENSE.md")),
-    )
-    return Bunch(loops=loops, run_in=run_in, geometry=geometry, DESCR=description)
-
-
-def _split_name(name: str) -> tuple[str, str, str]:
-    """Kind, design and state of an array's name."""
-    if name.startswith("runin_torque_"):
-        return "runin", name.removeprefix("runin_torque_"), ""
-    kind, _, rest = name.partition("_")
-    design = next(design for design in _DESIGNS if rest.startswith(design))
-    return kind, design, rest.removeprefix(f"{design}_")
+    return Bunch(loops=loops, run_in=run_in, geometry=geometry, DESCR=_read_description("jelmerv_cycloidal"))
 
 
 def load_oedi_gearbox(path: str | os.PathLike[str] | None = None) -> Bunch:
@@ -219,18 +184,21 @@ def load_oedi_gearbox(path: str | os.PathLike[str] | None = None) -> Bunch:
     if file.is_dir():
         raise ValueError(f"{file} is a directory; give an NPZ file such as {_MINI}")
     if not file.exists():
-        missing = "the OEDI gearbox recordings are not part of an installed cyclofeat"
+        problem = f"no such file: {file}"
+        if path is None:
+            problem = "the OEDI gearbox recordings are not part of an installed cyclofeat"
         raise FileNotFoundError(
-            f"{missing if path is None else f'no such file: {file}'}; an extract ({_MINI}) is in "
+            f"{problem}; an extract ({_MINI}) is in "
             "datasets/oedi_gearbox of cyclofeat's source tree, give load_oedi_gearbox(path=...); the "
             f"original recordings are at {_URL}"
         )
-    beside = ""
-    if path is None:
-        beside = "\n".join(
-            (_FOLDER / name).read_text(encoding="utf-8") for name in ("README.md", "LICENSE.md")
+    arrays = load_arrays(file)
+    missing = {*_LABELS, *(["signals"] if "signals" in arrays else ["signals_i16", "scale"])} - arrays.keys()
+    if missing:
+        raise ValueError(
+            f"{file.name} must hold the arrays signals (or signals_i16 and scale), {', '.join(_LABELS)}; "
+            f"missing: {', '.join(sorted(missing))}"
         )
-    arrays = _load_arrays(file)
     # Acceleration as supplied, shape (n_recordings, n_samples, n_channels).
     if "signals" in arrays:
         signals = arrays["signals"].astype(np.float64)
@@ -252,35 +220,11 @@ def load_oedi_gearbox(path: str | os.PathLike[str] | None = None) -> Bunch:
         sampling_rate=float(arrays["fs_inferred_hz"]),
         sampling_rate_inferred=True,
         shaft_hz=30.0,
-        DESCR=_description(
-            "Measured vibration of a two-stage gearbox, healthy and with a broken tooth, at ten load levels.",
-            origin=(
-                'Y. Pandya and A. Parey, "Gearbox Fault Diagnosis Data", Open Energy Data Initiative, '
-                f"submission 623, {_URL}. There is no torque channel, and the gearbox is no cycloidal one."
-            ),
-            licence=(
-                "CC BY 4.0 as a catalogue reports it, not confirmed at the publisher; attribution as above."
-            ),
-            units="acceleration in a unit that the source does not document; rates in Hz.",
-            inferred="the sampling rate, from the mesh line; the source does not state it.",
-            more=beside,
-        ),
+        DESCR=_read_description("oedi_gearbox"),
     )
 
 
-def _load_arrays(file: Path) -> dict[str, NDArray[Any]]:
-    arrays = load_arrays(file)
-    signals = {"signals"} if "signals" in arrays else {"signals_i16", "scale"}
-    missing = ({*_LABELS} | signals) - arrays.keys()
-    if missing:
-        raise ValueError(
-            f"{file.name} must hold the arrays signals (or signals_i16 and scale), {', '.join(_LABELS)}; "
-            f"missing: {', '.join(sorted(missing))}"
-        )
-    return arrays
-
-
-def _description(title: str, *, origin: str, licence: str, units: str, inferred: str, more: str) -> str:
-    """Return the text for ``DESCR``; ``inferred`` says what the source does not state."""
-    head = f"{title}\n\nOrigin: {origin}\nLicence: {licence}\nUnits: {units}\nInferred: {inferred}\n"
-    return f"{head}\n{more}"
+def _read_description(folder: str) -> str:
+    """Return origin, licence, units and what is inferred, as stated beside the data of a folder."""
+    texts = [files(__package__) / folder / name for name in ("README.md", "LICENSE.md")]
+    return "\n".join(text.read_text(encoding="utf-8") for text in texts if text.is_file())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -77,6 +78,5 @@ def test_licence_and_attribution_lie_beside_the_file_and_in_the_wheel(data):
 
 @pytest.mark.parametrize("load", [load_jelmerv_cycloidal, load_oedi_gearbox, load_published_tables])
 def test_all_data_sets_describe_themselves_in_one_form(load):
-    text = load().DESCR
-    heads = [line.partition(":")[0] for line in text.splitlines()[2:6]]
+    heads = re.findall(r"^(Origin|Licence|Units|Inferred): ", load().DESCR, flags=re.MULTILINE)
     assert heads == ["Origin", "Licence", "Units", "Inferred"]
