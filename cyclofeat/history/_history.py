@@ -243,20 +243,18 @@ class History:
 
     def gearboxes(self) -> list[str]:
         """Return the names of all gearboxes, sorted."""
-        return [
-            name for (name,) in self._select_rows("SELECT DISTINCT gearbox FROM recording ORDER BY gearbox")
-        ]
+        rows = self._select_rows("SELECT DISTINCT gearbox FROM recording ORDER BY gearbox")
+        return [name for (name,) in rows]
 
     def rows(self, gearbox: str, last: int | None = None) -> list[HistoryRow]:
         """Return the recordings of a gearbox in the order of time: all, or the last ones."""
         columns = [column.name for column in fields(HistoryRow)]
-        found = self._select_rows(
+        rows = self._select_rows(
             f"SELECT {', '.join(columns)} FROM recording WHERE gearbox = ? "
             "ORDER BY time DESC, id DESC LIMIT ?",
             (gearbox, -1 if last is None else last),
         )
-        named = [dict(zip(columns, row, strict=True)) for row in reversed(found)]
-        return [HistoryRow(**row | {"answer": json.loads(row["answer"])}) for row in named]
+        return [HistoryRow(*others, json.loads(answer)) for *others, answer in reversed(rows)]
 
     def to_frame(self, gearbox: str) -> pd.DataFrame:
         """Return the recordings of a gearbox as a table.
@@ -273,27 +271,14 @@ class History:
         ImportError
             If pandas is not installed.
         """
-        rows = self.rows(gearbox)
-        return data_frame(
-            {
-                "time": [datetime.fromtimestamp(row.time, UTC) for row in rows],
-                "file": [row.file for row in rows],
-                "model": [row.model for row in rows],
-                "defect_count": [row.defect_count for row in rows],
-                "wear_um": [row.answer.get("wear_um") for row in rows],
-                "reason": [row.reason for row in rows],
-                "mean": [row.mean for row in rows],
-                "deviation": [row.deviation for row in rows],
-                "unit": [row.unit for row in rows],
-            }
-        ).astype({"defect_count": "Int64", "wear_um": "float64"})
+        rows = [vars(row) | {"wear_um": row.answer.get("wear_um")} for row in self.rows(gearbox)]
+        names = ("file", "model", "defect_count", "wear_um", "reason", "mean", "deviation", "unit")
+        table = {"time": [datetime.fromtimestamp(row["time"], UTC) for row in rows]}
+        table |= {name: [row[name] for row in rows] for name in names}
+        return data_frame(table).astype({"defect_count": "Int64", "wear_um": "float64"})
 
     def state(
-        self,
-        gearbox: str,
-        *,
-        false_alarms_per_month: float = 0.1,
-        recordings_per_month: float | None = None,
+        self, gearbox: str, *, false_alarms_per_month: float = 0.1, recordings_per_month: float | None = None
     ) -> GearboxState:
         """Return the state of a gearbox, by the recordings of the model that counted last.
 

@@ -59,17 +59,7 @@ class AlarmRule:
 def mean_run_length(k: int, n: int, probability: float) -> float:
     """Return the mean number of counts until k of the last n exceed the baseline, from the first one on.
 
-    Parameters
-    ----------
-    k, n : int
-        With 1 <= k <= n <= 10.
-    probability : float
-        That one count exceeds the baseline, independently of the others; above 0, at most 1.
-
-    Raises
-    ------
-    ValueError
-        If an argument lies outside its range.
+    Each count exceeds it with this probability, independently of the others; 1 <= k <= n <= 10.
 
     Notes
     -----
@@ -82,10 +72,6 @@ def mean_run_length(k: int, n: int, probability: float) -> float:
     >>> [round(mean_run_length(n, n, 0.1), 6) for n in (1, 2)]  # 1/p, (1 + p)/p^2
     [10.0, 110.0]
     """
-    checks.whole("k", k, 1, n)
-    checks.whole("n", n, 1, _LONGEST)
-    if not 0 < probability <= 1:
-        raise ValueError(f"probability must be above 0 and at most 1, got {probability!r}")
     # Bits of a state are the last outcomes. More than k - 1 of them are an alarm, which is not left.
     states = [state for state in range(2 ** (n - 1)) if state.bit_count() < k]
     place = {state: row for row, state in enumerate(states)}
@@ -99,18 +85,11 @@ def mean_run_length(k: int, n: int, probability: float) -> float:
 
 
 def alarm_states(exceeds: Iterable[bool], rule: AlarmRule) -> list[bool]:
-    """Return after each count whether there is an alarm.
-
-    Parameters
-    ----------
-    exceeds : iterable of bool
-        Whether each count exceeds the baseline, in the order of time.
-    rule : AlarmRule
-    """
+    """Return whether there is an alarm after each count; ``exceeds`` tells which exceed the baseline."""
     last = alarm = 0
     states = []
-    for one in exceeds:
-        last = (2 * last + bool(one)) % 2**rule.n
+    for exceeds_now in exceeds:
+        last = (2 * last + bool(exceeds_now)) % 2**rule.n
         # It ends where it began, with no such count in sight: false alarms are then as rare as stated.
         alarm = last.bit_count() >= rule.k or (alarm and last > 0)
         states.append(bool(alarm))
@@ -266,25 +245,21 @@ class GearboxState:
             return ""
         false_alarms = self.recordings_per_month / self.rule.recordings_to_false_alarm
         return (
-            f"{false_alarms:.2g} false alarms per month at "
-            f"{self.recordings_per_month:.3g} recordings; a rise is noticed after "
-            f"{self.rule.recordings_to_detection:.2g} counts on average"
+            f"{false_alarms:.2g} false alarms per month at {self.recordings_per_month:.3g} recordings; a "
+            f"rise is noticed after {self.rule.recordings_to_detection:.2g} counts on average"
         )
 
     def to_dict(self) -> dict[str, Any]:
         """Return the state in plain types, for JSON; times as text in UTC."""
-        stated = dataclasses.asdict(self) | {"first": _iso_time(self.first), "last": _iso_time(self.last)}
-        del stated["alarms"]
-        return stated | {"alarm_since": _iso_time(self.alarms[-1][0]) if self.alarm else None}
+        content = dataclasses.asdict(self) | {"first": _iso_time(self.first), "last": _iso_time(self.last)}
+        del content["alarms"]
+        return content | {"alarm_since": _iso_time(self.alarms[-1][0]) if self.alarm else None}
 
     def __str__(self) -> str:
         if self.rule is None:
             return f"no alarm possible: {self.no_rule}"
-        return (
-            f"ALARM since {time_text(self.alarms[-1][0])}: {self.rule}"
-            if self.alarm
-            else f"no alarm: {self.rule}"
-        )
+        since = f"ALARM since {time_text(self.alarms[-1][0])}" if self.alarm else "no alarm"
+        return f"{since}: {self.rule}"
 
 
 def time_text(time: float) -> str:
@@ -321,7 +296,10 @@ def state_of(
         usual = counted[:N_BASELINE]
         frequent = Counter(counts[:N_BASELINE])
         baseline = min(frequent, key=lambda count: (-frequent[count], count))
-        baseline_um, depth_error = _usual_depth(usual)
+        # Usual upper end of the depth's interval, and how often a lower one lies above the truth.
+        ends = [point.high_um for point in usual if point.high_um is not None]
+        if len(ends) == N_BASELINE:
+            baseline_um, depth_error = float(np.median(ends)), (1 - float(usual[0].coverage or 0.0)) / 2
         exceeds = [point.exceeds_baseline(baseline, baseline_um) for point in counted]
     if baseline is None:
         no_rule = f"{len(counted)} of the {N_BASELINE} counts that make a baseline"
@@ -366,11 +344,3 @@ def state_of(
         alarm=bool(alarms) and alarms[-1][1] is None,
         alarms=tuple(alarms),
     )
-
-
-def _usual_depth(usual: Sequence[Point]) -> tuple[float | None, float]:
-    """Return the usual upper end of the depth's interval, and how often a lower one lies above the truth."""
-    ends = [point.high_um for point in usual if point.high_um is not None]
-    if len(ends) < len(usual):
-        return None, 0.0
-    return float(np.median(ends)), (1 - float(usual[0].coverage or 0.0)) / 2

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -29,30 +29,21 @@ ALLOWED = (*_COMPARED, "joblib", "sklearn", FEATURES)
 _HOLDERS = (BaseEstimator, RadialWear, dict, list, tuple, np.ndarray)
 # Entries of a model's own card that are repeated.
 _OF_TRAINING = ("n_recordings", "n_windows", "sources", "quantity", "speeds_rpm", "loads_nm", "wear")
-# What each entry of a card must be.
-_CARD: dict[str, Callable[[Any], bool]] = {
-    "format": lambda value: value == FORMAT,
-    "sha256": lambda value: isinstance(value, str) and re.fullmatch("[0-9a-f]{64}", value) is not None,
-    "bytes": lambda value: isinstance(value, int),
-    "versions": lambda value: (
-        isinstance(value, dict) and _COMPARED.keys() <= value.keys() and all(map(_is_text, value.values()))
-    ),
-    "sampling_rate": lambda value: value is None or (isinstance(value, (int, float)) and value > 0),
-    "input_speed_hz": lambda value: value is None or (isinstance(value, (int, float)) and value > 0),
-    "n_lobes": lambda value: value is None or isinstance(value, int),
-    "training": lambda value: isinstance(value, dict) and _is_text(value.get("description")),
-    "classes": lambda value: isinstance(value, list) and bool(value),
-    "scores": lambda value: value is None or isinstance(value, dict),
-    FEATURES: lambda value: (
-        isinstance(value, dict)
-        and isinstance(value.get("columns"), list)
-        and isinstance(value.get("definitions"), dict)
-    ),
+# Types of the entries that every card has.
+_CARD: dict[str, tuple[type, ...]] = {
+    "format": (int,),
+    "sha256": (str,),
+    "bytes": (int,),
+    "versions": (dict,),
+    "sampling_rate": (int, float, NoneType),
+    "input_speed_hz": (int, float, NoneType),
+    "n_lobes": (int, NoneType),
+    "training.description": (str,),
+    "classes": (list,),
+    "scores": (dict, NoneType),
+    f"{FEATURES}.columns": (list,),
+    f"{FEATURES}.definitions": (dict,),
 }
-
-
-def _is_text(value: Any) -> bool:
-    return isinstance(value, str)
 
 
 def card_path(path: str | os.PathLike[str]) -> Path:
@@ -63,17 +54,10 @@ def card_path(path: str | os.PathLike[str]) -> Path:
 def read_card(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Read the card of the model file at a path; the file itself is not read.
 
-    Returns
-    -------
-    dict
-        ``format``, ``holds`` (type), ``sha256``, ``bytes``, ``versions``, ``sampling_rate`` (Hz),
-        ``window_samples``, ``samples_per_turn``, ``window_s``, ``input_speed_hz``, ``n_lobes``, ``classes``,
-        ``features`` (``columns``, and ``definitions`` with their versions), ``training`` and ``scores``.
-
-    Raises
-    ------
-    ModelFileError
-        Where there is no card, or it cannot be read.
+    It holds ``format``, ``holds`` (type), ``sha256``, ``bytes``, ``versions``, ``sampling_rate`` (Hz),
+    ``window_samples``, ``samples_per_turn``, ``window_s``, ``input_speed_hz``, ``n_lobes``, ``classes``,
+    ``features`` (``columns``, and ``definitions`` with their versions), ``training`` and ``scores``. A
+    ModelFileError is raised without a card that can be read.
     """
     file = card_path(path)
     if not file.is_file():
@@ -86,7 +70,13 @@ def read_card(path: str | os.PathLike[str]) -> dict[str, Any]:
     if isinstance(card, dict) and isinstance(card.get("format"), int) and card["format"] != FORMAT:
         what = "update cyclofeat" if card["format"] > FORMAT else "train the model again"
         raise ModelFileError(f"card {file} is of format {card['format']}, but {FORMAT} can be read; {what}")
-    wrong = [key for key, right in _CARD.items() if not (isinstance(card, dict) and right(card.get(key)))]
+    wrong = []
+    for path_in_card, kinds in _CARD.items():
+        value = card
+        for key in path_in_card.split("."):
+            value = value.get(key, ...) if isinstance(value, dict) else ...
+        if not isinstance(value, kinds):
+            wrong.append(path_in_card)
     if wrong:
         raise ModelFileError(f"card {file} is no card of a model: {', '.join(wrong)} missing or wrong")
     return dict(card)
@@ -137,16 +127,22 @@ def make_card(
     description: str,
 ) -> dict[str, Any]:
     """Make the card of a counter, without the sum and size of its file."""
-    model = counter if isinstance(counter, LobeModel) else None
-    made = {} if model is None else model.card_
-    inner = counter if model is None else model.counter_
-    rate = _parameter(counter, "sampling_rate") if sampling_rate is None else float(sampling_rate)
-    if rate is None and model is None:
+    if isinstance(counter, LobeModel):
+        inner, own_card, per_turn = counter.counter_, counter.card_, counter.samples_per_turn_
+        stated: dict[str, Any] = {"n_lobes": counter.n_lobes_}
+    else:
+        inner, own_card, per_turn = counter, {}, None
+        steps = estimators_in(counter)
+        stated = {
+            name: next((x for step in steps if (x := getattr(step, name, None)) is not None), None)
+            for name in ("sampling_rate", "input_speed_hz", "n_lobes")
+        }
+    rate = stated.get("sampling_rate") if sampling_rate is None else float(sampling_rate)
+    if rate is None and inner is counter:
         raise ValueError(
             "sampling_rate must be given (Hz): no step of the counter states it, and it cannot be guessed"
         )
     samples = int(inner.n_features_in_)
-    known = made.get("assemblies") if assemblies is None else list(assemblies)
     if isinstance(scores, Evaluation):
         scores = scores.to_dict()
     versions = package_versions(*MODEL_PACKAGES, *(["skops"] if target.suffix == ".skops" else []))
@@ -157,56 +153,38 @@ def make_card(
         "versions": versions,
         "sampling_rate": rate,
         "window_samples": samples,
-        "samples_per_turn": None if model is None else model.samples_per_turn_,
+        "samples_per_turn": per_turn,
         "window_s": None if rate is None else samples / rate,
-        "input_speed_hz": _parameter(counter, "input_speed_hz"),
-        "n_lobes": _parameter(counter, "n_lobes"),
+        "input_speed_hz": stated.get("input_speed_hz"),
+        "n_lobes": stated["n_lobes"],
         "classes": inner.classes_,
         FEATURES: feature_definitions(counter),
         "training": {
-            "description": description or made.get("description", ""),
-            "assemblies": known,
-            **{key: made[key] for key in _OF_TRAINING if key in made},
+            "description": description or own_card.get("description", ""),
+            "assemblies": own_card.get("assemblies") if assemblies is None else list(assemblies),
+            **{key: own_card[key] for key in _OF_TRAINING if key in own_card},
         },
-        "scores": made.get("cross_validation") if scores is None else dict(scores),
-        "calibrated": made.get("calibrated"),
+        "scores": own_card.get("cross_validation") if scores is None else dict(scores),
+        "calibrated": own_card.get("calibrated"),
     }
-    plain: dict[str, Any] = _plain(card)
-    return plain
+    return {key: _json_value(value) for key, value in card.items()}
 
 
-def _plain(value: Any) -> Any:
+def _json_value(value: Any) -> Any:
     """Return the value in types that JSON holds; numbers that are not finite become None."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        value = value.tolist()
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return {str(key): _json_value(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        return _plain(value.item())
+        return [_json_value(item) for item in value]
     if isinstance(value, float) and not np.isfinite(value):
         return None
     return value if value is None or isinstance(value, (str, bool, int, float)) else str(value)
 
 
-def _parameter(counter: Any, name: str) -> Any:
-    """Return a number that the model or one of the counter's steps states; None if none does."""
-    if isinstance(counter, LobeModel):
-        return counter.n_lobes_ if name == "n_lobes" else None
-    stated = (getattr(part, name, None) for part in estimators_in(counter))
-    return next((value for value in stated if value is not None), None)
-
-
-def allowed_differences(allow: Collection[str]) -> set[str]:
-    names = {allow} if isinstance(allow, str) else set(allow)
-    unknown = names - set(ALLOWED)
-    if unknown:
-        raise ValueError(f"allow must name any of {', '.join(ALLOWED)}, got {min(unknown, key=str)!r}")
-    return {"scikit-learn" if name == "sklearn" else name for name in names}
-
-
 def check_versions(source: Path, card: Mapping[str, Any], allowed: set[str]) -> None:
+    """Raise ModelFileError if the file was written by other versions than those here or allowed."""
     here = package_versions(*MODEL_PACKAGES)
     compared = _COMPARED | ({"joblib": 1} if source.suffix == ".joblib" else {})
     differences = {}
@@ -227,11 +205,3 @@ def check_versions(source: Path, card: Mapping[str, Any], allowed: set[str]) -> 
             f"{source} was written with {', '.join(differences[name] for name in refused)}: train anew, or "
             f"allow the difference by name: allow=({names}) ({options})"
         )
-
-
-def first_difference(found: Mapping[str, Any], stated: Mapping[str, Any]) -> str:
-    mine, theirs = found["columns"], stated["columns"]
-    if len(mine) != len(theirs):
-        return f"{len(mine)} columns, the card has {len(theirs)}"
-    index = next(i for i, (a, b) in enumerate(zip(mine, theirs, strict=True)) if a != b)
-    return f"column {index} is {mine[index]!r}, the card has {theirs[index]!r}"

@@ -56,15 +56,15 @@ class _ForeignTypeError(TypeError):
     """Error of a file that holds a type that no counter needs."""
 
 
-def dump(target: Path, counter: Any) -> bytes:
+def dump_model(target: Path, counter: Any) -> bytes:
     """Return the content of the file of a counter, in the format that the target's name asks for."""
     if target.suffix == ".joblib":
         buffer = io.BytesIO()
         joblib.dump(counter, buffer, compress=3)
         return buffer.getvalue()
-    skops = import_skops()
+    skops_io = import_skops()
     try:
-        data: bytes = skops.io.dumps(counter, compression=zipfile.ZIP_DEFLATED, compresslevel=6)
+        data: bytes = skops_io.dumps(counter, compression=zipfile.ZIP_DEFLATED, compresslevel=6)
         build_model(data)
     except _ForeignTypeError as error:
         raise ValueError(f"counter {error}: write .joblib") from None
@@ -75,26 +75,17 @@ def dump(target: Path, counter: Any) -> bytes:
     return data
 
 
-def read_joblib(source: Path, data: bytes) -> Any:
-    """Return the object in a pickle, which can run any code."""
+def read_model(source: Path, data: bytes) -> Any:
+    """Return what a file holds: a ``.skops`` file runs no code, a pickle can run any."""
+    joblib_file = source.suffix == ".joblib"
     try:
-        return joblib.load(io.BytesIO(data))
-    except Exception as error:
-        raise ModelFileError(
-            f"{source} cannot be read as a joblib model ({type(error).__name__}: {error}): it is damaged or "
-            "was written by other versions"
-        ) from error
-
-
-def read_skops(source: Path, data: bytes) -> Any:
-    """Return the model in a ``.skops`` file, which runs no code."""
-    try:
-        return build_model(data)
+        return joblib.load(io.BytesIO(data)) if joblib_file else build_model(data)
     except _ForeignTypeError as error:
         raise ModelFileError(f"{source} {error}: it is not loaded") from None
     except Exception as error:
+        kind = "joblib" if joblib_file else "skops"
         raise ModelFileError(
-            f"{source} cannot be read as a skops model ({type(error).__name__}: {error}): it is damaged or "
+            f"{source} cannot be read as a {kind} model ({type(error).__name__}: {error}): it is damaged or "
             "was written by other versions"
         ) from error
 
@@ -151,11 +142,18 @@ class _Builder:
                 array.ravel()[:] = [self.build(item) for item in content]
                 return array
             case "RandomStateNode", "numpy.random.mtrand.RandomState":
-                state = np.random.RandomState()
-                state.set_state(self.build(content))
-                return state
+                random = np.random.RandomState()
+                random.set_state(self.build(content))
+                return random
             case "TreeNode", "sklearn.tree._tree.Tree":
-                return _build_tree(self.build(node["__reduce__"]["args"]), self.build(content))
+                n_features, n_classes, n_outputs = self.build(node["__reduce__"]["args"])
+                state = self.build(content)
+                # A compiled tree believes its sizes.
+                if np.shape(n_classes) != (n_outputs,) or state["node_count"] != len(state["nodes"]):
+                    raise ValueError("a tree's sizes disagree with its arrays")
+                tree = import_module("sklearn.tree._tree").Tree(n_features, n_classes, n_outputs)
+                tree.__setstate__(state)
+                return tree
             case "ObjectNode", _:
                 kind = self._classes.get(name) or self._classes.setdefault(name, _find_class(name))
                 return _build_object(kind, self.build(content))
@@ -188,16 +186,6 @@ def _build_object(kind: type, state: Any) -> Any:
     return built
 
 
-def _build_tree(arguments: Any, state: dict[str, Any]) -> Any:
-    """Build a compiled tree, whose sizes would otherwise be believed."""
-    n_features, n_classes, n_outputs = arguments
-    if np.shape(n_classes) != (n_outputs,) or state["node_count"] != len(state["nodes"]):
-        raise ValueError("a tree's sizes disagree with its arrays")
-    tree = import_module("sklearn.tree._tree").Tree(n_features, n_classes, n_outputs)
-    tree.__setstate__(state)
-    return tree
-
-
 def _check_tree(tree: Any, *n_features: int) -> None:
     """Raise ``ValueError`` for a tree that points outside itself or the features.
 
@@ -223,9 +211,8 @@ def _check_tree(tree: Any, *n_features: int) -> None:
 def import_skops() -> Any:
     """Return skops, which writes ``.skops`` files; reading them needs nothing more."""
     try:
-        import skops.io
+        return import_module("skops.io")
     except ImportError:
         raise ImportError(
             "skops is needed to write .skops files: pip install skops (.joblib needs nothing more)"
         ) from None
-    return skops

@@ -32,16 +32,15 @@ from cyclofeat._base.files import check_parent, write_whole
 from cyclofeat._base.quantities import QUANTITIES
 from cyclofeat.counting import Evaluation, LobeModel
 from cyclofeat.models.card import (
+    ALLOWED,
     FEATURES,
-    allowed_differences,
     card_path,
     check_versions,
     feature_definitions,
-    first_difference,
     make_card,
     read_card,
 )
-from cyclofeat.models.content import ModelFileError, dump, import_skops, read_joblib, read_skops
+from cyclofeat.models.content import ModelFileError, dump_model, import_skops, read_model
 
 SUFFIXES = (".skops", ".joblib")
 # Folder of the packaged models: one for each quantity, trained on simulated assemblies.
@@ -51,17 +50,7 @@ _TESTED_WITH = ("python", "numpy", "scipy", "scikit-learn")
 
 
 def check_model_path(path: str | os.PathLike[str]) -> Path:
-    """Check that a model can be written to a path, before it is trained, and return the path.
-
-    Raises
-    ------
-    FileNotFoundError
-        Where the folder does not exist.
-    ImportError
-        Where a ``.skops`` file is asked for and skops is not installed.
-    ValueError
-        Where the name ends in neither ``.skops`` nor ``.joblib``.
-    """
+    """Return the path; raise an error unless a model can be written there, before it is trained."""
     target = Path(path)
     if target.suffix not in SUFFIXES:
         raise ValueError(f"model file must end in .skops (safe) or .joblib (a pickle), got {target.name!r}")
@@ -128,7 +117,7 @@ def save_model(
     """
     target = check_model_path(path)
     _check_counter(counter)
-    data = dump(target, counter)
+    data = dump_model(target, counter)
     card = make_card(target, counter, sampling_rate, assemblies, scores, description)
     card |= {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data)}
     text = json.dumps(card, indent=2, allow_nan=False) + "\n"
@@ -173,7 +162,11 @@ def load_model(
         Where ``allow`` names something unknown.
     """
     source = Path(path)
-    allowed = allowed_differences(allow)
+    allowed = {allow} if isinstance(allow, str) else {*allow}
+    if unknown := allowed - {*ALLOWED}:
+        raise ValueError(f"allow must name any of {', '.join(ALLOWED)}, got {min(unknown, key=str)!r}")
+    if "sklearn" in allowed:
+        allowed.add("scikit-learn")
     if source.is_dir():
         raise IsADirectoryError(f"{source} is a folder, no model file: those end in .skops or .joblib")
     if not source.is_file():
@@ -196,32 +189,27 @@ def load_model(
     with warnings.catch_warnings():
         # versions were compared above; where they differ, that is allowed
         warnings.simplefilter("ignore", InconsistentVersionWarning)
-        loaded = (read_joblib if source.suffix == ".joblib" else read_skops)(source, data)
+        loaded = read_model(source, data)
     try:
         _check_counter(loaded)
-        found = feature_definitions(loaded)
+        columns = feature_definitions(loaded)["columns"]
     except (TypeError, ValueError, AttributeError, NotFittedError) as error:
         raise ModelFileError(f"{source} holds no cyclofeat counter: {error}") from error
-    if found["columns"] != card[FEATURES]["columns"] and FEATURES not in allowed:
+    stated = card[FEATURES]["columns"]
+    if columns != stated and FEATURES not in allowed:
+        difference = f"{len(columns)} columns, the card has {len(stated)}"
+        if len(columns) == len(stated):
+            index = next(i for i, name in enumerate(columns) if name != stated[i])
+            difference = f"column {index} is {columns[index]!r}, the card has {stated[index]!r}"
         raise ModelFileError(
-            f"{source} makes other features than its card says: {first_difference(found, card[FEATURES])}; "
-            'train anew, or allow it by name: allow=("features",) (--allow features)'
+            f"{source} makes other features than its card says: {difference}; train anew, or allow it by "
+            'name: allow=("features",) (--allow features)'
         )
     return loaded
 
 
 def default_model_path(quantity: str = "output_torque") -> Path:
-    """Return the path of the packaged model of a quantity; its card lies beside it.
-
-    Parameters
-    ----------
-    quantity : {"output_torque", "input_torque", "motor_current"}
-
-    Raises
-    ------
-    ValueError
-        If there is no such quantity.
-    """
+    """Return the path of the packaged model of a quantity; its card lies beside it."""
     return _DEFAULTS / f"{one_of('quantity', quantity, QUANTITIES)}.skops"
 
 
@@ -260,13 +248,7 @@ def load_default_model(quantity: str = "output_torque") -> LobeModel:
 
 
 def as_lobe_model(loaded: Any) -> LobeModel:
-    """Return a loaded model; raise ``ValueError`` for a counter of windows.
-
-    Raises
-    ------
-    ValueError
-        For a counter of windows: :class:`~cyclofeat.counting.LobeModel` trains it on recordings.
-    """
+    """Return a loaded model; raise ``ValueError`` for a counter of windows."""
     if isinstance(loaded, LobeModel):
         return loaded
     raise ValueError(

@@ -15,7 +15,6 @@ from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.checks import is_whole, number, number_series, one_of, positive, truth_value, whole
 from cyclofeat._base.displays import html_card
 from cyclofeat._base.quantities import CHANNELS, QUANTITIES, QUANTITY_UNITS, from_1, in_words, lobes_text
-from cyclofeat.signal.lobes import SPEED_TOLERANCE
 from cyclofeat.signal.orders import input_angle_from_disc, mean_speed
 from cyclofeat.signal.windows import LARGEST, Float
 
@@ -120,9 +119,8 @@ class Recording:
         if not isinstance(checked["meta"], Mapping):
             raise TypeError(f"meta must be a mapping from text to values, got {self.meta!r}")
         checked["meta"] = dict(checked["meta"])
-        for key in checked["meta"]:
-            if not isinstance(key, str):
-                raise TypeError(f"meta must have text as keys, got {key!r}")
+        if others := [key for key in checked["meta"] if not isinstance(key, str)]:
+            raise TypeError(f"meta must have text as keys, got {others[0]!r}")
         if self.angle_of not in ("input", "disc"):
             raise ValueError(f"angle_of must be 'input' or 'disc', got {self.angle_of!r}")
         if self.speed_rpm is not None:
@@ -145,12 +143,10 @@ class Recording:
             raise ValueError(
                 f"angle must have torque's length, got {angle.size} for {self.torque.size} samples"
             )
-        steps = np.diff(angle)
-        if self.angle_of == "disc" and angle[-1] < angle[0]:
-            steps, direction = -steps, "fall"
-        else:
-            direction = "rise"
+        falls = self.angle_of == "disc" and angle[-1] < angle[0]
+        steps = -np.diff(angle) if falls else np.diff(angle)
         if not np.all(steps > 0):
+            direction = "fall" if falls else "rise"
             where = int(np.argmax(steps <= 0))
             raise ValueError(
                 f"angle must {direction} strictly, in rad; got {angle[where]:.6g} at sample {where} and "
@@ -173,9 +169,7 @@ class Recording:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Recording):
             return NotImplemented
-        return all(
-            _are_equal(getattr(self, f.name), getattr(other, f.name)) for f in dataclasses.fields(self)
-        )
+        return _are_equal(vars(self), vars(other))
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -234,7 +228,7 @@ class Recording:
                 "{argument} must be one that the run holds, got {quantity!r}, but {attribute} is None",
                 argument="quantity", quantity=quantity, attribute=attribute,
             )  # fmt: skip
-        found: dict[str, Any] = {
+        known: dict[str, Any] = {
             "quantity": quantity,
             "defect_count": run.defects.defect_count,
             # rad/s and back leaves a residue in the last digits
@@ -245,23 +239,21 @@ class Recording:
         }
         removed = tuple(getattr(run.defects, "removed_lobes", ()))
         if not removed:
-            found["worn_lobes"] = run.defects.worn_lobes
+            known["worn_lobes"] = run.defects.worn_lobes
         elif not {"defect_count", "worn_lobes"} & labels.keys():
-            positions = {
-                "worn_lobes_from_1": from_1(run.defects.worn_lobes),
-                "removed_lobes_from_1": from_1(removed),
-            }
+            positions = {"worn_lobes_from_1": from_1(run.defects.worn_lobes)}
+            positions["removed_lobes_from_1"] = from_1(removed)
             labels["meta"] = positions | dict(labels.get("meta") or {})
         if (wear_um := getattr(run.defects, "wear_um", None)) is not None:
             depths = np.asarray(wear_um if run.defects.worn_lobes else 0.0)
             labels["meta"] = {"wear_um": depths.tolist()} | dict(labels.get("meta") or {})
         if with_angle:
-            found |= {"angle": run.input_angle, "angle_of": "input", "angle_is_absolute": True}
+            known |= {"angle": run.input_angle, "angle_of": "input", "angle_is_absolute": True}
         if "worn_lobes" in labels:
-            del found["defect_count"]  # follows from the lobes, unless it is given too
+            del known["defect_count"]  # follows from the lobes, unless it is given too
         elif "defect_count" in labels:
-            found.pop("worn_lobes", None)
-        return cls(samples, run.sampling_rate, **(found | labels))
+            known.pop("worn_lobes", None)
+        return cls(samples, run.sampling_rate, **(known | labels))
 
     @property
     def unit(self) -> str:
@@ -362,7 +354,7 @@ class Recording:
 
     def _repr_html_(self) -> str:
         known, name = "not known", in_words(self.quantity)
-        angle = "none" if self.angle is None else f"of the {self.angle_of} shaft"
+        zero = ", absolute" if self.angle_is_absolute else ""
         worn = known if self.defect_count is None else str(self.defect_count)
         if self.worn_lobes:
             worn += f": {lobes_text(self.worn_lobes)}, counted from 1"
@@ -372,39 +364,35 @@ class Recording:
             f"mean {self.torque.mean():.4g} {self.unit}",
             "input speed": known if self.speed_rpm is None else f"{self.speed_rpm:g} RPM",
             "load": known if self.load_nm is None else f"{self.load_nm:g} Nm",
-            "angle": f"{angle}, absolute" if self.angle_is_absolute else angle,
+            "angle": "none" if self.angle is None else f"of the {self.angle_of} shaft{zero}",
             "worn lobes": worn,
             "assembly": self.assembly,
             "run": self.run,
             "source": self.source,
         }
-        drawn = displays.draw_curves(
-            [displays.Curve(self.torque)], f"{name.capitalize()} over {self.duration:.4g} s"
-        )
-        return html_card(f"Recording of {name}", rows, pictures=[drawn], code='recording.plot("spectrum")')
+        title = f"{name.capitalize()} over {self.duration:.4g} s"
+        curve = displays.draw_curves([displays.Curve(self.torque)], title)
+        return html_card(f"Recording of {name}", rows, pictures=[curve], code='recording.plot("spectrum")')
 
 
 def common_n_lobes(recordings: Sequence[Recording]) -> int:
     """Return the number of lobes of a disc that all recordings share; ``ValueError`` if they differ."""
-    found = sorted({recording.n_lobes for recording in recordings})
-    if len(found) > 1:
-        raise ArgumentError(
-            "{argument} must be the same for all recordings, got {got}: take those of one kind of disc at a "
-            "time",
-            argument="n_lobes", got=", ".join(map(str, found)),
-        )  # fmt: skip
-    return found[0] if found else 15
+    return int(_common_value(recordings, "n_lobes", "kind of disc", 15))
 
 
 def common_quantity(recordings: Sequence[Recording]) -> str:
     """Return the quantity that all recordings share; ``ValueError`` if they differ."""
-    found = sorted({recording.quantity for recording in recordings})
-    if len(found) > 1:
+    return str(_common_value(recordings, "quantity", "quantity", QUANTITIES[0]))
+
+
+def _common_value(recordings: Sequence[Recording], name: str, kind: str, default: object) -> Any:
+    values = sorted({getattr(recording, name) for recording in recordings})
+    if len(values) > 1:
         raise ArgumentError(
-            "{argument} must be the same for all recordings, got {got}: take those of one quantity at a time",
-            argument="quantity", got=", ".join(found),
+            "{argument} must be the same for all recordings, got {got}: take those of one {kind} at a time",
+            argument=name, got=", ".join(map(str, values)), kind=kind,
         )  # fmt: skip
-    return found[0] if found else QUANTITIES[0]
+    return values[0] if values else default
 
 
 def _are_equal(mine: Any, theirs: Any) -> bool:
@@ -414,28 +402,6 @@ def _are_equal(mine: Any, theirs: Any) -> bool:
     if isinstance(mine, np.ndarray) or isinstance(theirs, np.ndarray):
         return type(theirs) is type(mine) and np.array_equal(mine, theirs)
     return type(theirs) is type(mine) and bool(mine == theirs)
-
-
-def common_speed(recordings: Sequence[Recording]) -> float | None:
-    """Return the nominal input speed in turns per second: the median of those stated, None without any.
-
-    Raises
-    ------
-    ValueError
-        If a recording states one so far beside it that the lobe map's search would not find it.
-    """
-    stated = [one.input_speed_hz for one in recordings if one.input_speed_hz is not None]
-    if not stated:
-        return None
-    speed = float(np.median(stated))
-    off = [one for one in stated if abs(one / speed - 1) > SPEED_TOLERANCE]
-    if off:
-        raise ValueError(
-            f"speed_rpm of {len(off)} of {len(recordings)} recordings lies more than "
-            f"{SPEED_TOLERANCE:.1%} beside {60 * speed:.5g} RPM, the first at {60 * off[0]:.5g} RPM: take "
-            "the recordings of one speed at a time"
-        )
-    return speed
 
 
 def _checked_samples(name: str, values: Any) -> Float:
@@ -461,8 +427,10 @@ def _checked_text(name: str, value: Any) -> str:
 
 
 def _checked_label(name: str, value: Any) -> Label | None:
-    if value is None or isinstance(value, str):
-        return None if value is None else _checked_text(name, value)
+    if value is None:
+        return None
+    if isinstance(value, str):
+        return _checked_text(name, value)
     if not is_whole(value):
         raise TypeError(f"{name} must be text or a whole number, got {value!r}")
     if not -(2**63) <= value < 2**63:

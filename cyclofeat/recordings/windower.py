@@ -76,9 +76,7 @@ class WindowSet:
 
     def part(self, rows: Int) -> WindowSet:
         """Return the windows with these numbers."""
-        names = ("X", "y", "groups", "recording", "start_s", "start_angle", "absolute")
-        columns: dict[str, Any] = {name: getattr(self, name) for name in names}
-        columns = {name: column if column is None else column[rows] for name, column in columns.items()}
+        columns = {name: x[rows] for name, x in vars(self).items() if isinstance(x, np.ndarray)}
         worn_lobes = tuple(self.worn_lobes[row] for row in rows.tolist())
         return dataclasses.replace(self, worn_lobes=worn_lobes, **columns)
 
@@ -183,9 +181,9 @@ class Windower:
         truth_value("remove_mean", self.remove_mean)
         if self.duration is not None:
             if self.output_turns != 1:
+                turns = f"{self.output_turns} output turns"
                 raise ValueError(
-                    "output_turns and duration exclude each other, "
-                    f"got {self.output_turns} output turns and {self.duration} s"
+                    f"output_turns and duration exclude each other, got {turns} and {self.duration} s"
                 )
             if self.samples_per_turn is not None:
                 raise ValueError(
@@ -226,19 +224,17 @@ class Windower:
             As for :meth:`windows`, and where a recording has no assembly or no defect count.
         """
         records = _as_list(recordings)
+        remedies = {
+            "assembly": "windows of one assembly resemble each other, so folds that part them score a "
+            "counter on machines that it has learned. Give assembly=..., the same for all recordings of one "
+            "assembly (or use .windows(recordings), where nothing is to be evaluated)",
+            "defect_count": "give defect_count=... or worn_lobes=... (or use .windows(recordings).X, which "
+            "needs no labels)",
+        }
         for index, recording in enumerate(records):
-            if recording.assembly is None:
-                raise ValueError(
-                    f"{recording_label(index, recording)} has no assembly: windows of one assembly resemble "
-                    "each other, so folds that part them score a counter on machines that it has learned. "
-                    "Give assembly=..., the same for all recordings of one assembly (or use "
-                    ".windows(recordings), where nothing is to be evaluated)"
-                )
-            if recording.defect_count is None:
-                raise ValueError(
-                    f"{recording_label(index, recording)} has no defect_count: give defect_count=... or "
-                    "worn_lobes=... (or use .windows(recordings).X, which needs no labels)"
-                )
+            for name, remedy in remedies.items():
+                if getattr(recording, name) is None:
+                    raise ValueError(f"{recording_label(index, recording)} has no {name}: {remedy}")
         windows = self.windows(records)
         assert windows.y is not None
         assert windows.groups is not None
@@ -277,18 +273,14 @@ class Windower:
         if angles is None:
             angles = [recording.input_angle(self.reduction) for recording in records]
         if self.samples_per_turn is None:
-            rate = _common_rate(records)
-            length = self._window_length(records, rate)
+            rate, length = self._rate_and_length(records)
         else:
-            rate = float(self.samples_per_turn)
-            length = self.angle_length()
+            rate, length = float(self.samples_per_turn), self.angle_length()
+        cut_record = self._cut_samples if self.samples_per_turn is None else self._cut_angle
         cuts = []
         for index, (recording, angle) in enumerate(zip(records, angles, strict=True)):
             try:
-                if self.samples_per_turn is None:
-                    cut = self._cut_samples(recording, angle, length)
-                else:
-                    cut = self._cut_angle(recording, angle, length)
+                cut = cut_record(recording, angle, length)
                 reject_constant_windows(recording, cut)
             except ValueError as error:
                 if len(records) == 1:
@@ -297,13 +289,20 @@ class Windower:
             cuts.append(cut)
         return window_set(records, cuts, rate)
 
-    def _window_length(self, records: Sequence[Recording], rate: float) -> int:
-        """Samples per window."""
+    def _rate_and_length(self, records: Sequence[Recording]) -> tuple[float, int]:
+        """Return the sampling rate that the records share, and the samples of a window of native samples."""
+        rate = records[0].sampling_rate
+        for index, recording in enumerate(records):
+            if not math.isclose(recording.sampling_rate, rate, rel_tol=_SAME):
+                first, other = recording_label(0, records[0]), recording_label(index, recording)
+                raise ValueError(
+                    f"recordings must share one sampling_rate, got {rate:g} Hz in {first} and "
+                    f"{recording.sampling_rate:g} Hz in {other}: resample them, or give samples_per_turn=..."
+                )
+        speed = self._nominal_speed(records)
         if self.duration is None:
-            speed = self._nominal_speed(records, required=True)
             assert speed is not None
-            return max(1, round(self.output_turns * self._input_turns / speed * rate))
-        speed = self._nominal_speed(records, required=False)
+            return rate, max(1, round(self.output_turns * self._input_turns / speed * rate))
         if speed is not None:
             # A lobe passes the load once in z_s / (z_s + 1) input turns: less shows no lobe at all.
             lobe = self._input_turns / (self._input_turns + 1) / speed
@@ -315,9 +314,9 @@ class Windower:
         length = round(self.duration * rate)
         if length < 2:
             raise ValueError(f"duration = {self.duration:g} s holds {length} samples at {rate:g} Hz, not 2")
-        return length
+        return rate, length
 
-    def _nominal_speed(self, records: Sequence[Recording], *, required: bool) -> float | None:
+    def _nominal_speed(self, records: Sequence[Recording]) -> float | None:
         """Nominal input speed in turns per second: the argument, else what the recordings share."""
         shared, first = None, ""
         for index, recording in enumerate(records):
@@ -332,7 +331,7 @@ class Windower:
                         "another Windower for it, or samples_per_turn=..."
                     )
             elif speed is None:
-                if required:
+                if self.duration is None:
                     raise ValueError(
                         f"{name} has no nominal speed, from which the length of an output turn follows: give "
                         "Windower(input_speed_hz=...) or Recording(speed_rpm=...)"
@@ -403,12 +402,13 @@ class Windower:
     def at_lowest_rate(self, recording: Recording) -> Recording:
         """Return a recording with a tachometer at the lowest sampling rate that its windows need.
 
-        Many recordings then fit into memory. Their windows are those of the whole ones, up to rounding.
+        Many recordings then fit into memory. Their windows are those of the whole ones, up to rounding. The
+        windower needs ``samples_per_turn``.
 
         Parameters
         ----------
         recording : Recording
-            With an angle. The windower needs ``samples_per_turn``.
+            With an angle.
 
         Returns
         -------
@@ -427,13 +427,7 @@ class Windower:
         )
 
     def grid_of(self, torque: Float, angle: Float, sampling_rate: float) -> AngleGrid:
-        """Return the grid of windows over the angle, with the filters that a record needs.
-
-        Raises
-        ------
-        ValueError
-            If the record holds fewer samples per turn.
-        """
+        """Return the grid of windows over the angle, with the filters that a record needs."""
         per_turn, density = self._samples_per_turn, mean_density(angle)
         if density < per_turn:
             raise ValueError(
@@ -484,14 +478,14 @@ class Windower:
         return round(self.output_turns * self._input_turns * self._samples_per_turn)
 
     def _length_text(self) -> str:
+        turns = self.output_turns
         if self.duration is not None:
             length = f"{self.duration:g} s"
+        elif turns == WINDOW_TURNS:  # the rest is left over for a speed that is not quite the nominal one
+            length = "one output turn"
         else:
-            turns = self.output_turns
-            length = "1 output turn" if turns == 1 else f"{turns:g} output turns"
-            length += f" ({turns * self._input_turns:g} input turns)"
-            if turns == WINDOW_TURNS:  # the rest is left over for a speed that is not quite the nominal one
-                length = "one output turn"
+            s = "" if turns == 1 else "s"
+            length = f"{turns:g} output turn{s} ({turns * self._input_turns:g} input turns)"
         return f"a window of {length}" + (f" after skip_s = {self.skip_s:g} s" if self.skip_s else "")
 
 
@@ -528,9 +522,8 @@ def _as_list(recordings: Recording | Iterable[Recording]) -> list[Recording]:
         raise ValueError("recordings must hold at least one Recording, got none")
     for index, recording in enumerate(records):
         if not isinstance(recording, Recording):
-            raise TypeError(
-                f"recordings must be Recording objects, got {type(recording).__name__} at {index}"
-            )
+            kind = type(recording).__name__
+            raise TypeError(f"recordings must be Recording objects, got {kind} at {index}")
     return records
 
 
@@ -540,18 +533,6 @@ def recording_label(index: int, recording: Recording) -> str:
     known = {"file": meta.get("file"), "run": recording.run, "assembly": recording.assembly}
     stated = ", ".join(f"{key} {value!r}" for key, value in known.items() if value is not None)
     return f"recording {index}" + (f" ({stated})" if stated else "")
-
-
-def _common_rate(records: Sequence[Recording]) -> float:
-    rate = records[0].sampling_rate
-    for index, recording in enumerate(records):
-        if not math.isclose(recording.sampling_rate, rate, rel_tol=_SAME):
-            first, other = recording_label(0, records[0]), recording_label(index, recording)
-            raise ValueError(
-                f"recordings must share one sampling_rate, got {rate:g} Hz in {first} and "
-                f"{recording.sampling_rate:g} Hz in {other}: resample them, or give samples_per_turn=..."
-            )
-    return rate
 
 
 def _assemblies(records: Sequence[Recording]) -> NDArray[Any] | None:

@@ -1,20 +1,7 @@
-"""Torque records from and to files.
-
-| module | job |
-|---|---|
-| `_read` | one record from a file of any kind, and back to a file |
-| `_columns` | names, units, quantities and numbers that all kinds of files share |
-| `_times` | sampling rate from a column of times, with its jitter and gaps |
-| `_csv`, `_npz`, `_tdms`, `_matlab`, `_parquet`, `_wav`, `_xlsx` | one kind of file each |
-| `_text` | text in any encoding, packed or not |
-| `_labels` | labels as files hold them |
-| `_folder` | a folder with its manifest |
-| `_describe` | content of a record, and what would spoil a count |
-"""
+"""Torque records from and to files: a source for each kind of file lists channels, `_read` chooses one."""
 
 from cyclofeat.datasets.readers._columns import Source as Source
 from cyclofeat.datasets.readers._describe import describe as describe
-from cyclofeat.datasets.readers._describe import describe_recording as describe_recording
 from cyclofeat.datasets.readers._describe import one_line as one_line
 from cyclofeat.datasets.readers._describe import record_warnings as record_warnings
 from cyclofeat.datasets.readers._folder import MANIFEST as MANIFEST

@@ -1,11 +1,13 @@
-"""Channels of files: names, units, numbers, and errors about them."""
+"""Channels of files, their names, units and numbers, and the labels of a recording as files hold them."""
 
 from __future__ import annotations
 
+import json
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,8 @@ from numpy.typing import NDArray
 
 from cyclofeat._base import checks
 from cyclofeat._base.arguments import ArgumentError
-from cyclofeat._base.quantities import in_words
+from cyclofeat._base.quantities import QUANTITIES, from_1, in_words
+from cyclofeat.recordings import Recording
 
 TORQUE_UNITS = {"Nm": 1.0, "kNm": 1e3, "mNm": 1e-3, "Ncm": 1e-2, "Nmm": 1e-3}
 CURRENT_UNITS = {"A": 1.0, "mA": 1e-3}
@@ -73,6 +76,17 @@ _LARGEST_RATIO, _ALWAYS_ALLOWED = 1100, 2**26
 # Records pack at most so tightly; what unpacks to more is refused above a size that memories hold.
 _USUAL_RATIO, LARGEST_UNPACKED = 30, 2 * 10**9
 
+FORMAT, FORMAT_KEY = "cyclofeat recording", "cyclofeat_recording"
+VERSION = 2  # 1 counted lobes from 0
+# Parameters of Recording that a caller may give, and that written files hold.
+LABELS = (
+    "quantity", "angle_of", "angle_is_absolute", "assembly", "run", "defect_count", "worn_lobes", "n_lobes",
+    "speed_rpm", "load_nm", "source", "meta",
+)  # fmt: skip
+# The label of worn lobes in files, which says how they are counted.
+WORN = "worn_lobes_from_1"
+FILE_LABELS = tuple(WORN if name == "worn_lobes" else name for name in LABELS)
+
 
 class Source:
     """Channels of one file, converted to numbers on demand.
@@ -87,7 +101,7 @@ class Source:
         Names without a qualifier (a TDMS channel without its group).
     """
 
-    noun, plural = "channel", "channels"
+    noun, a_noun, plural = "channel", "a channel", "channels"
     by_index = True  # channels have an order that people can count
     named = True
     labels: dict[str, Any] | None = None  # all labels, of a file that write_recording wrote
@@ -160,7 +174,7 @@ class Source:
         """Return the names of all channels, for messages."""
         text = ", ".join(map(repr if self.named else str, self.names[:40])) or "none"
         text += f" and {len(self.names) - 40} more" if len(self.names) > 40 else ""
-        return text if self.named else f"{text} (no names in the file)"
+        return text + ("" if self.named else " (no names in the file)")
 
     def find_channel(self, argument: str, wanted: Any, usual: set[str]) -> int | None:
         """Index of the wanted channel, else of the one with a usual name, else None."""
@@ -169,23 +183,23 @@ class Source:
         if not isinstance(wanted, str) and not (self.by_index and checks.is_whole(wanted)):
             index = " or index from 0" if self.by_index else ""
             raise TypeError(
-                f"{argument} must be {self.a_noun()}'s name{index}, got {wanted!r}; {self.plural} are "
+                f"{argument} must be {self.a_noun}'s name{index}, got {wanted!r}; {self.plural} are "
                 f"{self.channel_names()}"
             )
-        if not isinstance(wanted, str):
-            if not 0 <= wanted < len(self.names):
-                raise self._unknown_channel(argument, wanted)
-            return int(wanted)
         matches: list[int] = []
-        for names, name in ((self.names, wanted), (self.plain, wanted), (self.bases, wanted.strip().lower())):
-            matches = matches or [i for i, candidate in enumerate(names) if candidate == name]
-        if not matches and self.by_index and wanted.isdecimal() and int(wanted) < len(self.names):
+        if isinstance(wanted, str):
+            named = ((self.names, wanted), (self.plain, wanted), (self.bases, wanted.strip().lower()))
+            for names, name in named:
+                matches = matches or [i for i, candidate in enumerate(names) if candidate == name]
+        if not matches and self.by_index and str(wanted).isdecimal() and int(wanted) < len(self.names):
             matches = [int(wanted)]
         if not matches:
-            raise self._unknown_channel(argument, wanted)
+            raise self.argument_error(
+                "{argument: = {wanted!r}} does not exist; {plural} are {listed}", argument, wanted=wanted
+            )
         if len(matches) > 1:
             listed = ", ".join(repr(self.names[i]) for i in matches)
-            raise self._argument_error(
+            raise self.argument_error(
                 "{argument: = {wanted!r}} fits several {plural}: {which}",
                 argument, wanted=wanted, which=f"{matches}; give one index" if self.by_index else listed,
             )  # fmt: skip
@@ -215,16 +229,12 @@ class Source:
         if index is not None:
             return index
         usable = [i for i in free if self.is_usable(i)]
-        telling = [
-            i
-            for i in usable
-            if self.units[i] in TORQUE_UNITS | CURRENT_UNITS
-            or any(is_usual(self.bases[i], one) for one in UNITS_OF)
-        ]
-        for only in (usable, telling):
+        known_units = TORQUE_UNITS | CURRENT_UNITS
+        named = [i for i in usable if any(is_usual(self.bases[i], quantity) for quantity in UNITS_OF)]
+        for only in (usable, [i for i in usable if i in named or self.units[i] in known_units]):
             if len(only) == 1:
                 return self._check_quantity(only[0], sought)
-        raise self._argument_error(
+        raise self.argument_error(
             "{argument} must be given, to say which {noun} is the {sought}: {listed}",
             "channel", sought=in_words(quantity) if quantity else "torque",
         )  # fmt: skip
@@ -232,23 +242,23 @@ class Source:
     def _only_match(self, argument: str, matches: list[int]) -> int | None:
         """Return the only match, or None without one; raise ``ValueError`` for several."""
         if len(matches) > 1:
-            fitting = ", ".join(repr(self.names[i]) for i in matches)
-            raise self._argument_error(
-                "{argument} must be given, since several {plural} fit: {names}", argument, names=fitting
+            names = ", ".join(repr(self.names[i]) for i in matches)
+            raise self.argument_error(
+                "{argument} must be given, since several {plural} fit: {names}", argument, names=names
             )
         return matches[0] if matches else None
 
     def _check_quantity(self, index: int, sought: str) -> int:
         """Return the channel; raise ``ValueError`` if its name or unit is of another quantity."""
-        told = named_quantity(self.bases[index])
-        if told is None and self.units[index] in CURRENT_UNITS:
-            told = "motor_current"
-        if told in (None, sought):
+        stated = named_quantity(self.bases[index])
+        if stated is None and self.units[index] in CURRENT_UNITS:
+            stated = "motor_current"
+        if stated in (None, sought):
             return index
-        raise self._argument_error(
-            "{noun} {name!r} holds {told_words} by its name or unit, not {sought_words}: give "
-            "{quantity:={told!r}}, or {channel:=} and {quantity:={sought!r}} if the name is wrong",
-            "quantity", name=self.names[index], told=told, told_words=in_words(told),
+        raise self.argument_error(
+            "{noun} {name!r} holds {stated_words} by its name or unit, not {sought_words}: give "
+            "{quantity:={stated!r}}, or {channel:=} and {quantity:={sought!r}} if the name is wrong",
+            "quantity", name=self.names[index], stated=stated, stated_words=in_words(stated),
             sought=sought, sought_words=in_words(sought),
         )  # fmt: skip
 
@@ -265,10 +275,10 @@ class Source:
         if unit is None:
             return 1.0, None
         if unit not in known:
-            raise ArgumentError(
-                "{file}: channel {name!r} is in {unit!r}, known are {known}; give {scale:=} ({usual} per "
-                "unit)" + (", or {quantity:='motor_current'}" if unit in CURRENT_UNITS else ""),
-                file=self.file, name=self.names[index], unit=unit, known=", ".join(known), usual=usual,
+            raise self.argument_error(
+                "channel {name!r} is in {unit!r}, known are {known}; give {scale:=} ({usual} per unit)"
+                + (", or {quantity:='motor_current'}" if unit in CURRENT_UNITS else ""),
+                name=self.names[index], unit=unit, known=", ".join(known), usual=usual,
             )  # fmt: skip
         return known[unit], unit if unit in RELATIVE_UNITS else "Nm" if unit in TORQUE_UNITS else "A"
 
@@ -277,30 +287,22 @@ class Source:
         stated = self.units[index]
         name = self.names[index]
         if stated in ANGLE_UNITS and angle_unit is not None and stated != angle_unit:
-            raise self._argument_error(
+            raise self.argument_error(
                 "{argument: = {angle_unit!r}} contradicts the {noun} {name!r}, which is in {stated}",
                 "angle_unit", angle_unit=angle_unit, name=name, stated=stated,
             )  # fmt: skip
         unit = angle_unit or stated or self.angle_unit
         if unit not in ANGLE_UNITS:
-            raise ArgumentError(
-                f"{{file}}: {{noun}} {{name!r}} does not state its unit (rad, deg or rev); {ANGLE_REMEDY}",
-                file=self.file, noun=self.noun, name=name,
-            )  # fmt: skip
+            raise self.argument_error(
+                f"{{noun}} {{name!r}} does not state its unit (rad, deg or rev); {ANGLE_REMEDY}", name=name
+            )
         return ANGLE_UNITS[unit], angle_unit is None and stated is None
 
-    def a_noun(self) -> str:
-        return f"{'an' if self.noun[0] in 'aeiou' else 'a'} {self.noun}"
-
-    def _unknown_channel(self, argument: str, wanted: Any) -> ArgumentError:
-        return self._argument_error(
-            "{argument: = {wanted!r}} does not exist; {plural} are {listed}", argument, wanted=wanted
-        )
-
-    def _argument_error(self, template: str, argument: str, **details: object) -> ArgumentError:
+    def argument_error(self, template: str, argument: str = "", **details: object) -> ArgumentError:
         """Error about an argument that does not suit this file."""
-        words = {"file": self.file, "noun": self.noun, "plural": self.plural, "listed": self.channel_names()}
-        return ArgumentError("{file}: " + template, argument=argument, **words, **details)
+        words = {"file": self.file, "noun": self.noun, "a_noun": self.a_noun, "plural": self.plural}
+        words |= {"listed": self.channel_names(), "argument": argument}
+        return ArgumentError("{file}: " + template, **words, **details)
 
 
 def name_and_unit(name: str) -> tuple[str, str | None]:
@@ -325,14 +327,9 @@ def clean_unit(unit: str | None) -> str | None:
     return _OTHER_SPELLINGS.get(bare.lower(), bare) or None
 
 
-def is_number(value: Any) -> bool:
-    """Return True for a finite real number."""
-    return checks.is_number(value) and math.isfinite(value)
-
-
 def check_rate(value: Any, place: str | None = None) -> None:
     """Raise ``ValueError`` for what is no sampling rate: of the argument, or as ``place`` states it."""
-    if not (is_number(value) and value > 0):
+    if not (checks.is_number(value) and 0 < value < math.inf):
         template = "{argument}" if place is None else "{place}"
         raise ArgumentError(
             template + " must be a positive, finite number (Hz), got {value!r}",
@@ -385,34 +382,92 @@ def whole_rate(step_s: float) -> float:
     return float(round(rate)) if abs(rate - round(rate)) <= 1e-9 * rate and round(rate) > 0 else rate
 
 
-def missing_library(suffix: str, library: str) -> ImportError:
-    """Return the error for a library that is not installed."""
-    return ImportError(f"reading {suffix} files needs {library}: pip install {library}")
+def import_library(module: str, suffix: str, library: str) -> Any:
+    """Return the module that reads files of a kind; the error names the library that has it."""
+    try:
+        return import_module(module)
+    except ImportError:
+        raise ImportError(f"reading {suffix} files needs {library}: pip install {library}") from None
 
 
 def is_usual(name: str, quantity: str) -> bool:
-    """Return True for a usual name of a quantity, in lower case and without its unit.
-
-    Examples
-    --------
-    >>> is_usual("drehmoment abtrieb", "output_torque"), is_usual("torque", "input_torque")
-    (True, False)
-    """
+    """Return True for a usual name of a quantity, in lower case and without its unit."""
     return re.fullmatch(_USUAL[quantity], _with_spaces(name)) is not None
 
 
 def named_quantity(name: str) -> str | None:
-    """Return the quantity that words in a channel's name state, or None.
-
-    Examples
-    --------
-    >>> named_quantity("motor phase current"), named_quantity("torque in"), named_quantity("torque")
-    ('motor_current', 'input_torque', None)
-    """
-    return next(
-        (quantity for quantity, words in _WORDS.items() if re.search(words, _with_spaces(name))), None
-    )
+    """Return the quantity that words in a channel's name state, or None."""
+    name = _with_spaces(name)
+    return next((quantity for quantity, words in _WORDS.items() if re.search(words, name)), None)
 
 
 def _with_spaces(name: str) -> str:
     return re.sub(r"[\s_.\-]+", " ", name).strip()
+
+
+def labels_of_file(file: str, stated: Mapping[str, Any], version: Any = None) -> dict[str, Any]:
+    """Return the labels that a file states, with lobes counted from 0.
+
+    ``version`` is that of the format, None in files that other programs wrote. ``ValueError`` if version or
+    quantity are unknown, or the file's worn lobes are not counted from 1.
+    """
+    if version not in (None, 1, VERSION):
+        raise ValueError(
+            f"{file} is of format {version!r}, but 1 and {VERSION} can be read; update cyclofeat"
+        )
+    labels = dict(stated)
+    if "quantity" in labels:
+        checks.one_of(f"{file}: quantity", labels["quantity"], QUANTITIES)
+    if version == 1:
+        return labels
+    check_no_bare_lobes(file, labels)
+    if WORN in labels:
+        lobes = labels.pop(WORN)
+        whole = isinstance(lobes, (list, tuple)) and all(map(checks.is_whole, lobes))
+        if not whole or min(lobes, default=1) < 1:
+            raise ValueError(
+                f"{file}: {WORN} must be lobes counted from 1, like [1, 5], got {checks.repr_of(lobes)}"
+            )
+        labels["worn_lobes"] = tuple(lobe - 1 for lobe in lobes)
+    return labels
+
+
+def check_no_bare_lobes(file: str, names: Iterable[str]) -> None:
+    """Raise ``ValueError`` for a name that does not say from where the lobes are counted."""
+    if "worn_lobes" in names:
+        raise ValueError(
+            f"{file}: worn_lobes does not say whether lobes count from 0 or from 1: name it {WORN} and "
+            "count from 1"
+        )
+
+
+def samples_name(recording: Recording) -> str:
+    """Return the name of the samples in files: ``torque`` is the output's."""
+    return "torque" if recording.quantity == "output_torque" else recording.quantity
+
+
+def labels_to_write(recording: Recording) -> dict[str, Any]:
+    """Labels of a recording, as JSON can hold them."""
+    labels: dict[str, Any] = {"sampling_rate": recording.sampling_rate}
+    for key in LABELS:
+        value = getattr(recording, key)
+        skipped = (
+            (key == "meta" and not value)
+            or (recording.angle is None and key.startswith("angle"))
+            or (key, value) in (("n_lobes", 15), ("quantity", "output_torque"))  # the defaults of files
+        )
+        if value is not None and not skipped:
+            labels[key] = value
+    if "worn_lobes" in labels:
+        labels[WORN] = from_1(labels.pop("worn_lobes"))
+    meta = labels.get("meta", {})
+    try:
+        same = json.loads(json.dumps(meta, allow_nan=False)) == meta
+    except (TypeError, ValueError):
+        same = False
+    if not same:
+        raise TypeError(
+            "meta must hold only text, finite numbers, booleans, None, lists and dictionaries with text "
+            f"keys, to be written to a file; got {meta!r}"
+        )
+    return labels

@@ -1,36 +1,142 @@
-"""Reader and writer of CSV files."""
+"""Reader and writer of CSV files, of text in any encoding, packed with gzip or not."""
 
 from __future__ import annotations
 
+import codecs
+import csv
+import gzip
+import io
 import json
+import math
 import os
 import re
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.arguments import ArgumentError
-from cyclofeat.datasets.readers._columns import UNITS, Source, check_rate, clean_unit
-from cyclofeat.datasets.readers._labels import (
+from cyclofeat._base.quantities import number_of
+from cyclofeat.datasets.readers._columns import (
     FILE_LABELS,
     FORMAT,
     LABELS,
+    UNITS,
     VERSION,
+    Source,
+    check_rate,
+    clean_unit,
+    explain_damage,
     labels_of_file,
+    largest_unpacked,
     samples_name,
 )
-from cyclofeat.datasets.readers._text import TextLines, cells_of
 from cyclofeat.recordings import Recording
+
+_LONGEST_LINE = 2**20  # a longer one is no row of samples, and splitting it would take long
+_BLOCK = 2**20
+# Those of UTF-32 first: that of UTF-16 begins one of them.
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF32_LE, "utf-32"), (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"),
+)  # fmt: skip
+# Without a mark; the second is Latin-1 as Windows writes it, with five bytes undefined.
+_UNMARKED = ("utf-8", "cp1252")
+_REMEDY = "save it as text in UTF-8"
 
 # No torque record has more; a file that has is something else, and splitting it would take long.
 _MOST_COLUMNS = 4096
 _NUMBER = r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?(?<!,)"
+
+
+class TextLines:
+    r"""Lines of a file without their ends, read anew by each iteration and never all at once.
+
+    In UTF-8, UTF-16 or UTF-32 with a byte-order mark, or Latin-1; lines end with ``\n``, ``\r\n`` or ``\r``.
+    Empty lines at the end are left out. ``ValueError`` if the file is in none of these encodings, unpacks to
+    too much, or begins with an endless line.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.packed = path.suffix.lower() == ".gz"
+        with self._open_bytes() as file:
+            start = file.read(_LONGEST_LINE + 1)
+        if len(start) > _LONGEST_LINE and b"\n" not in start and b"\r" not in start:
+            raise ValueError(
+                f"{path.name} is no CSV file of samples: its first line is longer than {_LONGEST_LINE} "
+                "characters; one row per sample is right"
+            )
+        marked = next((encoding for mark, encoding in _MARKS if start.startswith(mark)), None)
+        limit, size = largest_unpacked(path) if self.packed else math.inf, 0
+        with self._open_bytes() as file:
+            while block := file.read(_BLOCK):
+                size += len(block)
+                if size > limit:
+                    limit_gb = f"{limit / 1e9:.3g} GB"
+                    raise ValueError(
+                        f"{path.name} takes more than {limit_gb} when unpacked: unpack it, or split it"
+                    )
+                if marked is None and b"\0" in block:
+                    raise ValueError(
+                        f"{path.name} holds binary data, or UTF-16 without a byte-order mark; {_REMEDY}"
+                    )
+        for encoding in _UNMARKED if marked is None else (marked,):
+            self.encoding = encoding
+            wrong = self._first_undecodable()
+            if wrong is None:
+                return
+        known = marked or "UTF-8, Latin-1, or UTF-16 with a byte-order mark"
+        raise ValueError(f"{path.name} is not text in {known} (byte {wrong}); {_REMEDY}")
+
+    def __iter__(self) -> Iterator[str]:
+        empty = 0
+        with self._open_bytes() as file, io.TextIOWrapper(file, self.encoding) as lines:
+            for line in lines:
+                if line.isspace():
+                    empty += 1
+                    continue
+                if empty:
+                    yield from [""] * empty
+                    empty = 0
+                yield line.removesuffix("\n")
+
+    @contextmanager
+    def _open_bytes(self) -> Iterator[IO[bytes]]:
+        if not self.packed:
+            with self.path.open("rb") as file:
+                yield file
+            return
+        with explain_damage(self.path, "gzip"), gzip.open(self.path) as packed:
+            yield cast("IO[bytes]", packed)
+
+    def _first_undecodable(self) -> int | None:
+        """Return the first byte that is not in the encoding; None if all are."""
+        decoder = codecs.getincrementaldecoder(self.encoding)()
+        before = 0
+        with self._open_bytes() as file:
+            while True:
+                block = file.read(_BLOCK)
+                pending = len(decoder.getstate()[0])
+                try:
+                    decoder.decode(block, final=not block)
+                except UnicodeDecodeError as error:
+                    return before - pending + error.start
+                if not block:
+                    return None
+                before += len(block)
+
+
+def cells_of(line: str, delimiter: str, file: str) -> list[str]:
+    """Return the cells of a row of a CSV file."""
+    try:
+        return next(csv.reader([line], delimiter=delimiter), [])
+    except csv.Error as error:
+        raise ValueError(f"{file} cannot be read as CSV ({error})") from None
 
 
 class CsvSource(Source):
@@ -40,7 +146,8 @@ class CsvSource(Source):
     the first samples are several numbers.
     """
 
-    noun, plural = "column", "columns"
+    noun, a_noun, plural = "column", "a column", "columns"
+    has_text_numbers = True  # a point in them may separate thousands
 
     def __init__(self, path: Path, delimiter: str | None, lines: Iterable[str] | None = None) -> None:
         self.file = path.name
@@ -56,7 +163,9 @@ class CsvSource(Source):
         if not start:
             raise ValueError(f"{self.file} holds no row of data")
         self.labels = labels_from_comments(self.file, comments)
-        spaced = _first_spaced_row(start) if delimiter is None else start[-1] if delimiter == " " else ""
+        spaced = start[-1] if delimiter == " " else ""
+        if delimiter is None and (_holds_numbers(start[0]) or not any(mark in start[0] for mark in "\t;,")):
+            spaced = next(filter(_holds_numbers, start), "")
         if spaced:
             self.lines = _WithTabs(self.lines, len(comments), len(spaced.split()))
             start = list(islice(self.lines, len(comments), len(comments) + len(start)))
@@ -109,20 +218,18 @@ class CsvSource(Source):
 
     def _checked_rows(self, rows: Iterable[str]) -> int:
         """Return the number of rows, which must have as many columns as the file's first one."""
-        width = len(self.names)
-        index = -1
-        for index, row in enumerate(rows):
+        width, count = len(self.names), 0
+        for count, row in enumerate(rows, 1):
             cells = row.count(self.delimiter) + 1 if '"' not in row else len(self._split_cells(row))
             if cells != width or not row.strip():
-                came = "1 column" if cells == 1 else f"{cells} columns"
                 doubled = self.delimiter == "," and cells == 2 * width
-                raise ArgumentError(
-                    "{file}: {where} must have {width} columns as the first row has, got {came}"
+                raise self.argument_error(
+                    "{where} must have {width} columns as the first row has, got {came}"
                     + ("; are these decimal commas? give {delimiter:=';'}" if doubled else ""),
-                    file=self.file, where=self.sample_place(index), width=width,
-                    came=came if row.strip() else "an empty line",
+                    where=self.sample_place(count - 1), width=width,
+                    came=number_of(cells, "column") if row.strip() else "an empty line",
                 )  # fmt: skip
-        return index + 1
+        return count
 
     def sample_place(self, sample: int) -> str:
         return f"line {self.first_line + sample}"
@@ -134,7 +241,8 @@ class CsvSource(Source):
         rows: Iterable[str] | str = self._sample_rows()
         options: dict[str, Any] = {"delimiter": self.delimiter, "usecols": index, "max_rows": self.n_rows}
         if self.decimal_comma:
-            self._check_points(index)
+            if self.has_text_numbers:
+                self._check_points(index)
             rows = (row.replace(",", ".") for row in rows)
         elif isinstance(self.lines, TextLines) and not self.lines.packed:
             # Read by NumPy itself, in half the time.
@@ -143,7 +251,17 @@ class CsvSource(Source):
         try:
             return np.loadtxt(rows, comments=None, quotechar='"', ndmin=1, **options)
         except ValueError as error:
-            raise self._not_numbers(index, error) from None
+            # Name the first cell that is no number.
+            column = f"column {self.names[index]!r}"
+            for row, line in enumerate(self._sample_rows()):
+                cell = self._split_cells(line)[index]
+                if self._parse_number(cell) is None:
+                    shown = cell if len(cell) <= 60 else f"{cell[:60]}..."
+                    problem = f"{shown!r}, which is not a number"
+                    problem = problem if cell.strip() else "nothing; it must hold a number"
+                    place = f"{self.file}: {self.sample_place(row)}"
+                    raise ValueError(f"{place}, {column} holds {problem}") from None
+            raise ValueError(f"{self.file}: {column} cannot be read as numbers ({error})") from None
 
     def _check_points(self, index: int) -> None:
         """Raise where a column holds a number with a point, and the file one with a decimal comma."""
@@ -153,10 +271,11 @@ class CsvSource(Source):
 
         pointed, has_comma = "", False
         for number, row in enumerate(self._sample_rows()):
-            if not pointed and "." in row and is_number_with(".", cell := self._split_cells(row)[index]):
-                pointed = f"{self.sample_place(number)}, column {self.names[index]!r} holds {cell.strip()!r}"
-            if not has_comma and "," in row:
-                has_comma = any(is_number_with(",", cell) for cell in self._split_cells(row))
+            cells = self._split_cells(row) if "." in row or "," in row else []
+            if not pointed and cells and is_number_with(".", cells[index]):
+                cell = cells[index].strip()
+                pointed = f"{self.sample_place(number)}, column {self.names[index]!r} holds {cell!r}"
+            has_comma = has_comma or any(is_number_with(",", cell) for cell in cells)
             if pointed and has_comma:
                 raise ValueError(
                     f"{self.file}: {pointed}, but other numbers have a decimal comma: does the point "
@@ -181,30 +300,11 @@ class CsvSource(Source):
         """Return True if the first cell of a column below its name is a number."""
         return self._parse_number(self._split_cells(next(self._sample_rows()))[index]) is not None
 
-    def _not_numbers(self, index: int, error: ValueError) -> ValueError:
-        """Return the error that names the first cell of a column that is no number."""
-        column = f"column {self.names[index]!r}"
-        for row, line in enumerate(self._sample_rows()):
-            cell = self._split_cells(line)[index]
-            if self._parse_number(cell) is None:
-                shown = cell if len(cell) <= 60 else f"{cell[:60]}..."
-                came = (
-                    f"{shown!r}, which is not a number" if cell.strip() else "nothing; it must hold a number"
-                )
-                return ValueError(f"{self.file}: {self.sample_place(row)}, {column} holds {came}")
-        return ValueError(f"{self.file}: {column} cannot be read as numbers ({error})")
 
-
-def _first_spaced_row(rows: list[str]) -> str:
-    """Return the first row of several numbers between spaces; nothing where other marks separate columns."""
-
-    def holds_numbers(line: str) -> bool:
-        cells = line.split()
-        return len(cells) > 1 and all(re.fullmatch(_NUMBER, cell) for cell in cells)
-
-    if not holds_numbers(rows[0]) and any(mark in rows[0] for mark in "\t;,"):
-        return ""
-    return next(filter(holds_numbers, rows), "")
+def _holds_numbers(line: str) -> bool:
+    """Return True for a row of several numbers between spaces."""
+    cells = line.split()
+    return len(cells) > 1 and all(re.fullmatch(_NUMBER, cell) for cell in cells)
 
 
 class _WithTabs:

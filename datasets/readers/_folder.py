@@ -8,50 +8,58 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from cyclofeat._base.checks import one_of
 from cyclofeat._base.quantities import QUANTITIES
-from cyclofeat.datasets.readers._labels import WORN, check_no_bare_lobes
+from cyclofeat.datasets.readers._columns import WORN, check_no_bare_lobes
+from cyclofeat.datasets.readers._csv import TextLines, cells_of
 from cyclofeat.datasets.readers._read import SOURCES, file_path, read_recording
-from cyclofeat.datasets.readers._text import TextLines, cells_of
 from cyclofeat.recordings import Recording
 
 #: Name of the file that describes the recordings of its folder.
 MANIFEST = "recordings.csv"
-# Columns of a manifest and what they become: arguments of read_recording, or labels.
-_ARGUMENTS = (
-    "channel", "quantity", "sampling_rate", "time_channel", "angle_channel", "angle_unit", "pulses_per_turn",
-    "scale",
-)  # fmt: skip
-_LABELS = {
-    "defect_count": "defect_count", WORN: "worn_lobes", "n_lobes": "n_lobes", "run": "run",
-    "speed": "speed_rpm", "load": "load_nm", "source": "source", "assembly": "assembly",
-    "angle_of": "angle_of", "angle_is_absolute": "angle_is_absolute",
-}  # fmt: skip
-_COLUMNS = ("file", *_ARGUMENTS, *_LABELS)
 _BOOLEANS = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
-# What a cell of the column must be.
-_RIGHT = {
-    **dict.fromkeys(("sampling_rate", "speed"), "a positive number"),
-    "scale": "a number other than 0",
-    "load": "a number",
-    "defect_count": "a whole number from 0",
-    "n_lobes": "a whole number from 2",
-    "pulses_per_turn": "a whole number from 1",
-    WORN: "lobes counted from 1 and separated by spaces, like 1 5",
-    "angle_is_absolute": "true or false",
-    "quantity": f"one of {', '.join(QUANTITIES)}",
-}
-_FITS: dict[str, Callable[[Any], bool]] = {
-    **dict.fromkeys(("sampling_rate", "speed"), lambda value: 0 < value < math.inf),
-    "scale": lambda value: value != 0 and math.isfinite(value),
-    "load": math.isfinite,
-    "defect_count": lambda value: value >= 0,
-    "n_lobes": lambda value: value >= 2,
-    "pulses_per_turn": lambda value: value >= 1,
-    WORN: lambda lobes: all(lobe >= 0 for lobe in lobes),
-}
+
+
+def _parse_lobes(cell: str) -> tuple[int, ...]:
+    return tuple(int(lobe) - 1 for lobe in cell.replace(",", " ").replace(";", " ").split())
+
+
+class _Column(NamedTuple):
+    """Column of a manifest: the argument of read_recording that it becomes, and what its cells must be."""
+
+    argument: str
+    convert: Callable[[str], Any] = str
+    fits: Callable[[Any], bool] = lambda value: True
+    right: str = ""
+
+
+_COLUMNS = {
+    "file": _Column("file"),
+    "channel": _Column("channel"),
+    "quantity": _Column("quantity", str, QUANTITIES.__contains__, f"one of {', '.join(QUANTITIES)}"),
+    "sampling_rate": _Column("sampling_rate", float, lambda rate: 0 < rate < math.inf, "a positive number"),
+    "time_channel": _Column("time_channel"),
+    "angle_channel": _Column("angle_channel"),
+    "angle_unit": _Column("angle_unit"),
+    "pulses_per_turn": _Column("pulses_per_turn", int, lambda count: count >= 1, "a whole number from 1"),
+    "scale": _Column("scale", float, lambda x: x != 0 and math.isfinite(x), "a number other than 0"),
+    "defect_count": _Column("defect_count", int, lambda count: count >= 0, "a whole number from 0"),
+    WORN: _Column(
+        "worn_lobes", _parse_lobes, lambda lobes: min(lobes, default=0) >= 0,
+        "lobes counted from 1 and separated by spaces, like 1 5",
+    ),
+    "n_lobes": _Column("n_lobes", int, lambda count: count >= 2, "a whole number from 2"),
+    "run": _Column("run"),
+    "speed": _Column("speed_rpm", float, lambda speed: 0 < speed < math.inf, "a positive number"),
+    "load": _Column("load_nm", float, math.isfinite, "a number"),
+    "source": _Column("source"),
+    "assembly": _Column("assembly"),
+    "angle_of": _Column("angle_of"),
+    "angle_is_absolute": _Column(
+        "angle_is_absolute", lambda cell: _BOOLEANS[cell.lower()], right="true or false"
+    ),
+}  # fmt: skip
 _MOST_ERRORS = 10
 
 
@@ -90,8 +98,7 @@ def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recordin
         ``scale`` (Nm per unit), ``defect_count``, ``worn_lobes_from_1`` (separated by spaces), ``n_lobes``
         (of a disc, if not 15), ``run``, ``speed`` (RPM of the input), ``load`` (Nm), ``source``,
         ``assembly``, ``angle_of``, ``angle_is_absolute`` (true or false). An empty cell states nothing.
-        Without a manifest all files that
-        :func:`read_recording` knows are read, by name, but for ``.txt``.
+        Without a manifest all files that :func:`read_recording` knows are read, by name, but for ``.txt``.
     **arguments
         Arguments of :func:`read_recording` for all recordings; they precede the manifest.
 
@@ -154,10 +161,9 @@ def folder_entries(path: str | os.PathLike[str]) -> list[Entry]:
             f"folder {folder} holds a campaign, whose windows are arrays and not recordings: "
             "cyclofeat.simulators.load_campaign reads it"
         )
+    endings = tuple(SOURCES)
     files = sorted(
-        file
-        for file in folder.iterdir()
-        if file.name.lower().endswith(tuple(SOURCES)) and file.name != MANIFEST
+        file for file in folder.iterdir() if file.name.lower().endswith(endings) and file.name != MANIFEST
     )
     if not (folder / MANIFEST).is_file():
         if not files:
@@ -216,45 +222,32 @@ def _read_manifest(folder: Path) -> list[Entry]:
 
 
 def _parse_row(folder: Path, row: dict[str, str], line: int, delimiter: str) -> Entry:
-    name = row.pop("file")
-    if not name:
+    file = row.pop("file")
+    if not file:
         raise ValueError("file is missing")
-    path = folder / name
+    path = folder / file
     if not path.is_file():
-        raise ValueError(f"no such file: {name}")
+        raise ValueError(f"no such file: {file}")
     arguments: dict[str, Any] = {}
-    for column, cell in row.items():
-        if cell:
-            # Convert a cell to the type of its column, and check it.
-            try:
-                value = _convert_cell(column, cell, delimiter)
-            except (ValueError, KeyError):
-                fits = False
-            else:
-                fits = column not in _FITS or _FITS[column](value)
-            if not fits:
-                raise ValueError(f"{column} must be {_RIGHT[column]}, got {cell!r}")
-            arguments[_LABELS.get(column, column)] = value
+    for name, cell in row.items():
+        if not cell:
+            continue
+        column = _COLUMNS[name]
+        decimal_comma = column.convert is float and delimiter != ","
+        # Python takes 1_000 for a number, other programs do not.
+        fits = column.convert not in (int, float, _parse_lobes) or "_" not in cell
+        try:
+            value = column.convert(cell.replace(",", ".") if decimal_comma else cell)
+            fits = fits and column.fits(value)
+        except (ValueError, KeyError):
+            fits = False
+        if not fits:
+            raise ValueError(f"{name} must be {column.right}, got {cell!r}")
+        arguments[column.argument] = value
     count, worn = arguments.get("defect_count"), arguments.get("worn_lobes")
     if count is not None and worn is not None and count != len(worn):
         raise ValueError(f"defect_count must be the number of {WORN}, got {count} and {row[WORN]!r}")
     return Entry(path, arguments, line)
-
-
-def _convert_cell(column: str, cell: str, delimiter: str) -> Any:
-    if column in _FITS and "_" in cell:
-        raise ValueError("Python takes 1_000 for a number, other programs do not")
-    if column == WORN:
-        return tuple(int(lobe) - 1 for lobe in cell.replace(",", " ").replace(";", " ").split())
-    if column == "angle_is_absolute":
-        return _BOOLEANS[cell.lower()]
-    if column == "quantity":
-        return one_of(column, cell, QUANTITIES)
-    if column in ("defect_count", "n_lobes", "pulses_per_turn"):
-        return int(cell)
-    if column in _FITS:
-        return float(cell.replace(",", ".") if delimiter != "," else cell)
-    return cell
 
 
 def _join_errors(wrong: list[str]) -> str:

@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.io import loadmat
 
 from cyclofeat.datasets.readers._columns import (
     Source,
     check_claim,
     check_rate,
     explain_damage,
-    missing_library,
+    import_library,
     whole_rate,
 )
 
@@ -45,7 +46,7 @@ class MatSource(Source):
     ``Properties`` with ``VariableNames``, ``VariableUnits`` and ``SampleRate``.
     """
 
-    noun, plural = "variable", "variables"
+    noun, a_noun, plural = "variable", "a variable", "variables"
     by_index = False
 
     def __init__(self, path: Path) -> None:
@@ -60,16 +61,25 @@ class MatSource(Source):
         self.path, self.file = path, path.name
         if self.is_hdf5:
             with self._open_hdf5() as file:
-                self._visit_group("", file, 0)
+                self._visit_node("", file, 0)
         else:
-            self._walk_mat(start)
+            with explain_damage(path, "MATLAB"):
+                if start[:6] == b"MATLAB":
+                    _check_elements(path)
+                variables = loadmat(path)
+            for name, value in variables.items():
+                if not name.startswith("__"):
+                    self._visit_variable(name, value, 0)
         names = [*self.vectors, *self.unreadable]
-        super().__init__(
-            path,
-            names,
-            [self._stated_unit(name) for name in names],
-            [name.rpartition(".")[2].partition("(")[0] for name in names],
-        )
+        lasts = [name.rpartition(".")[2] for name in names]
+        units = [self.texts.get(f"{name}_unit") for name in names]
+        for index, (name, last) in enumerate(zip(names, lasts, strict=True)):
+            place = f"{name.rpartition('.')[0]}.Properties".lstrip(".")
+            columns = self.lists.get(f"{place}.VariableNames", [])
+            stated = self.lists.get(f"{place}.VariableUnits", [])
+            if last in columns and len(stated) == len(columns):
+                units[index] = stated[columns.index(last)] or units[index]
+        super().__init__(path, names, units, [last.partition("(")[0] for last in lasts])
 
     def is_usable(self, index: int) -> bool:
         return self.names[index] in self.vectors
@@ -97,16 +107,6 @@ class MatSource(Source):
                 return None
             parent = parent.rpartition(".")[0]
 
-    def _stated_unit(self, name: str) -> str | None:
-        """Unit by ``Properties.VariableUnits`` of a timetable, or by a text called ``<name>_unit``."""
-        parent, _, last = name.rpartition(".")
-        place = f"{parent}.Properties".lstrip(".")
-        names = self.lists.get(f"{place}.VariableNames", [])
-        units = self.lists.get(f"{place}.VariableUnits", [])
-        if last in names and len(units) == len(names) and units[names.index(last)]:
-            return units[names.index(last)]
-        return self.texts.get(f"{name}_unit")
-
     def _add_variable(self, name: str, shape: tuple[int, ...], read: Callable[[Any], NDArray[Any]]) -> None:
         """Add a numeric variable of a MATLAB shape; ``read`` takes an index of the MATLAB array."""
         if len(self.vectors) > _MOST_VARIABLES:
@@ -128,17 +128,6 @@ class MatSource(Source):
             self.unreadable[name] = f"must be a vector, got shape {'x'.join(str(n) for n in shape)}"
 
     # v4 to v7
-
-    def _walk_mat(self, start: bytes) -> None:
-        from scipy.io import loadmat
-
-        with explain_damage(self.path, "MATLAB"):
-            if start[:6] == b"MATLAB":
-                _check_elements(self.path, start)
-            variables = loadmat(self.path)
-        for name, value in variables.items():
-            if not name.startswith("__"):
-                self._visit_variable(name, value, 0)
 
     def _visit_variable(self, name: str, value: Any, depth: int) -> None:
         if depth > _DEEPEST:
@@ -184,50 +173,50 @@ class MatSource(Source):
 
     @contextmanager
     def _open_hdf5(self) -> Iterator[Any]:
-        try:
-            import h5py
-        except ImportError:
-            raise missing_library("MATLAB v7.3 (.mat)", "h5py") from None
+        h5py = import_library("h5py", "MATLAB v7.3 (.mat)", "h5py")
         with explain_damage(self.path, "MATLAB v7.3"), h5py.File(self.path, "r") as file:
             yield file
 
-    def _visit_group(self, name: str, group: Any, depth: int) -> None:
+    def _visit_node(self, name: str, node: Any, depth: int) -> None:
+        """Add what a group or a dataset holds."""
         import h5py
 
-        if depth > _DEEPEST:
+        if "MATLAB_object_decode" in node.attrs:
+            self.unreadable[name] = _OBJECT
+        elif isinstance(node, h5py.Dataset):
+            self._visit_dataset(name, node)
+        elif isinstance(node, h5py.Group) and depth > _DEEPEST:
             self.unreadable[name] = f"lies deeper than {_DEEPEST} structs"
-            return
-        for key in group:
-            if key.startswith("#"):
-                continue  # MATLAB's store of cells and objects
-            called = f"{name}.{key}" if name else key
-            if not isinstance(group.get(key, getlink=True), h5py.HardLink):
-                self.unreadable[called] = "is a link, which is not followed"
-                continue
-            value = group[key]
-            if isinstance(value, h5py.Group):
-                if "MATLAB_object_decode" in value.attrs:
-                    self.unreadable[called] = _OBJECT
+        elif isinstance(node, h5py.Group):
+            for key in node:
+                called = f"{name}.{key}" if name else key
+                if key.startswith("#"):
+                    continue  # MATLAB's store of cells and objects
+                if isinstance(node.get(key, getlink=True), h5py.HardLink):
+                    self._visit_node(called, node[key], depth + 1)
                 else:
-                    self._visit_group(called, value, depth + 1)
-            elif isinstance(value, h5py.Dataset):
-                self._visit_dataset(called, value)
+                    self.unreadable[called] = "is a link, which is not followed"
 
     def _visit_dataset(self, name: str, data: Any) -> None:
         import h5py
 
         kind = data.attrs.get("MATLAB_class", b"")
         kind = kind.decode() if isinstance(kind, bytes) else str(kind)
+        is_reference = h5py.check_ref_dtype(data.dtype) is not None
         check_claim(self.path, data.size * data.dtype.itemsize if data.shape is not None else 0)
-        if "MATLAB_object_decode" in data.attrs:
-            self.unreadable[name] = _OBJECT
-        elif data.shape is None or data.size == 0 or data.attrs.get("MATLAB_empty", 0):
+        if data.shape is None or data.size == 0 or data.attrs.get("MATLAB_empty", 0):
             self.unreadable[name] = "is empty"
         elif kind == "char":
             if data.size < 1000:
-                self.texts[name] = _decode_text(data[()])
-        elif h5py.check_ref_dtype(data.dtype) is not None:
-            self._visit_references(name, kind, data)
+                self.texts[name] = _decode_text(data)
+        elif is_reference and kind == "cell":
+            cells = [data.file[reference] for reference in data[()].ravel()] if data.size <= 1000 else []
+            if cells and all(cell.attrs.get("MATLAB_class") == b"char" for cell in cells):
+                self.lists[name] = [_decode_text(cell) for cell in cells]
+            else:
+                self.unreadable[name] = _CELLS
+        elif is_reference:
+            self.vectors[name] = partial(self._struct_elements, name, data.name)
         elif data.dtype.kind in "iufb":
             # The axes are reversed: a column vector of n is stored as (1, n).
             self._add_variable(name, tuple(data.shape[::-1]), partial(self._read_hdf5, data.name))
@@ -239,19 +228,6 @@ class MatSource(Source):
             data = file[name]
             return np.asarray(data[()] if at is ... else data[at[::-1]])
 
-    def _visit_references(self, name: str, kind: str, data: Any) -> None:
-        """Add a cell array, or a field of a struct array."""
-        if kind != "cell":
-            self.vectors[name] = partial(self._struct_elements, name, data.name)
-            return
-        cells = [data.file[reference] for reference in data[()].ravel()] if data.size <= 1000 else []
-        if cells and all(cell.attrs.get("MATLAB_class") == b"char" for cell in cells):
-            self.lists[name] = [
-                "" if cell.attrs.get("MATLAB_empty", 0) else _decode_text(cell[()]) for cell in cells
-            ]
-        else:
-            self.unreadable[name] = _CELLS
-
     def _struct_elements(self, name: str, place: str) -> NDArray[Any]:
         with self._open_hdf5() as file:
             elements = [file[reference] for reference in file[place][()].ravel()]
@@ -260,60 +236,38 @@ class MatSource(Source):
             return np.array([float(element[()].ravel()[0]) for element in elements])
 
 
-def _decode_text(codes: NDArray[Any]) -> str:
-    """MATLAB's text: UTF-16 codes."""
-    return np.asarray(codes, dtype="<u2").ravel(order="F").tobytes().decode("utf-16-le", "replace")
+def _decode_text(data: Any) -> str:
+    """Return MATLAB's text, which is UTF-16 codes."""
+    if data.attrs.get("MATLAB_empty", 0):
+        return ""
+    return np.asarray(data[()], dtype="<u2").ravel(order="F").tobytes().decode("utf-16-le", "replace")
 
 
 _COMPRESSED, _MATRIX = 15, 14
 _CELL, _STRUCT, _SPARSE, _LAST_CLASS = 1, 2, 5, 18
 
 
-def _check_elements(path: Path, start: bytes) -> None:
+def _check_elements(path: Path) -> None:
     """Check that no element of a v5 to v7 file claims more bytes than the file has.
 
     scipy makes an array of the claimed shape before it reads its content.
     """
-    size = path.stat().st_size
-    order = {b"IM": "<", b"MI": ">"}.get(start[126:128])
-    if order is None or size < 128:
+    content = memoryview(path.read_bytes())
+    order = {b"IM": "<", b"MI": ">"}.get(bytes(content[126:128]))
+    if order is None:
         raise ValueError(f"{path.name} is damaged: its header does not end with IM or MI")
-    position = 128
-    with path.open("rb") as file:
-        while position < size:
-            file.seek(position)
-            tag = file.read(8)
-            if len(tag) < 8:
-                raise ValueError(f"{path.name} is not whole: it ends within a tag")
-            kind, n_bytes = struct.unpack(f"{order}II", tag)
-            if position + 8 + n_bytes > size:
-                raise ValueError(
-                    f"{path.name} is not whole: the element at byte {position} has {n_bytes} bytes, "
-                    f"{size - position - 8} are left"
-                )
-            content = file.read(n_bytes)
-            if kind == _COMPRESSED:
-                content = _inflate_element(path, order, content)
-            elif kind == _MATRIX:
-                content = tag + content
-            if kind in (_COMPRESSED, _MATRIX):
-                _check_matrix(path, order, memoryview(content)[8:], 0)
-            position += 8 + n_bytes
-            if kind != _COMPRESSED:
-                position += -position % 8
-
-
-def _inflate_element(path: Path, order: str, content: bytes) -> bytes:
-    inflate = zlib.decompressobj()
-    head = inflate.decompress(content, 8)
-    if len(head) < 8:
-        raise ValueError(f"{path.name} is damaged: a compressed element holds nothing")
-    (claimed,) = struct.unpack(f"{order}I", head[4:])
-    check_claim(path, claimed)
-    content = head + inflate.decompress(inflate.unconsumed_tail, claimed + 8)
-    if len(content) < claimed + 8:
-        raise ValueError(f"{path.name} is damaged: a compressed element is shorter than it claims")
-    return content
+    for kind, element in _iterate_elements(path, order, content, start=128):
+        if kind == _COMPRESSED:
+            inflate = zlib.decompressobj()
+            head = inflate.decompress(element, 8)
+            (claimed,) = struct.unpack_from(f"{order}I", head, 4)
+            check_claim(path, claimed)
+            variable = inflate.decompress(inflate.unconsumed_tail, claimed + 8)
+            if len(variable) < claimed:
+                raise ValueError(f"{path.name} is damaged: a compressed element is shorter than it claims")
+            _check_matrix(path, order, memoryview(variable), 0)
+        elif kind == _MATRIX:
+            _check_matrix(path, order, element, 0)
 
 
 def _check_matrix(path: Path, order: str, content: memoryview, depth: int) -> None:
@@ -338,16 +292,25 @@ def _check_matrix(path: Path, order: str, content: memoryview, depth: int) -> No
             _check_matrix(path, order, part, depth + 1)
 
 
-def _iterate_elements(path: Path, order: str, content: memoryview) -> Iterator[tuple[int, memoryview]]:
+def _iterate_elements(
+    path: Path, order: str, content: memoryview, start: int = 0
+) -> Iterator[tuple[int, memoryview]]:
     """Yield type and content of each element."""
-    position = 0
+    position = start
     while position + 8 <= len(content):
         first, n_bytes = struct.unpack_from(f"{order}II", content, position)
         if first >> 16:  # a small element: length and type in one word, up to four bytes in the next
             yield first & 0xFFFF, content[position + 4 : position + 4 + min(first >> 16, 4)]
             position += 8
             continue
-        if position + 8 + n_bytes > len(content):
-            raise ValueError(f"{path.name} is damaged: an element within a variable is longer than it")
-        yield first, content[position + 8 : position + 8 + n_bytes]
-        position += 8 + n_bytes + (-n_bytes % 8)
+        position += 8
+        if position + n_bytes > len(content):
+            left = len(content) - position
+            raise ValueError(
+                f"{path.name} is not whole: the element at byte {position - 8} has {n_bytes} bytes, "
+                f"{left} are left"
+            )
+        yield first, content[position : position + n_bytes]
+        position += n_bytes + (0 if first == _COMPRESSED else -n_bytes % 8)
+    if start and position < len(content):
+        raise ValueError(f"{path.name} is not whole: it ends within a tag")

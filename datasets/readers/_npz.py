@@ -6,7 +6,7 @@ import json
 import math
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -15,13 +15,18 @@ from numpy.typing import NDArray
 
 from cyclofeat._base.quantities import QUANTITY_UNITS
 from cyclofeat.datasets.readers._columns import (
+    FORMAT_KEY,
+    LABELS,
+    VERSION,
+    WORN,
     Source,
     check_claim,
     check_rate,
     explain_damage,
+    labels_of_file,
     largest_unpacked,
+    samples_name,
 )
-from cyclofeat.datasets.readers._labels import FORMAT_KEY, LABELS, VERSION, WORN, labels_of_file, samples_name
 from cyclofeat.recordings import Recording
 
 
@@ -33,7 +38,7 @@ class NpzSource(Source):
     ``angle_unit``.
     """
 
-    noun, plural = "array", "arrays"
+    noun, a_noun, plural = "array", "an array", "arrays"
     by_index = False
     angle_unit = "rad"
 
@@ -45,7 +50,16 @@ class NpzSource(Source):
             super().__init__(path, [name for name in members if name not in reserved])
             small = {name: _read_array(path, archive, name) for name in members if name in reserved}
         self.rate = small.get("sampling_rate")
-        stated_labels = {key: _label_value(path, key, small[key]) for key in (*LABELS, WORN) if key in small}
+        stated_labels = {key: small[key].tolist() for key in (*LABELS, WORN) if key in small}
+        if "meta" in stated_labels:
+            meta: Any = None
+            with suppress(TypeError, ValueError):
+                meta = json.loads(stated_labels["meta"])
+            if not isinstance(meta, dict):
+                raise ValueError(
+                    f"{path.name}: array 'meta' must be a JSON object as text, got {stated_labels['meta']!r}"
+                )
+            stated_labels["meta"] = meta
         version = small[FORMAT_KEY].tolist() if FORMAT_KEY in small else None
         labels = labels_of_file(path.name, stated_labels, version)
         if version is not None:
@@ -98,7 +112,6 @@ def load_arrays(path: Path) -> dict[str, NDArray[Any]]:
 
 @contextmanager
 def _open_archive(path: Path) -> Iterator[zipfile.ZipFile]:
-    """Open the archive."""
     with explain_damage(path, "NPZ"), path.open("rb") as file:
         if file.read(6) == b"\x93NUMPY":
             raise ValueError(f"{path.name} is a single array, not an NPZ archive; save it with numpy.savez")
@@ -133,14 +146,12 @@ def _read_header(path: Path, archive: zipfile.ZipFile, name: str) -> tuple[tuple
     """Shape and dtype of an array, without its data."""
     with archive.open(_member_name(archive, name)) as file:
         version = np.lib.format.read_magic(file)
-        if version == (1, 0):
-            shape, _, dtype = np.lib.format.read_array_header_1_0(file)
-        elif version == (2, 0):
-            shape, _, dtype = np.lib.format.read_array_header_2_0(file)
-        else:
+        if version not in ((1, 0), (2, 0)):
             raise ValueError(
                 f"{path.name}: array {name!r} is of format {version}, which holds no plain numbers"
             )
+        read_header = getattr(np.lib.format, f"read_array_header_{version[0]}_0")
+        shape, _, dtype = read_header(file)
     if dtype.hasobject:
         raise ValueError(
             f"{path.name} holds pickled objects, which are never loaded; save plain numeric arrays"
@@ -165,20 +176,6 @@ def _read_array(path: Path, archive: zipfile.ZipFile, name: str) -> NDArray[Any]
 
 def _member_name(archive: zipfile.ZipFile, name: str) -> str:
     return name if name in archive.namelist() else f"{name}.npy"
-
-
-def _label_value(path: Path, key: str, array: NDArray[Any]) -> Any:
-    """Return a label as a Python object."""
-    value = array.tolist()
-    if key != "meta":
-        return value
-    try:
-        meta = json.loads(value)
-    except (TypeError, ValueError):
-        meta = None
-    if not isinstance(meta, dict):
-        raise ValueError(f"{path.name}: array 'meta' must be a JSON object as text, got {value!r}")
-    return meta
 
 
 def write_npz(file: IO[bytes], recording: Recording, labels: dict[str, Any]) -> None:

@@ -15,14 +15,14 @@ from cyclofeat.datasets.readers._columns import (
     check_claim,
     check_rate,
     explain_damage,
-    missing_library,
+    import_library,
 )
 
 
 class ParquetSource(Source):
     """Columns of a Parquet file; units from the columns' metadata (``unit``) or names."""
 
-    noun, plural = "column", "columns"
+    noun, a_noun, plural = "column", "a column", "columns"
 
     def __init__(self, path: Path) -> None:
         with _open_parquet(path) as file:
@@ -79,10 +79,6 @@ class ParquetSource(Source):
 
 @contextmanager
 def _open_parquet(path: Path) -> Iterator[Any]:
-    """Open the file with pyarrow."""
-    try:
-        from pyarrow.parquet import ParquetFile
-    except ImportError:
-        raise missing_library(".parquet", "pyarrow") from None
-    with explain_damage(path, "Parquet"), ParquetFile(path, memory_map=True) as file:
+    parquet = import_library("pyarrow.parquet", ".parquet", "pyarrow")
+    with explain_damage(path, "Parquet"), parquet.ParquetFile(path, memory_map=True) as file:
         yield file

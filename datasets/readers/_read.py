@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cyclofeat._base.arguments import ArgumentError
-from cyclofeat._base.checks import check_type, one_of, whole
+from cyclofeat._base.checks import check_type, is_number, one_of, whole
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import QUANTITIES, QUANTITY_UNITS
 from cyclofeat.datasets.readers._columns import (
@@ -21,6 +21,7 @@ from cyclofeat.datasets.readers._columns import (
     ANGLE_REMEDY,
     ANGLE_UNITS,
     DISC_ANGLE_NAMES,
+    LABELS,
     PULSE_NAMES,
     TIME_NAMES,
     Channel,
@@ -28,9 +29,8 @@ from cyclofeat.datasets.readers._columns import (
     Source,
     check_rate,
     check_same_rate,
-    is_number,
+    labels_to_write,
 )
-from cyclofeat.datasets.readers._labels import LABELS, labels_to_write
 from cyclofeat.datasets.readers._times import rate_of
 from cyclofeat.recordings import Recording
 from cyclofeat.signal.tachometer import angle_from_pulses, continuous_angle
@@ -83,7 +83,7 @@ class ReadingOptions:
                     "{pulses_per_turn:=} has no effect with "
                     + ("{angle_channel:=False}" if self.angle_channel is False else "{angle_unit:=}")
                 )
-        scale_fits = self.scale is None or (is_number(self.scale) and self.scale != 0)
+        scale_fits = self.scale is None or (is_number(self.scale) and 0 < abs(self.scale) < math.inf)
         for argument, fits, expected in (
             ("scale", scale_fits, "a finite number other than 0 (Nm per unit)"),
             ("angle_unit", self.angle_unit in (None, *ANGLE_UNITS), "'rad', 'deg' or 'rev'"),
@@ -320,13 +320,12 @@ def write_recording(path: str | os.PathLike[str], recording: Recording) -> None:
     check_type("recording", recording, Recording)
     if path.is_dir():
         raise ValueError(f"{path} is a directory; give a file name")
-    suffix = path.suffix.lower()
-    if suffix not in (".csv", ".npz"):
-        raise ValueError(f"{path.name}: unknown kind of file {path.suffix!r}; .csv and .npz can be written")
-    labels = labels_to_write(recording)
     from cyclofeat.datasets.readers import _csv, _npz
 
-    write = _csv.write_csv if suffix == ".csv" else _npz.write_npz
+    write = {".csv": _csv.write_csv, ".npz": _npz.write_npz}.get(path.suffix.lower())
+    if write is None:
+        raise ValueError(f"{path.name}: unknown kind of file {path.suffix!r}; .csv and .npz can be written")
+    labels = labels_to_write(recording)
     write_whole(path, lambda file: write(file, recording, labels))
 
 
@@ -364,15 +363,11 @@ def _open_source(path: Path, delimiter: str | None) -> Source:
             f"{path.name} is no {suffix} file: it begins like a {kinds} file"
             + (f"; rename it to end in {kinds}" if looks[0] in SOURCES else "")
         )
-    entry = SOURCES[suffix]
-    kind: Callable[..., Source]
-    if isinstance(entry, tuple):
-        module, name = entry
-        kind = getattr(import_module(f"cyclofeat.datasets.readers.{module}"), name)
-        if module == "_csv":
-            return kind(path, delimiter)
-    else:
-        kind = entry  # of a reader that is not one of the toolkit's
+    kind = SOURCES[suffix]
+    if isinstance(kind, tuple):
+        kind = getattr(import_module(f"cyclofeat.datasets.readers.{kind[0]}"), kind[1])
+    if suffix.startswith(".csv"):
+        return kind(path, delimiter)
     if delimiter is not None:
         raise ArgumentError(
             "{argument} is for CSV files, got {delimiter!r} for {file}",
@@ -391,16 +386,15 @@ def _recording_parameters(source: Source, reading: ReadingOptions) -> dict[str, 
             "angle_channel", reading.angle_channel, PULSE_NAMES if by_pulses else ANGLE_NAMES
         )
         if by_pulses and angle is None:
-            raise ArgumentError(
-                "{file}: {angle_channel:=} must be given, to say which {noun} holds the pulses: {listed}",
-                file=source.file, noun=source.noun, listed=source.channel_names(),
-            )  # fmt: skip
+            raise source.argument_error(
+                "{angle_channel:=} must be given, to say which {noun} holds the pulses: {listed}"
+            )
     labels = source.other_labels if source.labels is None else source.labels
     stated = labels.get("quantity")
     if stated is not None and reading.quantity not in (None, stated):
-        raise ArgumentError(
-            "{file}: {quantity: = {given!r}} contradicts the file, which says {stated!r}",
-            file=source.file, given=reading.quantity, stated=stated,
+        raise source.argument_error(
+            "{quantity: = {given!r}} contradicts the file, which says {stated!r}",
+            given=reading.quantity, stated=stated,
         )  # fmt: skip
     sought = reading.quantity or stated
     quantity = sought or QUANTITIES[0]
@@ -446,8 +440,8 @@ def _read_angle(source: Source, index: int, reading: ReadingOptions) -> tuple[Fl
     except ArgumentError:
         raise
     except ValueError as error:
-        raise ArgumentError(
-            "{file}: {noun} {name!r}: {error} ({angle_channel:=False} leaves the angle out)",
-            file=source.file, noun=source.noun, name=source.names[index], error=error,
+        raise source.argument_error(
+            "{noun} {name!r}: {error} ({angle_channel:=False} leaves the angle out)",
+            name=source.names[index], error=error,
         ) from None  # fmt: skip
     return angle, meta if angle is given else meta | {"angle_from": "was made continuous"}

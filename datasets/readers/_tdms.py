@@ -9,19 +9,19 @@ import re
 import struct
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.arguments import ArgumentError
 from cyclofeat.datasets.readers._columns import (
     CURRENT_UNITS,
     TORQUE_UNITS,
     Source,
     explain_damage,
-    missing_library,
+    import_library,
     whole_rate,
 )
 
@@ -88,10 +88,10 @@ class TdmsSource(Source):
         properties = self.properties[torque]
         unscaled = properties.get("NI_Scaling_Status") == "unscaled" and not _n_scales(properties)
         if (counts or unscaled) and scale is None:
-            raise ArgumentError(
-                "{file}: channel {name!r} holds raw counts ({kind}), and the file states no scale; give "
-                "{scale:=} (Nm per count)",
-                file=self.file, name=self.names[torque], kind=kind,
+            raise self.argument_error(
+                "channel {name!r} holds raw counts ({kind}), and the file states no scale; give {scale:=} "
+                "(Nm per count)",
+                name=self.names[torque], kind=kind,
             )  # fmt: skip
 
     def _check_scales(self, index: int) -> None:
@@ -125,8 +125,14 @@ class TdmsSource(Source):
             values: NDArray[Any] = np.empty(
                 n_values, dtype if dtype is not None and dtype.kind == "M" else np.float64
             )
+            if self.interleaved:
+                rows = max(1, _BLOCK * n_values // max(size, 1))
+                starts = range(0, n_values, rows)
+                parts = (channel.read_data(start, min(rows, n_values - start)) for start in starts)
+            else:
+                parts = (chunk[:] for chunk in channel.data_chunks())
             done = 0
-            for part in self._read_parts(channel, n_values, size):
+            for part in parts:
                 if done + len(part) > n_values:
                     break
                 values[done : done + len(part)] = part
@@ -134,15 +140,6 @@ class TdmsSource(Source):
         if done != n_values:
             raise ValueError(f"{called} is not whole: {done} of {n_values} samples are there")
         return values
-
-    def _read_parts(self, channel: Any, n_values: int, size: int) -> Iterator[Any]:
-        if not self.interleaved:
-            for chunk in channel.data_chunks():
-                yield chunk[:]
-            return
-        rows = max(1, _BLOCK * n_values // max(size, 1))
-        for start in range(0, n_values, rows):
-            yield channel.read_data(start, min(rows, n_values - start))
 
 
 class _Bounded(io.BufferedReader):
@@ -157,45 +154,29 @@ class _Bounded(io.BufferedReader):
         return super().read(rest if size is None or size < 0 else min(size, rest))
 
 
-class _Notes(logging.Filter):
-    """Filter that collects npTDMS's log messages about lost data instead of printing them."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.lost: list[str] = []
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        """Keep a message about lost data, and drop the record."""
-        text = record.getMessage()
-        if text.startswith(("Data size", "Cropping", "Last segment")):
-            self.lost.append(text.partition(". ")[0])
-        return False
-
-    def __enter__(self) -> _Notes:
-        from nptdms.log import log_manager
-
-        self.loggers = list(log_manager.loggers.values())
-        for logger in self.loggers:
-            logger.addFilter(self)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for logger in self.loggers:
-            logger.removeFilter(self)
-
-
 @contextmanager
 def _open_tdms(path: Path) -> Iterator[Any]:
-    """Open the file with npTDMS."""
+    """Open the file with npTDMS; its log messages about lost data become errors."""
+    nptdms = import_library("nptdms", ".tdms", "npTDMS")
+    loggers = list(import_module("nptdms.log").log_manager.loggers.values())
+    lost: list[str] = []
+
+    def keep_losses(record: logging.LogRecord) -> bool:
+        text = record.getMessage()
+        if text.startswith(("Data size", "Cropping", "Last segment")):
+            lost.append(text.partition(". ")[0])
+        return False
+
+    for logger in loggers:
+        logger.addFilter(keep_losses)
     try:
-        from nptdms import TdmsFile
-    except ImportError:
-        raise missing_library(".tdms", "npTDMS") from None
-    with _Bounded(path) as stream, explain_damage(path, "TDMS"):
-        with _Notes() as notes, TdmsFile.open(stream) as file:
+        with _Bounded(path) as stream, explain_damage(path, "TDMS"), nptdms.TdmsFile.open(stream) as file:
             yield file
-        if notes.lost:
-            raise ValueError(f"{path.name} is damaged: {notes.lost[0]}")
+    finally:
+        for logger in loggers:
+            logger.removeFilter(keep_losses)
+    if lost:
+        raise ValueError(f"{path.name} is damaged: {lost[0]}")
 
 
 def _check_segments(path: Path) -> bool:

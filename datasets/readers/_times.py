@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cyclofeat._base.arguments import ArgumentError
+from cyclofeat._base.quantities import number_of
 from cyclofeat.datasets.readers._columns import TIME_UNITS, Float, Source, check_same_rate
 
 # Rounded times lie within a fraction of a sample of even spacing; one missing sample moves them by at least
@@ -31,11 +31,10 @@ def rate_of(
             return stated[0], {"rate_from": stated[1]}
     if time is None:
         if given is None:
-            raise ArgumentError(
-                "{file}: no sampling rate: give {sampling_rate:=} (Hz), or {time_channel:=} for {a_noun} of "
-                "times; {plural} are {listed}",
-                file=source.file, a_noun=source.a_noun(), plural=source.plural, listed=source.channel_names(),
-            )  # fmt: skip
+            raise source.argument_error(
+                "no sampling rate: give {sampling_rate:=} (Hz), or {time_channel:=} for {a_noun} of times; "
+                "{plural} are {listed}"
+            )
         return float(given), {"rate_from": "argument"}
     name = f"time {source.noun} {source.names[time]!r}"
     try:
@@ -44,7 +43,21 @@ def rate_of(
         if given is None or asked:
             raise
         return float(given), {"rate_from": "argument"}  # a clock in text: not needed where the rate is given
-    seconds, note = _elapsed_seconds(source, time, values)
+    note = ""
+    if values.dtype.kind in "mM":
+        if values.size < 2 or np.any(np.isnat(values)):
+            raise ValueError(f"{source.file}: {name} has times missing")
+        seconds = (values - values[0]) / np.timedelta64(1, "s")
+    else:
+        unit = source.units[time] or "s"
+        if source.units[time] is None:
+            for low, high, guess in _SINCE_1970:
+                if low <= abs(values[0]) < high:
+                    unit, note = guess, f" ({guess} since 1970)"
+        if unit not in TIME_UNITS:
+            raise ValueError(f"{source.file}: {name} must be in {', '.join(TIME_UNITS)}, got {unit!r}")
+        seconds = values - values[0]  # dates in ns would lose the digits that matter
+        seconds *= TIME_UNITS[unit]
     del values  # each is as long as the record
     if given is not None:
         span = float(seconds[-1] - seconds[0])
@@ -56,29 +69,6 @@ def rate_of(
     if jitter > _REPORTED_JITTER:
         meta["time_jitter"] = round(jitter, 3)
     return rate, meta
-
-
-def _elapsed_seconds(source: Source, time: int, values: NDArray[Any]) -> tuple[Float, str]:
-    """Times in s from the first, and a note on a unit that the column does not state."""
-    if values.dtype.kind in "mM":
-        if values.size < 2 or np.any(np.isnat(values)):
-            raise ValueError(f"{source.file}: time {source.noun} {source.names[time]!r} has times missing")
-        return (values - values[0]) / np.timedelta64(1, "s"), ""
-    unit, note = source.units[time], ""
-    if unit is None:
-        for low, high, guess in _SINCE_1970:
-            if low <= abs(values[0]) < high:
-                unit, note = guess, f" ({guess} since 1970)"
-    unit = unit or "s"
-    if unit not in TIME_UNITS:
-        raise ValueError(
-            f"{source.file}: time {source.noun} {source.names[time]!r} must be in {', '.join(TIME_UNITS)}, "
-            f"got {unit!r}"
-        )
-    # From the first: dates in ns would lose the digits that matter.
-    seconds = values - values[0]
-    seconds *= TIME_UNITS[unit]
-    return seconds, note
 
 
 def even_rate(called: str, seconds: Float, source: Source) -> tuple[float, float]:
@@ -102,29 +92,27 @@ def even_rate(called: str, seconds: Float, source: Source) -> tuple[float, float
     np.abs(off, out=off)
     worst = int(np.argmax(off))
     if off[worst] > _MOST_JITTER:
+        steps = np.diff(seconds)
+        usual = float(np.median(steps))
+        gaps = np.flatnonzero(steps > 1.5 * usual) if usual > 0 else np.empty(0, np.int64)
+        if 0 < gaps.size <= max(1, steps.size // 100):
+            longest = int(gaps[np.argmax(steps[gaps])])
+            missing = number_of(max(1, round(steps[longest] / usual) - 1), "sample")
+            problem = (
+                f"{number_of(gaps.size, 'gap')} at a usual {1 / usual:.6g} Hz, the longest of {missing} "
+                f"before {source.sample_place(longest + 1)}"
+            )
+        else:
+            problem = (
+                f"at {source.sample_place(worst)} it is {off[worst]:.2g} samples away from {rate:.6g} Hz "
+                "(samples missing, a clock that jitters, or times rounded too coarsely)"
+            )
         raise ArgumentError(
             "{called} is not evenly spaced: {problem}; if the samples are even, give {sampling_rate:=}",
-            called=called, problem=_describe_unevenness(np.diff(seconds), off, worst, rate, source),
+            called=called, problem=problem,
         )  # fmt: skip
     # Rounded times give 25600.0003 Hz: a whole number of Hz within the column's scatter is taken.
     slack = rate * (2 * float(off[worst]) / count + 1e-9)
     if abs(rate - round(rate)) <= slack and round(rate) > 0:
         rate = float(round(rate))
     return rate, float(off[worst])
-
-
-def _describe_unevenness(steps: Float, off: Float, worst: int, rate: float, source: Source) -> str:
-    """Describe gaps or jitter, with the place."""
-    usual = float(np.median(steps))
-    gaps: NDArray[np.int64] = np.flatnonzero(steps > 1.5 * usual) if usual > 0 else np.empty(0, np.int64)
-    if 0 < gaps.size <= max(1, steps.size // 100):
-        longest = int(gaps[np.argmax(steps[gaps])])
-        missing = max(1, round(steps[longest] / usual) - 1)
-        return (
-            f"{gaps.size} gap{'s' if gaps.size > 1 else ''} at a usual {1 / usual:.6g} Hz, the longest of "
-            f"{missing} sample{'s' if missing > 1 else ''} before {source.sample_place(longest + 1)}"
-        )
-    return (
-        f"at {source.sample_place(worst)} it is {off[worst]:.2g} samples away from {rate:.6g} Hz (samples "
-        "missing, a clock that jitters, or times rounded too coarsely)"
-    )

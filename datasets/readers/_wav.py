@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.io import wavfile
 
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat.datasets.readers._columns import Source, explain_damage
@@ -24,8 +25,28 @@ class WavSource(Source):
     named = False
 
     def __init__(self, path: Path) -> None:
-        rate, self.samples = _read_samples(path)
-        n_channels = 1 if self.samples.ndim == 1 else self.samples.shape[1]
+        size = path.stat().st_size
+        with path.open("rb") as file:
+            head = file.read(12)
+        if head[:4] not in (b"RIFF", b"RIFX", b"RF64") or head[8:] != b"WAVE":
+            raise ValueError(f"{path.name} is no WAV file: it does not begin with RIFF and WAVE")
+        (claimed,) = struct.unpack(">I" if head[:4] == b"RIFX" else "<I", head[4:8])
+        if head[:4] != b"RF64" and claimed + 8 > size:
+            raise ValueError(
+                f"{path.name} is not whole: its header says {claimed + 8} bytes, {size} are there"
+            )
+        with explain_damage(path, "WAV"), warnings.catch_warnings():
+            warnings.simplefilter("error", wavfile.WavFileWarning)
+            # Chunks of other programs do not matter.
+            warnings.filterwarnings("ignore", "Chunk .non-data. not understood", wavfile.WavFileWarning)
+            try:
+                rate, samples = wavfile.read(path, mmap=True)
+            except ValueError:  # 24-bit samples cannot be mapped
+                rate, samples = wavfile.read(path)
+        if not rate > 0:
+            raise ValueError(f"{path.name}: its header states a rate of {rate!r} Hz")
+        self.samples = samples
+        n_channels = 1 if samples.ndim == 1 else samples.shape[1]
         super().__init__(path, [str(index) for index in range(n_channels)])
         self.rate = float(rate)
 
@@ -47,27 +68,3 @@ class WavSource(Source):
         if samples.dtype == np.uint8:
             return (samples.astype(np.float64) - 128) / 128
         return samples / -float(np.iinfo(samples.dtype).min)
-
-
-def _read_samples(path: Path) -> tuple[float, NDArray[Any]]:
-    from scipy.io import wavfile
-
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        head = file.read(12)
-    if head[:4] not in (b"RIFF", b"RIFX", b"RF64") or head[8:] != b"WAVE":
-        raise ValueError(f"{path.name} is no WAV file: it does not begin with RIFF and WAVE")
-    (claimed,) = struct.unpack(">I" if head[:4] == b"RIFX" else "<I", head[4:8])
-    if head[:4] != b"RF64" and claimed + 8 > size:
-        raise ValueError(f"{path.name} is not whole: its header says {claimed + 8} bytes, {size} are there")
-    with explain_damage(path, "WAV"), warnings.catch_warnings():
-        warnings.simplefilter("error", wavfile.WavFileWarning)
-        # Chunks of other programs do not matter.
-        warnings.filterwarnings("ignore", "Chunk .non-data. not understood", wavfile.WavFileWarning)
-        try:
-            rate, samples = wavfile.read(path, mmap=True)
-        except ValueError:  # 24-bit samples cannot be mapped
-            rate, samples = wavfile.read(path)
-    if not rate > 0:
-        raise ValueError(f"{path.name}: its header states a rate of {rate!r} Hz")
-    return rate, samples

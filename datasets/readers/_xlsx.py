@@ -9,6 +9,7 @@ import re
 import warnings
 import zipfile
 from collections.abc import Iterable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,8 @@ from cyclofeat.datasets.readers._columns import (
     Float,
     Source,
     explain_damage,
+    import_library,
     largest_unpacked,
-    missing_library,
 )
 from cyclofeat.datasets.readers._csv import CsvSource
 
@@ -31,7 +32,7 @@ class XlsxSource(Source):
     that were stored with them.
     """
 
-    noun, plural = "column", "columns"
+    noun, a_noun, plural = "column", "a column", "columns"
 
     def __init__(self, path: Path) -> None:
         sheets = list(_iterate_sheets(path))
@@ -64,7 +65,9 @@ class XlsxSource(Source):
 
 
 class _Sheet(CsvSource):
-    """One sheet, whose rows are lines with tabs."""
+    """One sheet, whose rows are lines with tabs; its numbers have a point, whatever its texts hold."""
+
+    has_text_numbers = False
 
     def __init__(self, path: Path, title: str, lines: list[str]) -> None:
         self.title = title
@@ -74,9 +77,6 @@ class _Sheet(CsvSource):
         row = f"row {self.first_line + sample}"
         return f"{row} of sheet {self.title!r}" if self.title else row
 
-    def _check_points(self, index: int) -> None:
-        """Do nothing: numbers of cells have a point, whatever the text of other cells holds."""
-
     def _checked_rows(self, rows: Iterable[str]) -> int:
         """Return the number of rows: they are of one width, and empty cells are an error of their column."""
         return sum(1 for _ in rows)
@@ -84,10 +84,7 @@ class _Sheet(CsvSource):
 
 def _iterate_sheets(path: Path) -> Iterator[tuple[str, list[str]]]:
     """Yield the title of each sheet of several rows, and these as lines with tabs."""
-    try:
-        from openpyxl import load_workbook
-    except ImportError:
-        raise missing_library(".xlsx", "openpyxl") from None
+    openpyxl = import_library("openpyxl", ".xlsx", "openpyxl")
     with explain_damage(path, "an Excel workbook"), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of styles and extensions that are not kept
         limit = largest_unpacked(path)
@@ -98,34 +95,24 @@ def _iterate_sheets(path: Path) -> Iterator[tuple[str, list[str]]]:
                 f"{path.name} takes {total / 1e9:.3g} GB when unpacked, at most {limit / 1e9:.3g} GB are "
                 "read: save it as .csv"
             )
-        book = load_workbook(path, read_only=True, data_only=True)
-        try:
+        with closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
             for sheet in book.worksheets:
                 sheet.reset_dimensions()  # some programs state wrong ones
-                rows = [_row_texts(row) for row in sheet.iter_rows(values_only=True)]
+                rows = [[_cell_text(cell) for cell in row] for row in sheet.iter_rows(values_only=True)]
+                for row in rows:
+                    while row and not row[-1].strip():
+                        row.pop()
                 while rows and not rows[-1]:
                     rows.pop()
                 width = max(map(len, rows), default=0)
                 if len(rows) > 1:  # names or notes, and something below them
                     yield str(sheet.title), [_tabbed_line(row, width) for row in rows]
-        finally:
-            book.close()
-
-
-def _row_texts(row: Iterable[Any]) -> list[str]:
-    """Return the cells of a row as text, without empty ones at its end."""
-    cells = [_cell_text(cell) for cell in row]
-    while cells and not cells[-1].strip():
-        cells.pop()
-    return cells
 
 
 def _cell_text(cell: Any) -> str:
-    if cell is None:
-        return ""
     if isinstance(cell, (datetime.datetime, datetime.date)):
         return cell.isoformat()
-    return re.sub(r"\s", " ", str(cell))  # a line end or a tab would be a border of cells
+    return "" if cell is None else re.sub(r"\s", " ", str(cell))  # line ends and tabs would separate cells
 
 
 def _tabbed_line(cells: list[str], width: int) -> str:

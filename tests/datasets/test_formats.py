@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import builtins
 import csv
 import struct
+import sys
 import time
 
 import h5py
@@ -18,8 +18,7 @@ from memory import peak_bytes
 from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 from scipy.io import savemat, wavfile
 
-from cyclofeat.datasets import read_recording, write_recording
-from cyclofeat.datasets.readers import describe_recording
+from cyclofeat.datasets import describe, read_recording, write_recording
 from cyclofeat.recordings import Recording
 
 RATE = 25_600.0
@@ -434,7 +433,7 @@ def test_wav_of_every_sample_type(tmp_path):
         read_recording(tmp_path / "rig.wav")
     recording = read_recording(tmp_path / "rig.wav", channel=1)
     np.testing.assert_array_equal(recording.torque, stereo[:, 1])
-    assert describe_recording(recording)["unit_assumed"]
+    assert describe(recording)["unit_assumed"]
 
 
 def test_wav_of_24_bits(tmp_path):
@@ -754,13 +753,6 @@ def test_a_broken_tdms_lead_in(good, tmp_path, offset, value, words):
 def test_a_missing_library_is_named(good, tmp_path, monkeypatch, name, library):
     source = "v73.mat" if name == "rig.mat" else f"{name.rpartition('.')[2]}.{name.rpartition('.')[2]}"
     (tmp_path / name).write_bytes(good[source])
-    real = builtins.__import__
-
-    def without(module, *args, **kwargs):
-        if module == library:
-            raise ImportError(module)
-        return real(module, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(ImportError, match=r"needs (npTDMS|pyarrow|h5py|openpyxl): pip install \1"):
         read_recording(tmp_path / name, sampling_rate=RATE)

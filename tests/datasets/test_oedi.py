@@ -66,7 +66,9 @@ def test_a_wheel_leaves_the_recordings_out():
     package_data = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"][
         "package-data"
     ]
-    assert [name for name in package_data["cyclofeat.datasets"] if "oedi" in name] == ["oedi_gearbox/README.md"]
+    assert [name for name in package_data["cyclofeat.datasets"] if "oedi" in name] == [
+        "oedi_gearbox/README.md"
+    ]
 
 
 def test_a_file_can_be_named(data):

@@ -22,7 +22,7 @@ from cyclofeat.datasets import (
     read_recording,
     write_recording,
 )
-from cyclofeat.datasets.readers import _columns, describe_recording, one_line
+from cyclofeat.datasets.readers import _columns, one_line
 from cyclofeat.datasets.readers._npz import load_arrays
 from cyclofeat.recordings import Recording
 
@@ -342,7 +342,7 @@ def test_what_was_assumed_is_stated(tmp_path):
         "3 samples = 1.5 s, no angle"
     )
     stated = read_recording(write(tmp_path / "b.csv", "torque [Nm]\n1\n2\n"), sampling_rate=1)
-    assert not describe_recording(stated)["unit_assumed"]
+    assert not describe(stated)["unit_assumed"]
     assert recording.source is None  # nobody said that it was measured
 
 
@@ -764,7 +764,7 @@ def test_a_description_is_fit_for_json():
         load_nm=22,
         source="simulated",
     )
-    found = json.loads(json.dumps(describe_recording(recording)))
+    found = json.loads(json.dumps(describe(recording)))
     assert found["angle"] == "disc, absolute"
     assert found["worn_lobes_from_1"] == [1, 5]
     assert found["duration_s"] == 2 / RATE

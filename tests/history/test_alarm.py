@@ -38,15 +38,6 @@ def test_the_mean_run_is_that_of_all_courses(k, n, p):
     assert_allclose(mean_run_length(k, n, p), brute_mean(k, n, p), rtol=1e-3)
 
 
-def test_bad_rules_are_refused():
-    with pytest.raises(ValueError, match="k must be at most 2"):
-        mean_run_length(3, 2, 0.1)
-    with pytest.raises(ValueError, match="n must be at most 10"):
-        mean_run_length(1, 11, 0.1)
-    with pytest.raises(ValueError, match="probability must be above 0 and at most 1, got 0"):
-        mean_run_length(1, 1, 0)
-
-
 def test_an_alarm_lasts_until_no_count_exceeds():
     series = [one == "1" for one in "0110100010000011"]
     states = "".join(str(int(one)) for one in alarm_states(series, rule(2, 3)))

@@ -358,7 +358,10 @@ def test_a_cut_file_whose_card_agrees_is_a_clear_error(stored, kept):
         ('{"format": 3, "sha', "cannot be read as JSON"),
         ("[]", "is no card of a model: format, sha256"),
         ('{"format": 3}', "sha256, bytes, versions, .* missing or wrong"),
-        ('{"format": 3, "classes": [], "scores": 0.9}', "classes, scores, features missing or wrong"),
+        (
+            '{"format": 3, "classes": 3, "scores": 0.9}',
+            "classes, scores, features.columns, .* missing or wrong",
+        ),
         ('{"format": 4}', "of format 4, but 3 can be read; update cyclofeat"),
         ('{"format": 2}', "of format 2, but 3 can be read; train the model again"),
     ],
