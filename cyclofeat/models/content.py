@@ -12,6 +12,7 @@ import io
 import json
 import re
 import zipfile
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -107,7 +108,6 @@ class _Builder:
     def __init__(self, archive: zipfile.ZipFile) -> None:
         self._archive = archive
         self._built: dict[int, Any] = {}
-        self._classes: dict[str, type] = {}
 
     def build(self, node: dict[str, Any]) -> Any:
         loader = node["__loader__"]
@@ -155,11 +155,11 @@ class _Builder:
                 tree.__setstate__(state)
                 return tree
             case "ObjectNode", _:
-                kind = self._classes.get(name) or self._classes.setdefault(name, _find_class(name))
-                return _build_object(kind, self.build(content))
+                return _build_object(_find_class(name), self.build(content))
         raise _ForeignTypeError(f"holds {name}, which no counter needs")
 
 
+@cache
 def _find_class(name: str) -> type:
     """Return the class of this name, if a file may hold it."""
     module, _, own_name = name.rpartition(".")

@@ -1,12 +1,8 @@
 """Models on disk: a file, and beside it a card that says what it is.
 
-===========  ==========================================================================================
-file         what it is
-===========  ==========================================================================================
-``.skops``   data only: it is read piece by piece, and pieces that are not on a list of known types are
-             refused. Safe to load from anyone, and read without skops, which only writes it.
-``.joblib``  a pickle, which is code: it can do anything when loaded. Loaded only with ``trusted=True``.
-===========  ==========================================================================================
+A ``.skops`` file is data only: it is read piece by piece, without skops, and pieces that are not on a list of
+known types are refused, so that it is safe to load from anyone. A ``.joblib`` file is a pickle, which is code
+that can do anything when loaded: it is loaded only with ``trusted=True``.
 
 The card, ``<file>.card.json``, is for people and for the checks before loading: versions, sampling rate,
 window, features with the versions of their definitions, training assemblies, scores, and the file's SHA-256.

@@ -121,14 +121,21 @@ class WindowStream:
         return self._pieces[0]
 
     def _next_window(self, stop: int) -> StreamWindow:
-        """Cut the next window from the samples before ``stop``, and forget what no later one needs."""
+        """Cut the next window from the samples before ``stop``."""
         torque, angle = (values[:stop].copy() for values in self._join_pieces())
         if not self._grid.decimation:
             self._grid = self._windower.grid_of(torque, angle, self._rate)
         first, first_sample = self._first_point, self._first_sample
         assert first is not None
         self._first_point = first + self._length
-        self._forget_samples()
+        # Forget what no later window needs; the filter takes every so many samples from the first on.
+        kept_torque, kept_angle = self._join_pieces()
+        needed = (self._first_point - _BESIDE) * self._grid.step
+        before = max(0, int(np.searchsorted(kept_angle, needed)) - 1)
+        before -= (first_sample + before) % self._grid.decimation
+        if before > 0:
+            self._pieces = [(kept_torque[before:].copy(), kept_angle[before:].copy())]
+            self._first_sample += before
         recording = Recording(torque, self._rate, angle=angle, **self._labels)
         values, grid = self._grid.resample(torque, angle, self._rate)
         begin = first - round(grid[0] / self._grid.step)
@@ -136,14 +143,3 @@ class WindowStream:
         cut = values[np.newaxis, begin : begin + self._length], samples_at(start, angle) / self._rate, start
         reject_constant_windows(recording, cut, first_sample / self._rate)
         return StreamWindow(window_set([recording], [cut], self._per_turn), recording, first_sample)
-
-    def _forget_samples(self) -> None:
-        assert self._first_point is not None
-        torque, angle = self._join_pieces()
-        needed = (self._first_point - _BESIDE) * self._grid.step
-        before = max(0, int(np.searchsorted(angle, needed)) - 1)
-        # The filter takes every so many samples from the first on.
-        before -= (self._first_sample + before) % self._grid.decimation
-        if before > 0:
-            self._pieces = [(torque[before:].copy(), angle[before:].copy())]
-            self._first_sample += before

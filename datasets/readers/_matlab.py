@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -138,10 +138,14 @@ class MatSource(Source):
             self.unreadable[name] = _OBJECT
         elif value.dtype.names is not None:
             for field in value.dtype.names:
+                called = f"{name}.{field}"
+                elements = value[field].ravel(order="F")
                 if value.size == 1:
-                    self._visit_variable(f"{name}.{field}", value[field].flat[0], depth + 1)
+                    self._visit_variable(called, elements[0], depth + 1)
+                elif value.size and all(isinstance(x, np.ndarray) and _is_number(x) for x in elements):
+                    self.vectors[called] = partial(_join_numbers, elements)
                 else:
-                    self._add_elements(f"{name}.{field}", value[field].ravel(order="F"))
+                    self.unreadable[called] = _NO_NUMBERS
         elif value.dtype.kind in "US":
             if value.size == 1:
                 self.texts[name] = str(value.flat[0])
@@ -157,17 +161,6 @@ class MatSource(Source):
             self.unreadable[name] = "is empty"
         else:
             self._add_variable(name, value.shape, lambda at: np.asarray(value[at]))
-
-    def _add_elements(self, name: str, elements: NDArray[Any]) -> None:
-        """Add a field of a struct array: one number in each element."""
-        fits = all(
-            isinstance(element, np.ndarray) and element.size == 1 and element.dtype.kind in "iufb"
-            for element in elements
-        )
-        if not fits or elements.size == 0:
-            self.unreadable[name] = _NO_NUMBERS
-            return
-        self.vectors[name] = lambda: np.array([float(element.flat[0]) for element in elements])
 
     # v7.3
 
@@ -200,7 +193,18 @@ class MatSource(Source):
     def _visit_dataset(self, name: str, data: Any) -> None:
         import h5py
 
-        kind = data.attrs.get("MATLAB_class", b"")
+        def read_part(at: Any) -> NDArray[Any]:
+            with self._open_hdf5() as file:
+                return np.asarray(file[place][() if at is ... else at[::-1]])
+
+        def join_elements() -> NDArray[Any]:
+            with self._open_hdf5() as file:
+                elements = [file[reference] for reference in file[place][()].ravel()]
+                if not all(map(_is_number, elements)):
+                    raise ValueError(f"{self.file}: variable {name!r} {_NO_NUMBERS}")
+                return _join_numbers(elements)
+
+        place, kind = data.name, data.attrs.get("MATLAB_class", b"")
         kind = kind.decode() if isinstance(kind, bytes) else str(kind)
         is_reference = h5py.check_ref_dtype(data.dtype) is not None
         check_claim(self.path, data.size * data.dtype.itemsize if data.shape is not None else 0)
@@ -216,24 +220,21 @@ class MatSource(Source):
             else:
                 self.unreadable[name] = _CELLS
         elif is_reference:
-            self.vectors[name] = partial(self._struct_elements, name, data.name)
+            self.vectors[name] = join_elements
         elif data.dtype.kind in "iufb":
             # The axes are reversed: a column vector of n is stored as (1, n).
-            self._add_variable(name, tuple(data.shape[::-1]), partial(self._read_hdf5, data.name))
+            self._add_variable(name, tuple(data.shape[::-1]), read_part)
         else:
             self.unreadable[name] = f"must hold real numbers, got {data.dtype}"
 
-    def _read_hdf5(self, name: str, at: Any) -> NDArray[Any]:
-        with self._open_hdf5() as file:
-            data = file[name]
-            return np.asarray(data[()] if at is ... else data[at[::-1]])
 
-    def _struct_elements(self, name: str, place: str) -> NDArray[Any]:
-        with self._open_hdf5() as file:
-            elements = [file[reference] for reference in file[place][()].ravel()]
-            if any(element.size != 1 or element.dtype.kind not in "iufb" for element in elements):
-                raise ValueError(f"{self.file}: variable {name!r} {_NO_NUMBERS}")
-            return np.array([float(element[()].ravel()[0]) for element in elements])
+def _is_number(element: Any) -> bool:
+    """Return True for an array or data set of one real number."""
+    return bool(element.size == 1 and element.dtype.kind in "iufb")
+
+
+def _join_numbers(elements: Iterable[Any]) -> NDArray[Any]:
+    return np.array([float(np.ravel(element[()])[0]) for element in elements])
 
 
 def _decode_text(data: Any) -> str:

@@ -48,7 +48,7 @@ class NpzSource(Source):
             members = [name.removesuffix(".npy") for name in archive.namelist()]
             reserved = {*LABELS, WORN, FORMAT_KEY, "sampling_rate", "angle_unit"}
             super().__init__(path, [name for name in members if name not in reserved])
-            small = {name: _read_array(path, archive, name) for name in members if name in reserved}
+            small = {name: _read_array(archive, name) for name in members if name in reserved}
         self.rate = small.get("sampling_rate")
         stated_labels = {key: small[key].tolist() for key in (*LABELS, WORN) if key in small}
         if "meta" in stated_labels:
@@ -84,7 +84,7 @@ class NpzSource(Source):
 
     def raw_values(self, index: int) -> NDArray[Any]:
         with _open_archive(self.path) as archive:
-            return _read_array(self.path, archive, self.names[index])
+            return _read_array(archive, self.names[index])
 
     def is_usable(self, index: int) -> bool:
         with _open_archive(self.path) as archive:
@@ -107,7 +107,7 @@ def load_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """All arrays of an NPZ file. Pickled ones are refused: they are code."""
     with _open_archive(path) as archive:
         _check_sizes(path, archive)
-        return {name.removesuffix(".npy"): _read_array(path, archive, name) for name in archive.namelist()}
+        return {name.removesuffix(".npy"): _read_array(archive, name) for name in archive.namelist()}
 
 
 @contextmanager
@@ -126,7 +126,11 @@ def _check_sizes(path: Path, archive: zipfile.ZipFile) -> None:
     _check_sum(path, unpacked)  # before any header: that may be as long
     for name in unpacked:
         shape, dtype = _read_header(path, archive, name)
-        check_claim(path, dtype.itemsize * math.prod(shape))
+        n_bytes = dtype.itemsize * math.prod(shape)
+        check_claim(path, n_bytes)
+        if n_bytes > unpacked[name]:
+            name = name.removesuffix(".npy")
+            raise ValueError(f"{path.name} is damaged: array {name!r} claims more bytes than there are")
         unpacked[name] = np.dtype(np.float64).itemsize * math.prod(shape)  # as channels are read
     _check_sum(path, unpacked)
 
@@ -159,16 +163,8 @@ def _read_header(path: Path, archive: zipfile.ZipFile, name: str) -> tuple[tuple
     return shape, dtype
 
 
-def _read_array(path: Path, archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
-    """One array; an error if the file cannot hold what its header claims."""
-    member = _member_name(archive, name)
-    info = archive.getinfo(member)
-    shape, dtype = _read_header(path, archive, member)
-    n_bytes = dtype.itemsize * math.prod(shape)
-    check_claim(path, max(n_bytes, info.file_size))
-    if n_bytes > info.file_size:
-        raise ValueError(f"{path.name} is damaged: array {name!r} claims more bytes than there are")
-    with archive.open(member) as file:
+def _read_array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+    with archive.open(_member_name(archive, name)) as file:
         array = np.lib.format.read_array(file, allow_pickle=False)
         file.read(1)  # to the end, where the checksum is compared
         return np.asarray(array)

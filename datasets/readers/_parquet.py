@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -33,15 +33,10 @@ class ParquetSource(Source):
             names = [str(field.name) for field in schema]
             self.n_rows = int(file.metadata.num_rows)
         super().__init__(path, names, [None if unit is None else unit.decode() for unit in units])
-        self.rate: float | None = None
-        if b"sampling_rate" in metadata:
-            try:
-                self.rate = float(metadata[b"sampling_rate"])
-            except ValueError:
-                raise ValueError(
-                    f"{path.name}: metadata 'sampling_rate' must be a number (Hz), got "
-                    f"{metadata[b'sampling_rate']!r}"
-                ) from None
+        self.rate = metadata.get(b"sampling_rate")
+        if self.rate is not None:
+            with suppress(ValueError):
+                self.rate = float(self.rate)
             check_rate(self.rate, f"{path.name}: metadata 'sampling_rate'")
 
     def is_usable(self, index: int) -> bool:

@@ -51,7 +51,12 @@ class TdmsSource(Source):
             channels = [channel for group in file.groups() for channel in group.channels()]
             self.keys = [(channel.group_name, channel.name) for channel in channels]
             self.lengths = [len(channel) for channel in channels]
-            self.kinds = [_scaled_dtype(channel) for channel in channels]
+            self.kinds: list[np.dtype[Any] | None] = []
+            for channel in channels:
+                try:
+                    self.kinds.append(np.dtype(channel.dtype))
+                except Exception:  # it has no type, or a scale that cannot be computed: reading it says why
+                    self.kinds.append(None)
             self.properties = [dict(channel.properties) for channel in channels]
             self.scopes = [
                 (dict(channel.properties), dict(file[channel.group_name].properties), dict(file.properties))
@@ -192,9 +197,8 @@ def _check_segments(path: Path) -> bool:
             lead_in = file.read(_LEAD_IN)
             where = f"the segment at byte {position}"
             if lead_in[:4] != b"TDSm":
-                if position == 0:
-                    raise ValueError(f"{path.name} is no TDMS file: it does not begin with 'TDSm'")
-                raise ValueError(f"{path.name} is damaged: {where} does not begin with 'TDSm'")
+                problem = f"is damaged: {where}" if position else "is no TDMS file: it"
+                raise ValueError(f"{path.name} {problem} does not begin with 'TDSm'")
             if len(lead_in) < _LEAD_IN:
                 raise ValueError(f"{path.name} is not whole: {where} ends within its lead-in")
             (mask,) = struct.unpack("<l", lead_in[4:8])
@@ -223,12 +227,3 @@ def _n_scales(properties: Mapping[str, Any]) -> int:
         return int(properties["NI_Number_Of_Scales"])
     matches = [re.match(r"NI_Scale\[(\d+)\]_Scale_Type", key) for key in properties]
     return max((int(match[1]) + 1 for match in matches if match), default=0)
-
-
-def _scaled_dtype(channel: Any) -> np.dtype[Any] | None:
-    """Type of the scaled values; None where there is none, or its scale cannot be computed."""
-    try:
-        kind: np.dtype[Any] = np.dtype(channel.dtype)
-    except Exception:  # reading the channel says why
-        return None
-    return kind
