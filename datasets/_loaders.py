@@ -157,13 +157,6 @@ def load_oedi_gearbox(path: str | os.PathLike[str] | None = None) -> Bunch:
         DESCR : str
             Origin, licence, units and what is inferred.
 
-    Raises
-    ------
-    FileNotFoundError
-        If the file does not exist; the message says where to get it.
-    ValueError
-        If the file does not hold the arrays described.
-
     Notes
     -----
     Healthy and broken are two assemblies, so separating them says little about a method. The load level

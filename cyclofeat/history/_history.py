@@ -254,7 +254,7 @@ class History:
             "ORDER BY time DESC, id DESC LIMIT ?",
             (gearbox, -1 if last is None else last),
         )
-        return [HistoryRow(*others, json.loads(answer)) for *others, answer in reversed(rows)]
+        return [HistoryRow(*(*others, json.loads(answer))) for *others, answer in reversed(rows)]
 
     def to_frame(self, gearbox: str) -> pd.DataFrame:
         """Return the recordings of a gearbox as a table.
@@ -273,7 +273,7 @@ class History:
         """
         rows = [vars(row) | {"wear_um": row.answer.get("wear_um")} for row in self.rows(gearbox)]
         names = ("file", "model", "defect_count", "wear_um", "reason", "mean", "deviation", "unit")
-        table = {"time": [datetime.fromtimestamp(row["time"], UTC) for row in rows]}
+        table: dict[str, list[Any]] = {"time": [datetime.fromtimestamp(row["time"], UTC) for row in rows]}
         table |= {name: [row[name] for row in rows] for name in names}
         return data_frame(table).astype({"defect_count": "Int64", "wear_um": "float64"})
 

@@ -173,7 +173,7 @@ def _find_class(name: str) -> type:
 
 
 def _build_object(kind: type, state: Any) -> Any:
-    """Build an object without calling its ``__init__``, and check the trees that it holds."""
+    """Build an object without calling its ``__init__``; raise ``ValueError`` for trees that are not sound."""
     built: Any = object.__new__(kind)
     if state is not None:
         if hasattr(built, "__setstate__"):
@@ -181,31 +181,27 @@ def _build_object(kind: type, state: Any) -> Any:
         else:
             vars(built).update(state)
     for part in (built, *vars(built).get("estimators_", ())):
-        if hasattr(part, "tree_"):
-            _check_tree(part.tree_, int(part.n_features_in_), int(built.n_features_in_))
+        if not hasattr(part, "tree_"):
+            continue
+        # Trees are compiled and believe their indices: one that is wrong reads foreign memory, or runs in
+        # circles.
+        tree = part.tree_
+        left, right, feature = tree.children_left, tree.children_right, tree.feature
+        node = np.arange(tree.node_count)
+        leaf = left == -1
+        # children come after their parents: so a way through the tree has an end
+        sound = (
+            tree.node_count > 0
+            and {tree.n_features} == {int(part.n_features_in_), int(built.n_features_in_)}
+            and np.array_equal(leaf, right == -1)
+            and ((left > node) & (left < node.size) | leaf).all()
+            and ((right > node) & (right < node.size) | leaf).all()
+            and ((feature >= 0) & (feature < tree.n_features) | leaf).all()
+            and 0 <= tree.max_depth < max(node.size, 1)
+        )
+        if not sound:
+            raise ValueError("a tree's nodes point outside the tree or the features")
     return built
-
-
-def _check_tree(tree: Any, *n_features: int) -> None:
-    """Raise ``ValueError`` for a tree that points outside itself or the features.
-
-    Trees are compiled and believe their indices: one that is wrong reads foreign memory, or runs in circles.
-    """
-    left, right, feature = tree.children_left, tree.children_right, tree.feature
-    node = np.arange(tree.node_count)
-    leaf = left == -1
-    # children come after their parents: so a way through the tree has an end
-    sound = (
-        tree.node_count > 0
-        and {tree.n_features} == {*n_features}
-        and np.array_equal(leaf, right == -1)
-        and ((left > node) & (left < node.size) | leaf).all()
-        and ((right > node) & (right < node.size) | leaf).all()
-        and ((feature >= 0) & (feature < tree.n_features) | leaf).all()
-        and 0 <= tree.max_depth < max(node.size, 1)
-    )
-    if not sound:
-        raise ValueError("a tree's nodes point outside the tree or the features")
 
 
 def import_skops() -> Any:

@@ -23,24 +23,12 @@ _MARGIN = 44.8
 
 @dataclass(frozen=True)
 class AngleGrid:
-    """Filters that bring torque to equal steps of an angle.
+    """Filters that bring torque to equal steps of an angle."""
 
-    Attributes
-    ----------
-    samples_per_turn : int
-        Grid points per turn of the shaft, one of them at angle zero.
-    decimation : int
-        Factor by which the sampling rate is reduced before the torque is interpolated.
-    level : float
-        Torque that is subtracted.
-    sign : float
-        Factor by which the rest is multiplied.
-    """
-
-    samples_per_turn: int
-    decimation: int
-    level: float = 0.0
-    sign: float = 1.0
+    samples_per_turn: int  # one of them at angle zero
+    decimation: int  # of the sampling rate, before the torque is interpolated
+    level: float = 0.0  # subtracted from the torque
+    sign: float = 1.0  # by which the rest is multiplied
 
     @classmethod
     def for_angle(cls, angle: Float, samples_per_turn: int) -> AngleGrid:

@@ -66,13 +66,6 @@ class Recording:
     meta : mapping of str, optional
         Anything else that is known. Copied; {} where it is not given.
 
-    Raises
-    ------
-    TypeError
-        If a parameter is of the wrong type.
-    ValueError
-        If a parameter lies outside its range or contradicts another. The message names it.
-
     Notes
     -----
     While the input turns counter-clockwise (phi rises), the disc turns clockwise, 15 times slower:

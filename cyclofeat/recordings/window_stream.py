@@ -20,16 +20,10 @@ _MOST_PIECES = 1024
 
 
 class StreamWindow(NamedTuple):
-    """One window of a stream.
+    """One window of a stream; its ``start_s`` counts from the first sample of ``recording``.
 
-    Attributes
-    ----------
-    windows : WindowSet
-        The window; its ``start_s`` counts from the first sample of ``recording``.
-    recording : Recording
-        Samples of the window, and 64 samples of the grid beside it where there are as many.
-    first_sample : int
-        Number of samples of the stream before these.
+    The recording holds the window's samples, and 64 samples of the grid beside it where there are as many;
+    ``first_sample`` is the number of samples of the stream before these.
     """
 
     windows: WindowSet
@@ -45,14 +39,8 @@ class WindowStream:
     steady; where the speed varies, that method may choose another rate of its filters by the whole record
     (errors of 0.1 %). Samples of at most one window, those beside it and the last piece are kept.
 
-    Parameters
-    ----------
-    windower : Windower
-        With ``samples_per_turn`` and ``reduction``; windows follow one another from the first sample on.
-    sampling_rate : float
-        In Hz.
-    **labels
-        Other parameters of the :class:`~cyclofeat.Recording` of each window.
+    The windower needs ``samples_per_turn`` and ``reduction``; windows follow one another from the first
+    sample on. ``labels`` are other parameters of the :class:`~cyclofeat.Recording` of each window.
     """
 
     def __init__(self, windower: Windower, sampling_rate: float, **labels: Any) -> None:
@@ -75,21 +63,9 @@ class WindowStream:
         self._first_point: int | None = None  # of the next window
 
     def push(self, torque: Float, angle: Float) -> Iterator[StreamWindow]:
-        """Take the next samples and yield the windows that they complete.
+        """Take the next samples and input angles (rad), and yield the windows that they complete.
 
-        Parameters
-        ----------
-        torque, angle : ndarray, shape (n,)
-            Angle of the input shaft in rad, strictly increasing.
-
-        Yields
-        ------
-        StreamWindow
-
-        Raises
-        ------
-        ValueError
-            If a window is constant, or its samples are too few. It is left out then.
+        A window that is constant, or of too few samples, raises ``ValueError`` and is left out.
         """
         if angle.size:
             if self._first_point is None:

@@ -76,7 +76,9 @@ class WindowSet:
 
     def part(self, rows: Int) -> WindowSet:
         """Return the windows with these numbers."""
-        columns = {name: x[rows] for name, x in vars(self).items() if isinstance(x, np.ndarray)}
+        columns: dict[str, Any] = {
+            name: x[rows] for name, x in vars(self).items() if isinstance(x, np.ndarray)
+        }
         worn_lobes = tuple(self.worn_lobes[row] for row in rows.tolist())
         return dataclasses.replace(self, worn_lobes=worn_lobes, **columns)
 
@@ -125,11 +127,6 @@ class Windower:
     remove_mean : bool, default False
         Whether to subtract the mean torque of each recording, and to change the sign of the rest where it is
         negative: conventions differ between rigs.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If a parameter is outside its range, or two exclude each other.
 
     Notes
     -----
@@ -217,11 +214,6 @@ class Windower:
             Number of worn lobes.
         groups : ndarray of shape (n_windows,)
             Assembly that each window came from.
-
-        Raises
-        ------
-        TypeError, ValueError
-            As for :meth:`windows`, and where a recording has no assembly or no defect count.
         """
         records = _as_list(recordings)
         remedies = {

@@ -86,10 +86,17 @@ class TextLines:
                         f"{path.name} holds binary data, or UTF-16 without a byte-order mark; {_REMEDY}"
                     )
         for encoding in _UNMARKED if marked is None else (marked,):
-            self.encoding = encoding
-            wrong = self._first_undecodable()
-            if wrong is None:
+            self.encoding, before, pending = encoding, 0, 0
+            decoder = codecs.getincrementaldecoder(encoding)()
+            try:
+                with self._open_bytes() as file:
+                    while block := file.read(_BLOCK):
+                        decoder.decode(block)
+                        before, pending = before + len(block), len(decoder.getstate()[0])
+                decoder.decode(b"", final=True)
                 return
+            except UnicodeDecodeError as error:
+                wrong = before - pending + error.start
         known = marked or "UTF-8, Latin-1, or UTF-16 with a byte-order mark"
         raise ValueError(f"{path.name} is not text in {known} (byte {wrong}); {_REMEDY}")
 
@@ -113,22 +120,6 @@ class TextLines:
             return
         with explain_damage(self.path, "gzip"), gzip.open(self.path) as packed:
             yield cast("IO[bytes]", packed)
-
-    def _first_undecodable(self) -> int | None:
-        """Return the first byte that is not in the encoding; None if all are."""
-        decoder = codecs.getincrementaldecoder(self.encoding)()
-        before = 0
-        with self._open_bytes() as file:
-            while True:
-                block = file.read(_BLOCK)
-                pending = len(decoder.getstate()[0])
-                try:
-                    decoder.decode(block, final=not block)
-                except UnicodeDecodeError as error:
-                    return before - pending + error.start
-                if not block:
-                    return None
-                before += len(block)
 
 
 def cells_of(line: str, delimiter: str, file: str) -> list[str]:

@@ -65,20 +65,11 @@ _MOST_ERRORS = 10
 
 @dataclass(frozen=True)
 class Entry:
-    """One file to read, given by itself or by a folder's manifest.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-    arguments : dict
-        Arguments of :func:`read_recording`.
-    line : int or None
-        Line of the manifest; None where there is no manifest.
-    """
+    """One file to read, with arguments of :func:`read_recording` from its line of a folder's manifest."""
 
     path: Path
     arguments: dict[str, Any] = field(default_factory=dict)
-    line: int | None = None
+    line: int | None = None  # of the manifest, if there is one
 
     def read(self, **arguments: Any) -> Recording:
         """Read the recording; arguments given here precede those of the manifest."""

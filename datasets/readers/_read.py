@@ -250,33 +250,9 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
 
 
 def list_channels(path: str | os.PathLike[str], *, delimiter: str | None = None) -> dict[str, str | None]:
-    """List the channels of a file.
+    """Return the names of a file's channels, as ``channel`` takes them, with their units or None.
 
-    Parameters
-    ----------
-    path : path
-        File of a kind that :func:`read_recording` reads.
-    delimiter : {",", ";", "\\t"}, optional
-        Separator of a CSV's columns.
-
-    Returns
-    -------
-    dict of str to (str or None)
-        Name of each channel, as ``channel`` takes it, and its unit where the file states one.
-
-    Raises
-    ------
-    FileNotFoundError, ImportError, ValueError
-        As for :func:`read_recording`.
-
-    Examples
-    --------
-    >>> import tempfile, pathlib
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = pathlib.Path(folder) / "rig.csv"
-    ...     _ = path.write_text("time [s],left [Nm],right [Nm]\\n0,21.9,3.1\\n0.1,22.1,3.0\\n")
-    ...     list_channels(path)
-    {'time [s]': 's', 'left [Nm]': 'Nm', 'right [Nm]': 'Nm'}
+    Errors are those of :func:`read_recording`.
     """
     source = _open_source(file_path(path), delimiter)
     return dict(zip(source.names, source.units, strict=True))
@@ -296,15 +272,6 @@ def write_recording(path: str | os.PathLike[str], recording: Recording) -> None:
     recording : Recording
         Its ``meta`` must hold only what JSON can hold: text, finite numbers, booleans, None, lists and
         dictionaries with text keys.
-
-    Raises
-    ------
-    FileNotFoundError
-        If the folder does not exist.
-    TypeError
-        If ``recording`` is not a Recording, or its ``meta`` holds something else.
-    ValueError
-        If the path is a directory or ends otherwise.
 
     Examples
     --------

@@ -45,7 +45,7 @@ class WavSource(Source):
                 rate, samples = wavfile.read(path)
         if not rate > 0:
             raise ValueError(f"{path.name}: its header states a rate of {rate!r} Hz")
-        self.samples = samples
+        self.samples: NDArray[Any] = samples
         n_channels = 1 if samples.ndim == 1 else samples.shape[1]
         super().__init__(path, [str(index) for index in range(n_channels)])
         self.rate = float(rate)

@@ -8,7 +8,7 @@ import io
 import re
 import warnings
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,30 @@ class XlsxSource(Source):
     noun, a_noun, plural = "column", "a column", "columns"
 
     def __init__(self, path: Path) -> None:
-        sheets = list(_iterate_sheets(path))
+        sheets: list[tuple[str, list[str]]] = []
+        openpyxl = import_library("openpyxl", ".xlsx", "openpyxl")
+        with explain_damage(path, "an Excel workbook"), warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of styles and extensions that are not kept
+            limit = largest_unpacked(path)
+            with zipfile.ZipFile(path) as archive:
+                total = sum(info.file_size for info in archive.infolist())
+            if total > limit:
+                raise ValueError(
+                    f"{path.name} takes {total / 1e9:.3g} GB when unpacked, at most {limit / 1e9:.3g} GB are "
+                    "read: save it as .csv"
+                )
+            with closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
+                for sheet in book.worksheets:
+                    sheet.reset_dimensions()  # some programs state wrong ones
+                    rows = [[_cell_text(cell) for cell in row] for row in sheet.iter_rows(values_only=True)]
+                    for row in rows:
+                        while row and not row[-1].strip():
+                            row.pop()
+                    while rows and not rows[-1]:
+                        rows.pop()
+                    width = max(map(len, rows), default=0)
+                    if len(rows) > 1:  # names or notes, and something below them
+                        sheets.append((str(sheet.title), [_tabbed_line(row, width) for row in rows]))
         if not sheets:
             raise ValueError(f"{path.name} holds no sheet with data")
         several = len(sheets) > 1
@@ -80,33 +103,6 @@ class _Sheet(CsvSource):
     def _checked_rows(self, rows: Iterable[str]) -> int:
         """Return the number of rows: they are of one width, and empty cells are an error of their column."""
         return sum(1 for _ in rows)
-
-
-def _iterate_sheets(path: Path) -> Iterator[tuple[str, list[str]]]:
-    """Yield the title of each sheet of several rows, and these as lines with tabs."""
-    openpyxl = import_library("openpyxl", ".xlsx", "openpyxl")
-    with explain_damage(path, "an Excel workbook"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of styles and extensions that are not kept
-        limit = largest_unpacked(path)
-        with zipfile.ZipFile(path) as archive:
-            total = sum(info.file_size for info in archive.infolist())
-        if total > limit:
-            raise ValueError(
-                f"{path.name} takes {total / 1e9:.3g} GB when unpacked, at most {limit / 1e9:.3g} GB are "
-                "read: save it as .csv"
-            )
-        with closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
-            for sheet in book.worksheets:
-                sheet.reset_dimensions()  # some programs state wrong ones
-                rows = [[_cell_text(cell) for cell in row] for row in sheet.iter_rows(values_only=True)]
-                for row in rows:
-                    while row and not row[-1].strip():
-                        row.pop()
-                while rows and not rows[-1]:
-                    rows.pop()
-                width = max(map(len, rows), default=0)
-                if len(rows) > 1:  # names or notes, and something below them
-                    yield str(sheet.title), [_tabbed_line(row, width) for row in rows]
 
 
 def _cell_text(cell: Any) -> str:
