@@ -86,17 +86,18 @@ class TextLines:
                         f"{path.name} holds binary data, or UTF-16 without a byte-order mark; {_REMEDY}"
                     )
         for encoding in _UNMARKED if marked is None else (marked,):
-            self.encoding, before, pending = encoding, 0, 0
-            decoder = codecs.getincrementaldecoder(encoding)()
-            try:
-                with self._open_bytes() as file:
-                    while block := file.read(_BLOCK):
-                        decoder.decode(block)
-                        before, pending = before + len(block), len(decoder.getstate()[0])
-                decoder.decode(b"", final=True)
+            self.encoding, before, block = encoding, 0, b" "
+            decoder, wrong = codecs.getincrementaldecoder(encoding)(), None
+            with self._open_bytes() as file:
+                while block and wrong is None:
+                    block, pending = file.read(_BLOCK), len(decoder.getstate()[0])
+                    try:
+                        decoder.decode(block, final=not block)
+                    except UnicodeDecodeError as error:
+                        wrong = before - pending + error.start
+                    before += len(block)
+            if wrong is None:
                 return
-            except UnicodeDecodeError as error:
-                wrong = before - pending + error.start
         known = marked or "UTF-8, Latin-1, or UTF-16 with a byte-order mark"
         raise ValueError(f"{path.name} is not text in {known} (byte {wrong}); {_REMEDY}")
 

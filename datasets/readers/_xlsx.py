@@ -35,7 +35,7 @@ class XlsxSource(Source):
     noun, a_noun, plural = "column", "a column", "columns"
 
     def __init__(self, path: Path) -> None:
-        sheets: list[tuple[str, list[str]]] = []
+        sheets: list[tuple[str, list[list[str]]]] = []
         openpyxl = import_library("openpyxl", ".xlsx", "openpyxl")
         with explain_damage(path, "an Excel workbook"), warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # of styles and extensions that are not kept
@@ -56,13 +56,12 @@ class XlsxSource(Source):
                             row.pop()
                     while rows and not rows[-1]:
                         rows.pop()
-                    width = max(map(len, rows), default=0)
                     if len(rows) > 1:  # names or notes, and something below them
-                        sheets.append((str(sheet.title), [_tabbed_line(row, width) for row in rows]))
+                        sheets.append((str(sheet.title), rows))
         if not sheets:
             raise ValueError(f"{path.name} holds no sheet with data")
         several = len(sheets) > 1
-        tables = [_Sheet(path, title if several else "", lines) for title, lines in sheets]
+        tables = [_Sheet(path, title if several else "", rows) for title, rows in sheets]
         self.columns = [(table, index) for table in tables for index in range(len(table.names))]
         plain = [table.names[index] for table, index in self.columns]
         names = [f"{table.title}/{table.names[index]}" for table, index in self.columns] if several else plain
@@ -92,8 +91,18 @@ class _Sheet(CsvSource):
 
     has_text_numbers = False
 
-    def __init__(self, path: Path, title: str, lines: list[str]) -> None:
+    def __init__(self, path: Path, title: str, rows: list[list[str]]) -> None:
         self.title = title
+        width = max(map(len, rows))
+        lines = []
+        for cells in rows:
+            if cells and cells[0].startswith("#"):  # a label, whose commas became borders of cells
+                lines.append(",".join(cells))
+                continue
+            line = io.StringIO()
+            row = [*cells, *[""] * (width - len(cells))]
+            csv.writer(line, delimiter="\t", lineterminator="").writerow(row)
+            lines.append(line.getvalue())
         super().__init__(path, "\t", lines)
 
     def sample_place(self, sample: int) -> str:
@@ -109,11 +118,3 @@ def _cell_text(cell: Any) -> str:
     if isinstance(cell, (datetime.datetime, datetime.date)):
         return cell.isoformat()
     return "" if cell is None else re.sub(r"\s", " ", str(cell))  # line ends and tabs would separate cells
-
-
-def _tabbed_line(cells: list[str], width: int) -> str:
-    if cells and cells[0].startswith("#"):  # a label, which may hold commas that became borders of cells
-        return ",".join(cells)
-    line = io.StringIO()
-    csv.writer(line, delimiter="\t", lineterminator="").writerow([*cells, *[""] * (width - len(cells))])
-    return line.getvalue()
