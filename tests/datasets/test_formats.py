@@ -529,18 +529,10 @@ def good_files(folder):
     return sorted(folder.iterdir())
 
 
-KINDS = [
-    "npz.npz",
-    "tdms.tdms",
-    "v4.mat",
-    "v5.mat",
-    "v7.mat",
-    "v73.mat",
-    "parquet.parquet",
-    "wav.wav",
-    "xlsx.xlsx",
-    "csv.csv",
-]
+KINDS = (
+    "npz.npz", "tdms.tdms", "v4.mat", "v5.mat", "v7.mat", "v73.mat", "parquet.parquet", "wav.wav",
+    "xlsx.xlsx", "csv.csv",
+)  # fmt: skip
 
 
 def attempt(path, limit_s=1.0):
@@ -618,48 +610,40 @@ def test_every_kind_under_every_other_name_is_told(good, tmp_path):
                 assert f"it begins like a .{kind.rpartition('.')[2]} file" in message
 
 
-@pytest.mark.parametrize("n_samples", [0, 1])
-def test_none_and_one_sample_are_errors_in_every_kind(tmp_path, n_samples):
-    few = TORQUE[:n_samples]
-    np.savez(tmp_path / "a.npz", torque=few, sampling_rate=RATE)
-    write_tdms(tmp_path / "a.tdms", [ChannelObject("g", "torque", few, wave())])
-    savemat(tmp_path / "a.mat", {"torque": few, "fs": RATE})
-    hdf5_matlab(tmp_path / "b.mat", {"torque": few, "fs": RATE})
-    pq.write_table(pa.table({"torque": few}), tmp_path / "a.parquet")
-    (tmp_path / "a.csv").write_text("torque\n" + "".join(f"{value}\n" for value in few), encoding="utf-8")
-    if n_samples:
-        wavfile.write(tmp_path / "a.wav", 8_000, few)
-    for path in tmp_path.iterdir():
-        assert isinstance(attempt(path, 5), str), path.name
+def write_columns(folder, torque):
+    """Files of every kind with a column of torque, or without any."""
+    column = {} if torque is None else {"torque": torque}
+    np.savez(folder / "a.npz", **column, sampling_rate=RATE)
+    write_tdms(
+        folder / "a.tdms",
+        [RootObject({"a": 1}), *(ChannelObject("g", k, v, wave()) for k, v in column.items())],
+    )
+    savemat(folder / "a.mat", {**column, "fs": RATE})
+    hdf5_matlab(folder / "b.mat", {**column, "fs": RATE})
+    pq.write_table(pa.table(column), folder / "a.parquet")
+    if torque is not None:
+        text = "torque\n" + "".join(f"{value}\n" for value in torque)
+        (folder / "a.csv").write_text(text, encoding="utf-8")
+        if len(torque):
+            wavfile.write(folder / "a.wav", 25_600, torque)
+    return sorted(folder.iterdir())
 
 
-def test_no_channels_are_an_error_in_every_kind(tmp_path):
-    np.savez(tmp_path / "a.npz", sampling_rate=RATE)
-    write_tdms(tmp_path / "a.tdms", [RootObject({"a": 1})])
-    savemat(tmp_path / "a.mat", {"fs": RATE})
-    hdf5_matlab(tmp_path / "b.mat", {"fs": RATE})
-    pq.write_table(pa.table({}), tmp_path / "a.parquet")
-    for path in tmp_path.iterdir():
+def test_no_channels_and_too_few_samples_are_errors_in_every_kind(tmp_path):
+    for path in write_columns(tmp_path, None):
         message = attempt(path, 5)
         assert "holds no " in message, message
+    for n_samples in (0, 1):
+        for path in write_columns(tmp_path, TORQUE[:n_samples]):
+            assert isinstance(attempt(path, 5), str), path.name
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_what_is_not_finite_is_named_with_its_place(tmp_path, value):
-    bad = TORQUE.copy()
-    bad[137] = value
-    np.savez(tmp_path / "a.npz", torque=bad, sampling_rate=RATE)
-    write_tdms(tmp_path / "a.tdms", [ChannelObject("g", "torque", bad, wave())])
-    savemat(tmp_path / "a.mat", {"torque": bad, "fs": RATE})
-    hdf5_matlab(tmp_path / "b.mat", {"torque": bad, "fs": RATE})
-    pq.write_table(pa.table({"torque": bad}), tmp_path / "a.parquet")
-    wavfile.write(tmp_path / "a.wav", 25_600, bad)
-    (tmp_path / "a.csv").write_text("torque\n" + "".join(f"{value}\n" for value in bad), encoding="utf-8")
-    for path in tmp_path.iterdir():
+    for path in write_columns(tmp_path, np.where(np.arange(500) == 137, value, TORQUE)):
         message = attempt(path, 5)
         assert "finite" in message
-        place = {".csv": "line 139", ".parquet": "row 138"}.get(path.suffix, "sample 137")
-        assert place in message
+        assert {".csv": "line 139", ".parquet": "row 138"}.get(path.suffix, "sample 137") in message
 
 
 def test_names_beyond_ascii(tmp_path):
@@ -744,15 +728,12 @@ def test_a_broken_tdms_lead_in(good, tmp_path, offset, value, words):
 @pytest.mark.parametrize(
     ("name", "library"),
     [
-        ("rig.tdms", "nptdms"),
-        ("rig.parquet", "pyarrow.parquet"),
-        ("rig.mat", "h5py"),
-        ("rig.xlsx", "openpyxl"),
+        ("tdms.tdms", "nptdms"), ("parquet.parquet", "pyarrow.parquet"), ("v73.mat", "h5py"),
+        ("xlsx.xlsx", "openpyxl"),
     ],
-)
+)  # fmt: skip
 def test_a_missing_library_is_named(good, tmp_path, monkeypatch, name, library):
-    source = "v73.mat" if name == "rig.mat" else f"{name.rpartition('.')[2]}.{name.rpartition('.')[2]}"
-    (tmp_path / name).write_bytes(good[source])
+    (tmp_path / name).write_bytes(good[name])
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(ImportError, match=r"needs (npTDMS|pyarrow|h5py|openpyxl): pip install \1"):
         read_recording(tmp_path / name, sampling_rate=RATE)

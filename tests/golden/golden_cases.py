@@ -52,24 +52,17 @@ def recordings() -> list[dict[str, Any]]:
     with np.load(HERE / "recordings.npz") as stored:
         data = {key: stored[key] for key in stored.files}
     n_samples = data["codes"].shape[1]
-    made = []
-    for i, name in enumerate(data["name"].tolist()):
-        made.append(
-            {
-                "name": name,
-                "torque": data["codes"][i] * NM_PER_CODE,
-                "sampling_rate": RATE,
-                "angle": data["first_angle"][i] + data["angle_per_sample"][i] * np.arange(n_samples),
-                "angle_of": "input",
-                "angle_is_absolute": True,
-                "assembly": name,
-                "defect_count": int(data["worn"][i].sum()),
-                "worn_lobes_from_1": np.flatnonzero(data["worn"][i]) + 1,
-                "speed_rpm": 500.0,
-                "source": "surrogate",
-            }
-        )
-    return made
+    return [
+        {
+            "name": name, "torque": data["codes"][i] * NM_PER_CODE, "sampling_rate": RATE,
+            "angle": data["first_angle"][i] + data["angle_per_sample"][i] * np.arange(n_samples),
+            "angle_of": "input", "angle_is_absolute": True, "assembly": name,
+            "defect_count": int(data["worn"][i].sum()),
+            "worn_lobes_from_1": np.flatnonzero(data["worn"][i]) + 1, "speed_rpm": 500.0,
+            "source": "surrogate",
+        }
+        for i, name in enumerate(data["name"].tolist())
+    ]  # fmt: skip
 
 
 def without_angle(recording: dict[str, Any], name: str, **changes: Any) -> dict[str, Any]:
@@ -87,11 +80,8 @@ def odd_recordings(made: dict[str, dict[str, Any]]) -> Iterator[dict[str, Any]]:
     for name, speed in (("odd-slower", 0.9), ("odd-faster", 1.1)):
         at = speed * np.arange(int(2 * TURN / max(speed, 1.0)))
         yield without_angle(worn, name, torque=np.interp(at, np.arange(2 * TURN), worn["torque"]))
-    yield worn | {
-        "name": "odd-short",
-        "torque": worn["torque"][: TURN // 2],
-        "angle": worn["angle"][: TURN // 2],
-    }
+    half = {name: worn[name][: TURN // 2] for name in ("torque", "angle")}
+    yield worn | {"name": "odd-short"} | half
     yield worn | {"name": "odd-rate", "sampling_rate": 2000.0}
     yield worn | {"name": "odd-label", "speed_rpm": 600.0}
     yield worn | {"name": "odd-angle", "angle": 0.9 * worn["angle"]}
@@ -125,6 +115,13 @@ def command(*arguments: object) -> tuple[int, str, str]:
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         code = main([str(argument) for argument in arguments])
     return code, out.getvalue(), err.getvalue()
+
+
+def said(*arguments: object) -> str:
+    """Standard output of a call that must succeed."""
+    code, out, err = command(*arguments)
+    assert code == 0, err
+    return out
 
 
 def counted(folder: Path) -> dict[str, Any]:
@@ -219,14 +216,12 @@ def campaign(folder: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """What the command says of a small campaign, and the columns of its runs, torque's mean and std too."""
     (folder / "design.json").write_text(json.dumps(DESIGN), encoding="utf-8")
     out = folder / "out"
-    code, text, err = command("campaign", folder / "design.json", "--out", out, "--jobs", 1, "--json")
-    if code != 0:
-        raise RuntimeError(err)
-    said = {key: value for key, value in json.loads(text).items() if key not in ("folder", "bytes")}
+    text = said("campaign", folder / "design.json", "--out", out, "--jobs", 1, "--json")
+    facts = {key: value for key, value in json.loads(text).items() if key not in ("folder", "bytes")}
     data = load_campaign(out)
     X = np.asarray(data.X, dtype=float)
     columns = {str(name): np.asarray(data.parameters[name]) for name in data.parameters}
-    return said, columns | {"torque's mean": X.mean(axis=1), "torque's std": X.std(axis=1)}
+    return facts, columns | {"torque's mean": X.mean(axis=1), "torque's std": X.std(axis=1)}
 
 
 def described(values: np.ndarray) -> dict[str, Any]:
@@ -264,22 +259,14 @@ def trained(folder: Path) -> dict[str, Any]:
     files = write_files(folder)["with angle"]
     r1, r2 = ([file for file in files if file.name.startswith(rig)] for rig in ("R1", "R2"))
     model = folder / "trained.skops"
-    code, text, err = command("train", *r2, "--out", model, "--json")
-    if code != 0:
-        raise RuntimeError(err)
-    card = json.loads(text)
-    code, text, err = command("count", *r1, "--model", model, "--json")
-    if code != 0:
-        raise RuntimeError(err)
-    rows = json.loads(text)
-    code, text, err = command("evaluate", *r2, "--folds", 4, "--jobs", 1, "--json")
-    if code != 0:
-        raise RuntimeError(err)
+    card = json.loads(said("train", *r2, "--out", model, "--json"))
+    rows = json.loads(said("count", *r1, "--model", model, "--json"))
+    evaluated = json.loads(said("evaluate", *r2, "--folds", 4, "--jobs", 1, "--json"))
     kept = ("accuracy", "mean_absolute_error")
     return {
         "card": {key: card[key] for key in ("n_recordings", "n_windows", "classes", "calibrated")},
         "counts": {Path(row["file"]).name: row["probability"] for row in rows},
-        "evaluated": {name: {key: one[key] for key in kept} for name, one in json.loads(text).items()},
+        "evaluated": {name: {key: one[key] for key in kept} for name, one in evaluated.items()},
     }
 
 
@@ -288,9 +275,7 @@ def trained(folder: Path) -> dict[str, Any]:
 
 def demo(folder: Path) -> dict[str, Any]:
     """Counts right among the files, and the accuracies of both methods, as ``cyclofeat demo`` prints them."""
-    code, text, err = command("demo", "--out", folder)
-    if code != 0:
-        raise RuntimeError(err)
+    text = said("demo", "--out", folder)
     right, exact, n_files = re.search(
         r"counts right: ([\d.]+), exactly the right lobes: ([\d.]+), of (\d+) recordings", text
     ).groups()

@@ -14,6 +14,7 @@ import hashlib
 import json
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -64,18 +65,13 @@ def record_recordings() -> None:
 
 def record_model() -> None:
     made = [one for rig, n in PER_COUNT.items() for one in surrogates(rig, n, 91)]
-    model = LobeModel(
-        n_splits=0,
-        n_trees=N_TREES,
-        random_state=0,
-        description=f"{len(made)} simulated assemblies of rigs R1 and R2",
-    ).fit(made)
-    save_model(cases.MODEL, model)
+    text = f"{len(made)} simulated assemblies of rigs R1 and R2"
+    model = LobeModel(n_splits=0, n_trees=N_TREES, random_state=0, description=text)
+    save_model(cases.MODEL, model.fit(made))
 
 
 def record_counts() -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        _write("counts.json", cases.counted(Path(folder)))
+    _write("counts.json", _in_a_folder(cases.counted))
 
 
 def record_features() -> None:
@@ -83,24 +79,26 @@ def record_features() -> None:
 
 
 def record_simulation() -> None:
-    found = {name: values.astype(np.float32) for name, values in cases.simulated().items()}
-    np.savez_compressed(cases.HERE / "simulation.npz", **found)
+    torques = {name: values.astype(np.float32) for name, values in cases.simulated().items()}
+    np.savez_compressed(cases.HERE / "simulation.npz", **torques)
 
 
 def record_campaign() -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        said, columns = cases.campaign(Path(folder))
+    said, columns = _in_a_folder(cases.campaign)
     _write("campaign.json", {"said": said, "columns": {k: cases.described(v) for k, v in columns.items()}})
 
 
 def record_training() -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        _write("training.json", cases.trained(Path(folder)))
+    _write("training.json", _in_a_folder(cases.trained))
 
 
 def record_demo() -> None:
+    _write("demo.json", _in_a_folder(cases.demo))
+
+
+def _in_a_folder(compute: Callable[[Path], Any]) -> Any:
     with tempfile.TemporaryDirectory() as folder:
-        _write("demo.json", cases.demo(Path(folder)))
+        return compute(Path(folder))
 
 
 def _write(name: str, value: Any) -> None:
@@ -121,8 +119,7 @@ def print_digests() -> None:
     for rig in ("R0", "R1", "R2", "published"):
         for one in surrogates(rig, 1, 92)[::3]:
             show(f"recordings: {one.assembly}", one.torque.tobytes())
-    with tempfile.TemporaryDirectory() as folder:
-        show("counts", json.dumps(cases.counted(Path(folder))).encode())
+    show("counts", json.dumps(_in_a_folder(cases.counted)).encode())
     with tempfile.TemporaryDirectory() as folder:
         _, columns = cases.campaign(Path(folder))
         for name, values in columns.items():
@@ -131,22 +128,12 @@ def print_digests() -> None:
             show(f"campaign: {path.name}", path.read_bytes())
 
 
-PARTS = {
-    "recordings": record_recordings,
-    "model": record_model,
-    "counts": record_counts,
-    "features": record_features,
-    "simulation": record_simulation,
-    "campaign": record_campaign,
-    "training": record_training,
-    "demo": record_demo,
-}
+PARTS = {name.removeprefix("record_"): part for name, part in globals().items() if name.startswith("record_")}
 
 
 def run() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
     parser.add_argument("parts", nargs="*", help=f"of {', '.join(PARTS)}; default: all")
     parser.add_argument("--digests", action="store_true", help="print SHA-256 and write nothing")
     arguments = parser.parse_args()
