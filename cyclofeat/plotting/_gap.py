@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from cyclofeat.plotting.drawing import Display, Float, axes_for, one_of_result, plain_log_ticks
+from cyclofeat._base.checks import one_of
+from cyclofeat.plotting.drawing import (
+    Display,
+    Float,
+    axes_for,
+    draw_mark_legend,
+    one_of_result,
+    plain_log_ticks,
+    theme_colours,
+)
 from cyclofeat.plotting.gap_words import difference_words, family_name, in_words, p_words, short_name
 
 if TYPE_CHECKING:
@@ -121,8 +130,7 @@ class GapDisplay(Display):
         ValueError
             If there is no such kind or phase, or the locator has nothing of that kind.
         """
-        if kind not in KINDS:
-            raise ValueError(f"kind must be one of {KINDS}, got {kind!r}")
+        one_of("kind", kind, KINDS)
         if not self.has(kind, phase):
             drawable = [name for name in KINDS if any(self.has(name, by) for by in _PHASES)]
             what = f"kind='phase' with phase={phase!r}" if kind == "phase" else f"kind={kind!r}"
@@ -130,13 +138,13 @@ class GapDisplay(Display):
         self.figure_, self.ax_ = axes_for(ax, self.SIZES[kind])
         self.axes_, self.flags_, self.spread_flags_ = [self.ax_], [], []
         if kind == "families":
-            self._families()
+            self._draw_families()
         elif kind == "spectrum":
-            self._spectrum()
+            self._draw_spectrum()
         elif kind == "orders":
-            self._orders()
+            self._draw_orders()
         else:
-            self._phase(phase)
+            self._draw_phase(phase)
         return self
 
     def has(self, kind: Kind, phase: str = "lobe") -> bool:
@@ -148,15 +156,8 @@ class GapDisplay(Display):
             return bool({"lobe lines", "shaft lines"} & families)
         return bool(self.where.rows) if kind == "families" else "spectrum" in families
 
-    def _with_other_spread(self, rows: Sequence[WhereRow]) -> list[int]:
-        """Places in ``rows`` of the cells whose spread between recordings is flagged."""
-        flagged = {row.cell for row in self.where.rows if row.of == "spread" and row.p <= self.where.alpha}
-        return [k for k, row in enumerate(rows) if row.cell in flagged]
-
-    def _families(self) -> None:
-        from matplotlib import rcParams
-
-        ax, edge, ink = self.ax_, rcParams["axes.edgecolor"], rcParams["text.color"]
+    def _draw_families(self) -> None:
+        ax, (ink, edge) = self.ax_, theme_colours()
         names = list(dict.fromkeys(row.cell.family for row in self.where.rows))
         ends = []
         for place, family in enumerate(names):
@@ -166,11 +167,10 @@ class GapDisplay(Display):
             least = max(
                 (r.detectable / r.spread for r in rows if r.of == "mean" and r.spread > 0), default=1.0
             )
-            size, p = row.clarity * least, self.where.family_p.get(family, row.p)
-            flagged = p <= self.where.alpha
+            flagged = self.where.family_p.get(family, row.p) <= self.where.alpha
             colour = FLAGGED if flagged else edge
-            at = max(size, _LEAST_SPREADS)
-            ends.append(at)
+            at = max(row.clarity * least, _LEAST_SPREADS)
+            ends += [at, least]
             ax.hlines(place, _LEAST_SPREADS, at, color=colour, linewidth=3 if flagged else 1.5, alpha=0.7)
             (dot,) = ax.plot(
                 at, place, "o", color=colour, markersize=9 if flagged else 7,
@@ -178,7 +178,6 @@ class GapDisplay(Display):
             )  # fmt: skip
             if flagged:
                 self.flags_.append(dot)
-            ends.append(least)
             ax.plot(max(least, _LEAST_SPREADS), place, "|", color=ink, markersize=9, zorder=4)
             ax.text(
                 _LEAST_SPREADS * 1.05, place - 0.17, in_words(row), va="bottom", fontsize="small",
@@ -200,12 +199,11 @@ class GapDisplay(Display):
         for name, text in zip(names, right.get_yticklabels(), strict=True):
             if self.where.family_p.get(name, 1.0) <= self.where.alpha:
                 text.set_fontweight("bold")
-        for axis in (ax.yaxis, right.yaxis):
-            axis.set_tick_params(length=0)
-        for side in ("top", "right", "left"):
-            ax.spines[side].set_visible(False)
-        right.spines["right"].set_visible(False)
-        self._draw_legend(
+        for axes in (ax, right):
+            axes.tick_params(axis="y", length=0)
+            axes.spines[["right"]].set_visible(False)
+        ax.spines[["top", "left"]].set_visible(False)
+        draw_mark_legend(
             ax, [
                 ("o", FLAGGED, FLAGGED, f"differs (p at most {self.where.alpha:g})"),
                 ("o", edge, "none", "no difference shown"),
@@ -213,34 +211,104 @@ class GapDisplay(Display):
             ], loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=3,
         )  # fmt: skip
 
-    def _spectrum(self) -> None:
-        from matplotlib import rcParams
-
+    def _draw_spectrum(self) -> None:
         rows = self.where.means("spectrum")
-        hz: Float = np.array([np.sqrt(row.cell.low_hz * row.cell.high_hz) for row in rows])
-        differences: Float = np.array([row.difference for row in rows])
-        upper, lower = self._make_panels(0.54)
+        edges: Float = np.array([(row.cell.low_hz, row.cell.high_hz) for row in rows])
+        hz: Float = np.sqrt(edges.prod(axis=1))
         level: Float = np.array([row.mean for row in rows])
         spreads: Float = np.array([(row.measured_spread, row.simulated_spread) for row in rows])
-        self._two_lines(upper, hz, level, level - differences, list(spreads.T))
-        for row in rows:
-            if row.p <= self.where.alpha:
-                self.flags_.append(self._shade_band(upper, row.cell.low_hz, row.cell.high_hz))
-                self._shade_band(lower, row.cell.low_hz, row.cell.high_hz)
-        lower.axhline(0, color=rcParams["axes.edgecolor"], linewidth=1)
-        self._draw_differences(lower, hz, rows, "o", rcParams["axes.edgecolor"])
-        self._mark_spreads(lower, hz[self._with_other_spread(rows)])
-        self._label_clearest(upper, hz, rows, runs=True)
+        flagged = np.array([row.p <= self.where.alpha for row in rows])
+        simulated = level - np.array([row.difference for row in rows])
+        upper, lower = self._draw_panels(0.54, hz, (level, simulated), spreads.T, edges[flagged])
         for ax in (upper, lower):
-            ax.set(xscale="log", xlim=(rows[0].cell.low_hz, rows[-1].cell.high_hz))
-            ax.grid(axis="y", alpha=0.3, linewidth=0.6)
+            ax.set(xscale="log", xlim=(edges[0, 0], edges[-1, 1]))
+        self._draw_differences(lower, hz, rows, "o", theme_colours()[1])
+        self._mark_spreads(lower, hz, rows)
+        self._label_clearest(upper, hz, rows, runs=True)
         plain_log_ticks(lower)
         upper.set_ylabel("level in the third octave\n(dB re 1 Nm²)")
         lower.set(xlabel="frequency (Hz)", ylabel=f"{self.label} minus\nsimulated (dB)")
         upper.tick_params(labelbottom=False, which="both")
-        self._spectrum_legend(upper)
+        self._draw_panel_legend(upper)
 
-    def _spectrum_legend(self, ax: Axes) -> None:
+    def _draw_orders(self) -> None:
+        ax, rows = self.ax_, self.where.means("lobe lines", "shaft lines")
+        orders: Float = np.array(
+            [(row.cell.low_hz + row.cell.high_hz) / 2 / (self.where.condition.speed_rpm / 60) for row in rows]
+        )
+        ax.axhline(0, color=theme_colours()[1], linewidth=1)
+        marks = []
+        looks = {"lobe lines": ("o", "C0", "of the lobes"), "shaft lines": ("s", "C2", "of the input shaft")}
+        for family, (marker, colour, name) in looks.items():
+            chosen = [k for k, row in enumerate(rows) if row.cell.family == family]
+            if chosen:
+                chosen_rows = [rows[k] for k in chosen]
+                self.flags_ += self._draw_differences(ax, orders[chosen], chosen_rows, marker, colour)
+                marks.append((marker, colour, "none", f"line {name}"))
+        if self.flags_:
+            marks.append(("D", FLAGGED, FLAGGED, f"filled: differs (p at most {self.where.alpha:g})"))
+        self._mark_spreads(ax, orders, rows)
+        if self.spread_flags_:
+            marks.append(("^", FLAGGED, "none", _OTHER_SPREAD))
+        ax.grid(axis="y", alpha=0.3, linewidth=0.6)
+        ax.set(
+            xlabel="order (multiples of the input speed)",
+            ylabel=f"{self.label} minus simulated:\nline above its surroundings (dB)",
+            xlim=(0, orders.max() + 1),
+        )
+        self._label_clearest(ax, orders, rows, runs=False)
+        draw_mark_legend(ax, marks, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
+
+    def _draw_phase(self, by: str) -> None:
+        fold = self.where.phase[by]
+        phase, measured, simulated = (
+            np.asarray(values, dtype=np.float64) for values in (fold.phase, fold.measured, fold.simulated)
+        )
+        half = 0.5 / phase.size
+        flagged = phase[np.asarray(fold.flagged, dtype=bool)]
+        spreads = (fold.measured_spread, fold.simulated_spread)
+        bands = np.column_stack([flagged - half, flagged + half])
+        upper, lower = self._draw_panels(0.6, phase, (measured, simulated), spreads, bands)
+        lower.plot(phase, measured - simulated, color=theme_colours()[0], linewidth=1.3)
+        reach = 1.15 * max(float(np.abs(measured - simulated).max()), 1e-9)
+        name, xlabel = _PHASES[by]
+        for ax in (upper, lower):
+            ax.set_xlim(phase[0] - half, phase[-1] + half)
+        lower.set(xlabel=xlabel, ylabel=f"{self.label} minus\nsimulated (Nm)", ylim=(-reach, reach))
+        upper.set_ylabel(f"torque averaged\nover {name} (Nm)")
+        upper.tick_params(labelbottom=False)
+        self._draw_panel_legend(upper)
+
+    def _draw_panels(
+        self, share: float, x: Float, curves: Sequence[Float], spreads: Sequence[Float] | Float, bands: Float
+    ) -> list[Axes]:
+        """Draw recordings and model in the upper panel, and shade the bands that differ in both panels.
+
+        Curves and the standard deviations of one recording are those of recordings and model; ``share`` is
+        that of the upper panel in the height.
+        """
+        self.ax_.set_axis_off()
+        upper = self.ax_.inset_axes((0, 1 - share, 1, share))
+        lower = self.ax_.inset_axes((0, 0, 1, 1 - share - 0.05), sharex=upper)
+        self.axes_ = [upper, lower]
+        ink, edge = theme_colours()
+        looks = (("simulated", ink, "--", 1.3, 0.15), (self.label, RECORDED, "-", 1.8, 0.25))
+        for (name, colour, style, width, alpha), middle, spread in zip(
+            looks, curves[::-1], spreads[::-1], strict=True
+        ):
+            upper.fill_between(x, middle - spread, middle + spread, color=colour, alpha=alpha, linewidth=0)
+            upper.plot(x, middle, style, color=colour, linewidth=width, label=f"{name} ± 1 std")
+        for low, high in bands.tolist():
+            shades = [
+                ax.axvspan(low, high, color=FLAGGED, alpha=_SHADE, linewidth=0, zorder=0) for ax in self.axes_
+            ]
+            self.flags_.append(shades[0])
+        lower.axhline(0, color=edge, linewidth=1)
+        for ax in self.axes_:
+            ax.grid(axis="y", alpha=0.3, linewidth=0.6)
+        return self.axes_
+
+    def _draw_panel_legend(self, ax: Axes) -> None:
         from matplotlib.lines import Line2D
         from matplotlib.patches import Patch
 
@@ -256,114 +324,30 @@ class GapDisplay(Display):
             frameon=False, borderaxespad=0.2,
         )  # fmt: skip
 
-    def _orders(self) -> None:
-        from matplotlib import rcParams
-
-        ax, rows = self.ax_, self.where.means("lobe lines", "shaft lines")
-        orders: Float = np.array(
-            [(row.cell.low_hz + row.cell.high_hz) / 2 / (self.where.condition.speed_rpm / 60) for row in rows]
-        )
-        shaft = np.array([row.cell.family == "shaft lines" for row in rows])
-        ax.axhline(0, color=rcParams["axes.edgecolor"], linewidth=1)
-        marks = []
-        for of_shaft, marker, colour, name in ((False, "o", "C0", "line of the lobes"),
-                                               (True, "s", "C2", "line of the input shaft")):  # fmt: skip
-            chosen = np.flatnonzero(shaft == of_shaft)
-            if chosen.size:
-                self._draw_differences(
-                    ax, orders[chosen], [rows[k] for k in chosen], marker, colour, collect=True
-                )
-                marks.append((marker, colour, "none", name))
-        if self.flags_:
-            marks.append(("D", FLAGGED, FLAGGED, f"filled: differs (p at most {self.where.alpha:g})"))
-        if self.spread_flags_:
-            marks.append(("^", FLAGGED, "none", _OTHER_SPREAD))
-        self._mark_spreads(ax, orders[self._with_other_spread(rows)])
-        ax.grid(axis="y", alpha=0.3, linewidth=0.6)
-        ax.set(
-            xlabel="order (multiples of the input speed)",
-            ylabel=f"{self.label} minus simulated:\nline above its surroundings (dB)",
-            xlim=(0, orders.max() + 1),
-        )
-        self._label_clearest(ax, orders, rows, runs=False)
-        self._draw_legend(ax, marks, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
-
-    def _phase(self, by: str) -> None:
-        from matplotlib import rcParams
-
-        fold = self.where.phase[by]
-        phase = np.asarray(fold.phase, dtype=np.float64)
-        half = 0.5 / phase.size
-        measured, simulated = (
-            np.asarray(values, dtype=np.float64) for values in (fold.measured, fold.simulated)
-        )
-        upper, lower = self._make_panels(0.6)
-        self._two_lines(upper, phase, measured, simulated, (fold.measured_spread, fold.simulated_spread))
-        for place in phase[np.asarray(fold.flagged, dtype=bool)]:
-            self.flags_.append(self._shade_band(upper, place - half, place + half))
-            self._shade_band(lower, place - half, place + half)
-        lower.axhline(0, color=rcParams["axes.edgecolor"], linewidth=1)
-        lower.plot(phase, measured - simulated, color=rcParams["text.color"], linewidth=1.3)
-        reach = 1.15 * max(float(np.abs(measured - simulated).max()), 1e-9)
-        name, xlabel = _PHASES[by]
-        for ax in (upper, lower):
-            ax.set_xlim(phase[0] - half, phase[-1] + half)
-            ax.grid(axis="y", alpha=0.3, linewidth=0.6)
-        lower.set(xlabel=xlabel, ylabel=f"{self.label} minus\nsimulated (Nm)", ylim=(-reach, reach))
-        upper.set_ylabel(f"torque averaged\nover {name} (Nm)")
-        upper.tick_params(labelbottom=False)
-        self._spectrum_legend(upper)
-
-    def _make_panels(self, share: float) -> list[Axes]:
-        """Two panels within the axes, the upper one with that share of the height."""
-        self.ax_.set_axis_off()
-        gap = 0.05
-        upper = self.ax_.inset_axes((0, 1 - share, 1, share))
-        lower = self.ax_.inset_axes((0, 0, 1, 1 - share - gap), sharex=upper)
-        self.axes_ = [upper, lower]
-        return self.axes_
-
-    def _two_lines(
-        self, ax: Axes, x: Float, measured: Float, simulated: Float, spreads: Sequence[Float]
-    ) -> None:
-        """Lines of recordings and model, with the standard deviation of one recording of each."""
-        from matplotlib import rcParams
-
-        model = rcParams["text.color"]
-        for middle, spread, colour, alpha in zip(
-            (simulated, measured), spreads[::-1], (model, RECORDED), (0.15, 0.25), strict=True
-        ):
-            ax.fill_between(x, middle - spread, middle + spread, color=colour, alpha=alpha, linewidth=0)
-        ax.plot(x, simulated, "--", color=model, linewidth=1.3, label="simulated ± 1 std")
-        ax.plot(x, measured, color=RECORDED, linewidth=1.8, label=f"{self.label} ± 1 std")
-
-    def _shade_band(self, ax: Axes, low: float, high: float) -> Artist:
-        return ax.axvspan(low, high, color=FLAGGED, alpha=_SHADE, linewidth=0, zorder=0)
-
     def _draw_differences(
-        self, ax: Axes, x: Float, rows: Sequence[WhereRow], marker: str, colour: str, *, collect: bool = False
-    ) -> None:
-        """Differences with their intervals: hollow, or filled in the colour of flags."""
+        self, ax: Axes, x: Float, rows: Sequence[WhereRow], marker: str, colour: str
+    ) -> list[Artist]:
+        """Draw differences with their intervals, and return those that are filled in the colour of flags."""
+        flags: list[Artist] = []
         for place, row in zip(x.tolist(), rows, strict=True):
             flagged = row.p <= self.where.alpha
             shown = FLAGGED if flagged else colour
             ax.vlines(place, row.low, row.high, color=shown, linewidth=1.5 if flagged else 0.8,
                       alpha=1.0 if flagged else 0.6, zorder=2)  # fmt: skip
-            (dot,) = ax.plot(
+            dots = ax.plot(
                 place, row.difference, marker, color=shown, markersize=6 if flagged else 4,
                 markerfacecolor=shown if flagged else "none", zorder=4 if flagged else 3,
             )  # fmt: skip
-            if flagged and collect:
-                self.flags_.append(dot)
+            flags += dots if flagged else []
+        return flags
 
-    def _mark_spreads(self, ax: Axes, x: Float) -> None:
-        """Triangles on the ground where recordings vary more, or less, than simulated ones."""
-        for place in x.tolist():
-            (mark,) = ax.plot(
-                place, 0.05, "^", color=FLAGGED, markerfacecolor="none", transform=ax.get_xaxis_transform(),
-                zorder=5,
-            )  # fmt: skip
-            self.spread_flags_.append(mark)
+    def _mark_spreads(self, ax: Axes, x: Float, rows: Sequence[WhereRow]) -> None:
+        """Draw triangles on the ground where recordings vary more, or less, than simulated ones."""
+        flagged = {row.cell for row in self.where.rows if row.of == "spread" and row.p <= self.where.alpha}
+        look: dict[str, Any] = {"color": FLAGGED, "markerfacecolor": "none", "zorder": 5}
+        for place, row in zip(x.tolist(), rows, strict=True):
+            if row.cell in flagged:
+                self.spread_flags_ += ax.plot(place, 0.05, "^", transform=ax.get_xaxis_transform(), **look)
 
     def _label_clearest(self, ax: Axes, x: Float, rows: Sequence[WhereRow], *, runs: bool) -> None:
         """State the clearest flagged differences; with ``runs``, one per run of neighbours of one sign."""
@@ -387,26 +371,10 @@ class GapDisplay(Display):
         left, right = [k for k in chosen if x[k] <= middle], [k for k in chosen if x[k] > middle]
         ordered = [*sorted(left, key=lambda k: x[k]), *sorted(right, key=lambda k: -x[k])]
         for line, k in enumerate(ordered):
-            to_the_right = x[k] > middle
+            shift, align = (-4, "right") if x[k] > middle else (4, "left")
             ax.annotate(
-                f"{short_name(rows[k].cell)}: {difference_words(rows[k])}",
-                (x[k], 0.98 - 0.085 * line),
-                xycoords=ax.get_xaxis_transform(),
-                xytext=(-4 if to_the_right else 4, 0),
-                textcoords="offset points",
-                ha="right" if to_the_right else "left",
-                va="top",
-                fontsize="small",
-                zorder=6,
-            )
+                f"{short_name(rows[k].cell)}: {difference_words(rows[k])}", (x[k], 0.98 - 0.085 * line),
+                xycoords=ax.get_xaxis_transform(), xytext=(shift, 0), textcoords="offset points",
+                ha=align, va="top", fontsize="small", zorder=6,
+            )  # fmt: skip
             ax.axvline(x[k], 0, 0.98 - 0.085 * line, color=FLAGGED, linewidth=0.8, linestyle=":", zorder=1)
-
-    @staticmethod
-    def _draw_legend(ax: Axes, marks: Sequence[tuple[str, Any, Any, str]], **place: Any) -> None:
-        from matplotlib.lines import Line2D
-
-        handles = [
-            Line2D([], [], linestyle="", marker=marker, color=colour, markerfacecolor=face, label=text)
-            for marker, colour, face, text in marks
-        ]
-        ax.legend(handles=handles, fontsize="small", frameon=False, borderaxespad=0.2, **place)

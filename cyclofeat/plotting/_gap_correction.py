@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, ClassVar, Literal, Self
 import numpy as np
 
 from cyclofeat.plotting._gap import RECORDED
-from cyclofeat.plotting.drawing import Display, axes_for, legend_above, one_of_result, plain_log_ticks
+from cyclofeat.plotting.drawing import (
+    Display,
+    axes_for,
+    draw_mark_legend,
+    legend_above,
+    one_of_result,
+    plain_log_ticks,
+    theme_colours,
+)
 from cyclofeat.plotting.gap_words import CONDITIONS, alternative_name
 
 if TYPE_CHECKING:
@@ -90,13 +98,11 @@ class GapOverlayDisplay(Display):
         ax : matplotlib.axes.Axes, optional
             Axes to draw on; default, new ones.
         """
-        from matplotlib import rcParams
-
         self.figure_, self.ax_ = axes_for(ax, self.SIZE)
         overlay, ax = self.overlay, self.ax_
         # What fits lies within the wide line of the recordings.
         curves = (
-            ("model", overlay.model, rcParams["text.color"], "--", 1.2, 0.10),
+            ("model", overlay.model, theme_colours()[0], "--", 1.2, 0.10),
             (self.label, overlay.measured, RECORDED, "-", 2.4, 0.25),
             ("corrected model", overlay.corrected, _CORRECTED, "-", 1.0, 0.20),
         )
@@ -179,25 +185,18 @@ class GapReductionDisplay(Display):
         ValueError
             If no share is defined.
         """
-        if not any(np.isfinite(row.grr) for row in self.comparison):
+        rows = [row for row in self.comparison if np.isfinite(row.grr)]
+        if not rows:
             raise ValueError("comparison must hold a row with a finite grr to be drawn, got none")
         n = len(dict.fromkeys(row.alternative for row in self.comparison))
         self.figure_, self.ax_ = axes_for(ax, (8.0, 1.4 + 0.6 * n))
-        self._draw_comparison()
-        return self
-
-    def _draw_comparison(self) -> None:
-        from matplotlib import rcParams
-        from matplotlib.lines import Line2D
-
         ax = self.ax_
-        rows = [row for row in self.comparison if np.isfinite(row.grr)]
         names = list(dict.fromkeys(row.alternative for row in rows))
         styles = {"all": ("o", "C0", 0.0), "seen": ("s", "C2", 0.22), "unseen": ("D", "C1", 0.44)}
         conditions = [name for name in styles if any(row.condition == name for row in rows)]
         centre = np.mean([styles[name][2] for name in conditions])
         self.drawn_ = []
-        grey = rcParams["axes.edgecolor"]
+        grey = theme_colours()[1]
         for x, style in ((0, "-"), (100, ":")):
             ax.axvline(x, color=grey, linewidth=1.2, linestyle=style, zorder=1)
         for row in rows:
@@ -227,9 +226,6 @@ class GapReductionDisplay(Display):
             ylim=(len(names) - 0.5, -0.5),
         )
         if len(conditions) > 1:
-            handles = [
-                Line2D([], [], linestyle="", marker=styles[name][0], color=styles[name][1],
-                       label=CONDITIONS[name]) for name in conditions
-            ]  # fmt: skip
-            ax.legend(handles=handles, fontsize="small", frameon=False, ncols=len(handles),
-                      loc="lower center", bbox_to_anchor=(0.35, 1.0), borderaxespad=0.2)  # fmt: skip
+            marks = [(*styles[name][:2], styles[name][1], CONDITIONS[name]) for name in conditions]
+            draw_mark_legend(ax, marks, ncols=len(marks), loc="lower center", bbox_to_anchor=(0.35, 1.0))
+        return self

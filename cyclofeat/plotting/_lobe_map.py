@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cyclofeat._base.checks import number_series
 from cyclofeat.features import LobeMap
-from cyclofeat.plotting.drawing import Display, Float, axes_for, stated_speed
+from cyclofeat.plotting.drawing import Display, Float, axes_for, shade_map, stated_speed, theme_colours
 from cyclofeat.recordings import Recording, Windower
 from cyclofeat.signal import lobes
 
@@ -18,10 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.colorbar import Colorbar
-    from matplotlib.colors import Colormap
-    from matplotlib.text import Text
-
-_QUANTITY = "disturbance of the torque while the lobe passes (rms; 1 = std of the torque)"
 
 # Radii of the picture; the tips of the disc lie at 1.
 _HUB = 0.33
@@ -111,19 +108,26 @@ class LobeMapDisplay(Display):
         outline: ArrayLike | None = None,
         input_speed_hz: float | None = None,
     ) -> None:
-        self.slot_rms = np.asarray(slot_rms, dtype=np.float64)
-        if self.slot_rms.ndim != 1 or self.slot_rms.size < 3:
-            raise ValueError(f"slot_rms must be 1-D with at least 3 slots, got shape {self.slot_rms.shape}")
-        if not (np.isfinite(self.slot_rms).all() and (self.slot_rms >= 0).all()):
-            raise ValueError(f"slot_rms must be finite and not negative, got {self.slot_rms}")
+        self.slot_rms = number_series("slot_rms", slot_rms, least=3)
+        if self.slot_rms.min() < 0:
+            raise ValueError(f"slot_rms must not be negative, got {self.slot_rms}")
         self.absolute = bool(absolute)
         marks = marks or LobeMarks()
-        self.worn_lobes = (
-            None if marks.worn is None else _checked_lobes("marks.worn", marks.worn, self.n_lobes)
-        )
-        self.counted_lobes = _checked_lobes("marks.counted", marks.counted, self.n_lobes)
-        self.lobe_probability = _checked_probabilities(marks.probability, self.n_lobes)
-        self.outline = _closed_outline(outline)
+        self.worn_lobes = None if marks.worn is None else tuple(sorted(set(marks.worn)))
+        self.counted_lobes = tuple(sorted(set(marks.counted)))
+        for name, marked in (("worn", self.worn_lobes or ()), ("counted", self.counted_lobes)):
+            if marked and not 0 <= marked[0] <= marked[-1] < self.n_lobes:
+                raise ValueError(f"marks.{name} must lie in 0..{self.n_lobes - 1}, got {marked}")
+        self.lobe_probability: Float | None = None
+        if marks.probability is not None:
+            shares = self.lobe_probability = np.asarray(marks.probability, dtype=np.float64)
+            if shares.shape != self.slot_rms.shape or not np.all((shares >= 0) & (shares <= 1)):
+                raise ValueError(
+                    f"marks.probability must hold {self.n_lobes} numbers from 0 to 1, got {shares}"
+                )
+        self.outline = None if outline is None else np.asarray(outline, dtype=np.complex128)
+        if self.outline is not None and not 0 < np.abs(self.outline).max(initial=0) < np.inf:
+            raise ValueError(f"outline must be finite complex points about 0, got {outline!r}")
         self.input_speed_hz = input_speed_hz
 
     @property
@@ -138,7 +142,6 @@ class LobeMapDisplay(Display):
         *,
         input_speed_hz: float | None = None,
         n_lobes: int | None = None,
-        start_angle: float | None = None,
         marks: LobeMarks | None = None,
         outline: ArrayLike | None = None,
     ) -> Self:
@@ -154,8 +157,6 @@ class LobeMapDisplay(Display):
             from the recording's angle or, without one, refined from the torque.
         n_lobes : int, optional
             Number of lobes z_s of a disc; default, the recording's own.
-        start_angle : float, optional
-            Absolute angle of the input shaft in rad at the first sample; default, by the recording's angle.
         marks : LobeMarks, optional
             Answer of a model, numbered as the slots; worn lobes are the recording's.
         outline : array-like of complex, optional
@@ -194,13 +195,11 @@ class LobeMapDisplay(Display):
         lobe_map.fit(X)
         of_lobes = lobe_map.lines(X)
         lines = of_lobes.lines
-        if start_angle is None and windows.absolute[0]:
-            start_angle = windows.start_angle[0]
-        absolute = start_angle is not None
-        if start_angle is not None:
+        absolute = bool(windows.absolute[0])
+        if absolute:
             from cyclofeat.counting import passage_of_lobe_zero  # loads numba
 
-            lines = lobes.shift(lines, passage_of_lobe_zero([start_angle], n_lobes) - 0.5 / n_lobes)
+            lines = lobes.shift(lines, passage_of_lobe_zero(windows.start_angle[:1], n_lobes) - 0.5 / n_lobes)
         folded = lobes.fold(lines, n_lobes)[0]
         return cls(
             slot_rms=np.sqrt((folded**2).mean(axis=1)),
@@ -211,7 +210,7 @@ class LobeMapDisplay(Display):
         )
 
     @classmethod
-    def from_estimator(cls, model: Any, recording: Recording, *, outline: ArrayLike | None = None) -> Self:
+    def from_estimator(cls, model: Any, recording: Recording) -> Self:
         """Display of a recording with the probabilities that a model gives to its lobes.
 
         Parameters
@@ -219,8 +218,6 @@ class LobeMapDisplay(Display):
         model : cyclofeat.counting.LobeModel
             Trained, with a locator.
         recording : Recording
-        outline : array-like of complex, optional
-            See :class:`LobeMapDisplay`.
 
         Raises
         ------
@@ -235,217 +232,99 @@ class LobeMapDisplay(Display):
             input_speed_hz=model.speed_of(recording),
             n_lobes=model.n_lobes_,
             marks=LobeMarks(counted=counted.lobes, probability=counted.lobe_probability),
-            outline=outline,
         )
 
-    def plot(
-        self,
-        ax: Axes | None = None,
-        *,
-        kind: Literal["disc", "bars"] = "disc",
-        vmax: float | None = None,
-        cmap: str = "Greys",
-        colorbar: bool = True,
-    ) -> Self:
-        """Draw.
+    def plot(self, ax: Axes | None = None) -> Self:
+        """Draw; of a model's probabilities with a colour bar.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
             Axes to draw on; default, new ones.
-        kind : {"disc", "bars"}, default="disc"
-            Ring of slots about the disc, or bars side by side.
-        vmax : float, optional
-            Rms at the outer circle; default, the largest, at least 0.3. Use one value for pictures that are
-            compared.
-        cmap : str, default="Greys"
-            Name of the colour map of the lobes, from sound to worn.
-        colorbar : bool, default=True
-            If True, ``kind="disc"`` has a colour bar of a model's probabilities.
-
-        Raises
-        ------
-        ValueError
-            If the kind is unknown, or ``vmax`` is not positive.
         """
-        if kind not in ("disc", "bars"):
-            raise ValueError(f"kind must be 'disc' or 'bars', got {kind!r}")
-        if vmax is not None and not 0 < vmax < np.inf:
-            raise ValueError(f"vmax must be positive and finite, got {vmax!r}")
-        self.figure_, self.ax_ = axes_for(ax, (5.2, 5.2) if kind == "disc" else (7.0, 3.4))
-        import matplotlib
+        self.figure_, self.ax_ = axes_for(ax, (5.2, 5.2))
         from matplotlib.cm import ScalarMappable
-        from matplotlib.colors import Normalize
+        from matplotlib.colors import Normalize, to_rgba
+        from matplotlib.lines import Line2D
+        from matplotlib.patches import Circle, Patch, Polygon, Wedge
 
-        end = max(float(self.slot_rms.max()), _LEAST_SCALE) if vmax is None else float(vmax)
-        colours = matplotlib.colormaps[cmap]
+        ax, ink = self.ax_, theme_colours()[0]
+        body = {"facecolor": to_rgba("0.5", 0.18), "edgecolor": ink, "linewidth": 1.0}
+        if self.outline is None:
+            outline: Patch = Circle((0, 0), 1.0, **body)
+        else:
+            # Fewer points keep vector files small; lobe 0 is at the top.
+            drawn = self.outline[:: max(1, self.outline.size // _OUTLINE_POINTS)]
+            points = drawn * np.exp(0.5j * np.pi) / np.abs(drawn).max()
+            outline = Polygon(np.column_stack([points.real, points.imag]), **body)
+        ax.add_patch(outline)
+        ax.add_patch(Circle((0, 0), _HUB, fill=False, edgecolor=ink, linewidth=0.8))
+        # The other lobes follow counter-clockwise as on the disc.
+        half = 180 / self.n_lobes
+        middles: Float = 90 + 2 * half * np.arange(self.n_lobes, dtype=np.float64)
+        for middle in middles[list(self.counted_lobes)]:
+            counted = Wedge(
+                (0, 0), 1.1, middle - half, middle + half, width=1.1 - _HUB, color="C1", linewidth=0
+            )
+            ax.add_patch(counted)
+            counted.set_clip_path(outline)
+        marks: list[Artist] = []
+        if self.worn_lobes:
+            dot: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 10, "color": "C0"}
+            marks.append(Line2D([], [], label="truly worn lobe", **dot))
+        if self.counted_lobes:
+            marks.append(Patch(color="C1", label="counted as worn"))
+        marks.append(self._draw_slots(ax, middles, half, ink))
+        edge = _MARGIN * _BARS[1]
+        ax.set(xlim=(-edge, edge), ylim=(-edge, edge), aspect="equal")
+        ax.set_axis_off()
+        start = "as numbered on the disc"
+        if not self.absolute:
+            start = "counted from the one under load at the first sample"
+        ax.set_title(f"lobes {start}", fontsize="medium")
+        below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0)}
+        ax.legend(handles=marks, ncols=2, fontsize="small", frameon=False, **below)
         self.colorbar_ = None
-        if kind == "bars":
-            self._bars(colours, end)
-            return self
-        self._disc(colours, end)
-        if colorbar and self.lobe_probability is not None:
+        if self.lobe_probability is not None:
             self.colorbar_ = self.figure_.colorbar(
-                ScalarMappable(Normalize(0.0, 1.0), colours), ax=self.ax_, location="bottom", shrink=0.75,
-                pad=0.02, aspect=30, label="ring: probability that the lobe is worn",
+                ScalarMappable(Normalize(0.0, 1.0), shade_map("Greys")), ax=ax, location="bottom",
+                shrink=0.75, pad=0.02, aspect=30, label="ring: probability that the lobe is worn",
             )  # fmt: skip
             if self.colorbar_.solids is not None:
                 # One image instead of 256 strips with hairlines between them in vector files.
                 self.colorbar_.solids.set_rasterized(True)
         return self
 
-    @property
-    def _describe_numbering(self) -> str:
-        if self.absolute:
-            return "as numbered on the disc"
-        return "counted from the one under load at the first sample"
-
-    def _lobe_colours(self, colours: Colormap, unknown: str) -> list[Any]:
-        """Return the colour of each lobe, by how worn it is; ``unknown`` where nothing says that."""
-        worn = self.lobe_probability
-        if worn is None and self.worn_lobes is not None:
-            worn = np.isin(np.arange(self.n_lobes), self.worn_lobes).astype(float)
-        return [unknown] * self.n_lobes if worn is None else list(colours(worn))
-
-    def _disc(self, colours: Colormap, end: float) -> None:
-        from matplotlib import rcParams
-        from matplotlib.colors import to_rgba
-        from matplotlib.patches import Circle, Patch, Polygon, Wedge
-
-        ax, ink = self.ax_, rcParams["text.color"]
-        # Lobe 0 at the top, the others counter-clockwise as on the disc.
-        upright = np.exp(0.5j * np.pi)
-        body = {"facecolor": to_rgba("0.5", 0.18), "edgecolor": ink, "linewidth": 1.0}
-        if self.outline is None:
-            outline: Patch = Circle((0, 0), 1.0, **body)
-        else:
-            # Fewer points keep vector files small.
-            drawn = self.outline[:: max(1, self.outline.size // _OUTLINE_POINTS)]
-            points = drawn * upright / np.abs(drawn).max()
-            outline = Polygon(np.column_stack([points.real, points.imag]), **body)
-        ax.add_patch(outline)
-        ax.add_patch(Circle((0, 0), _HUB, fill=False, edgecolor=ink, linewidth=0.8))
-        half = 180 / self.n_lobes
-        middles: Float = 90 + 2 * half * np.arange(self.n_lobes, dtype=np.float64)
-        for lobe in self.counted_lobes:
-            edges = middles[lobe] - half, middles[lobe] + half
-            counted = Wedge((0, 0), 1.1, *edges, width=1.1 - _HUB, color="C1", linewidth=0)
-            ax.add_patch(counted)
-            counted.set_clip_path(outline)
-        for middle, colour in zip(middles, self._lobe_colours(colours, "none"), strict=True):
-            wedge = Wedge(
-                (0, 0), _RING[1], middle - half, middle + half, width=_RING[1] - _RING[0],
-                facecolor=colour, edgecolor=ink, linewidth=0.5,
-            )  # fmt: skip
-            ax.add_patch(wedge)
-        self._disc_numbers(middles, ink)
-        bars = self._disc_bars(middles, half, ink, end)
-        edge = _MARGIN * _BARS[1]
-        ax.set(xlim=(-edge, edge), ylim=(-edge, edge), aspect="equal")
-        ax.set_axis_off()
-        ax.set_title(f"lobes {self._describe_numbering}", fontsize="medium")
-        self._draw_legend(bars, loc="upper center", bbox_to_anchor=(0.5, 0.0))
-
-    def _disc_numbers(self, middles: Float, ink: str) -> None:
-        worn = set(self.worn_lobes or ())
-        for lobe, direction in enumerate(np.deg2rad(middles)):
-            place = _NUMBERS * np.cos(direction), _NUMBERS * np.sin(direction)
-            number = self.ax_.text(*place, str(lobe + 1), ha="center", va="center", color=ink)
-            if lobe in worn:
-                _mark_worn(number, ink)
-
-    def _disc_bars(self, middles: Float, half: float, ink: str, end: float) -> Artist:
+    def _draw_slots(self, ax: Axes, middles: Float, half: float, ink: str) -> Artist:
+        """Draw ring, numbers and bars of the disturbance, and return the bars' entry in the legend."""
         from matplotlib.patches import Circle, Patch, Wedge
 
+        worn: Float | None = self.lobe_probability
+        if worn is None and self.worn_lobes is not None:
+            worn = np.isin(np.arange(self.n_lobes), self.worn_lobes).astype(float)
+        colours: list[Any] = ["none"] * self.n_lobes if worn is None else list(shade_map("Greys")(worn))
+        for lobe, (middle, colour) in enumerate(zip(middles, colours, strict=True)):
+            edges = middle - half, middle + half
+            look = {"facecolor": colour, "edgecolor": ink, "linewidth": 0.5}
+            ax.add_patch(Wedge((0, 0), _RING[1], *edges, width=_RING[1] - _RING[0], **look))
+            place = _NUMBERS * np.exp(1j * np.deg2rad(middle))
+            number = ax.text(place.real, place.imag, str(lobe + 1), ha="center", va="center", color=ink)
+            if lobe in (self.worn_lobes or ()):
+                number.set(color="white", fontweight="bold")
+                number.set_bbox({"boxstyle": "circle,pad=0.25", "facecolor": "C0", "edgecolor": ink})
         inner, outer = _BARS
-        look: dict[str, Any] = {"fill": False, "edgecolor": ink, "alpha": 0.4, "linewidth": 0.6}
+        end = max(float(self.slot_rms.max()), _LEAST_SCALE)
         for radius, style in ((inner, "-"), ((inner + outer) / 2, ":"), (outer, "-")):
-            self.ax_.add_patch(Circle((0, 0), radius, linestyle=style, **look))
+            ring = Circle(
+                (0, 0), radius, linestyle=style, fill=False, edgecolor=ink, alpha=0.4, linewidth=0.6
+            )
+            ax.add_patch(ring)
         for middle, rms in zip(middles, self.slot_rms, strict=True):
-            length = (outer - inner) * min(float(rms) / end, 1.0)
+            length = (outer - inner) * float(rms) / end
             edges = middle - 0.7 * half, middle + 0.7 * half
-            self.ax_.add_patch(Wedge((0, 0), inner + length, *edges, width=length, **_BAR_LOOK))
+            ax.add_patch(Wedge((0, 0), inner + length, *edges, width=length, **_BAR_LOOK))
         meaning = (
             "bar outwards: disturbance of the torque\nwhile the lobe passes (rms; dotted circle\n"
             f"{end / 2:.2g}, outer circle {end:.2g} std of the torque)"
         )
         return Patch(**_BAR_LOOK, label=meaning)
-
-    def _draw_legend(self, more: Artist | None, **place: Any) -> None:
-        """Draw the legend of the marks, outside of the axes."""
-        from matplotlib.lines import Line2D
-        from matplotlib.patches import Patch
-
-        marks: list[Artist] = []
-        dot: dict[str, Any] = {"linestyle": "", "marker": "o"}
-        if self.worn_lobes:
-            marks.append(Line2D([], [], markersize=10, color="C0", label="truly worn lobe", **dot))
-        if self.counted_lobes:
-            marks.append(Patch(color="C1", label="counted as worn"))
-        if more is not None:
-            marks.append(more)
-        if marks:
-            self.ax_.legend(handles=marks, ncols=2, fontsize="small", frameon=False, **place)
-
-    def _bars(self, colours: Colormap, end: float) -> None:
-        from matplotlib import rcParams
-
-        ax, ink = self.ax_, rcParams["text.color"]
-        numbers = np.arange(1, self.n_lobes + 1)
-        bars = ax.bar(
-            numbers, self.slot_rms, color=self._lobe_colours(colours, "0.75"), edgecolor=ink, linewidth=0.5
-        )
-        for lobe in self.counted_lobes:
-            bars[lobe].set(edgecolor="C1", linewidth=2.5)
-        ax.set(
-            xlabel=f"lobe, {self._describe_numbering}",
-            ylabel=_QUANTITY.replace(" (", "\n("),
-            xlim=(0.3, self.n_lobes + 0.7),
-            ylim=(0, 1.08 * end),
-        )
-        ax.set_xticks(numbers)
-        for lobe in self.worn_lobes or ():
-            _mark_worn(ax.get_xticklabels()[lobe], ink)
-        diamonds = None
-        if self.lobe_probability is not None:
-            twin = ax.twinx()
-            (diamonds,) = twin.plot(
-                numbers, self.lobe_probability, linestyle="", marker="D", markersize=6, color="C2",
-                markeredgecolor=ink, markeredgewidth=0.5, label="probability of wear by the model (right)",
-            )  # fmt: skip
-            twin.set(ylim=(0, 1.08), ylabel="probability of wear (1)")
-        self._draw_legend(diamonds, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-
-
-def _mark_worn(number: Text, ink: str) -> None:
-    """Set a lobe's number in a filled circle."""
-    number.set(color="white", fontweight="bold")
-    number.set_bbox({"boxstyle": "circle,pad=0.25", "facecolor": "C0", "edgecolor": ink})
-
-
-def _checked_lobes(name: str, values: Iterable[int], n_lobes: int) -> tuple[int, ...]:
-    marked = tuple(sorted({int(lobe) for lobe in values}))
-    for lobe in marked:
-        if not 0 <= lobe < n_lobes:
-            raise ValueError(f"{name} must lie in 0..{n_lobes - 1}, got {lobe}")
-    return marked
-
-
-def _checked_probabilities(values: ArrayLike | None, n_lobes: int) -> Float | None:
-    if values is None:
-        return None
-    array = np.asarray(values, dtype=np.float64)
-    if array.shape != (n_lobes,) or not np.all((array >= 0) & (array <= 1)):
-        raise ValueError(f"marks.probability must hold {n_lobes} numbers from 0 to 1, got {array}")
-    return array
-
-
-def _closed_outline(outline: ArrayLike | None) -> NDArray[np.complex128] | None:
-    if outline is None:
-        return None
-    points = np.asarray(outline, dtype=np.complex128)
-    if points.ndim != 1 or points.size < 3 or not np.isfinite(points).all() or not np.abs(points).max() > 0:
-        raise ValueError(
-            f"outline must be a 1-D array of at least 3 finite complex points, got shape {points.shape}"
-        )
-    return points

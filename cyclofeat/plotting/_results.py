@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
-from cyclofeat.plotting.drawing import Display, axes_for, legend_above
+from cyclofeat._base.checks import one_of
+from cyclofeat.plotting.drawing import Display, axes_for, legend_above, numbering_words, shade_map
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,9 +38,7 @@ class CountDisplay(Display):
     def __init__(self, count: LobeCount) -> None:
         self.count = count
 
-    def plot(
-        self, kind: Literal["counts", "lobes"] = "counts", ax: Axes | None = None, **bar_kw: Any
-    ) -> Self:
+    def plot(self, kind: Literal["counts", "lobes"] = "counts", ax: Axes | None = None) -> Self:
         """Draw; what the model answers has the colour ``C1``.
 
         Parameters
@@ -47,8 +46,6 @@ class CountDisplay(Display):
         kind : {"counts", "lobes"}, default="counts"
         ax : matplotlib.axes.Axes, optional
             Axes to draw on; default, new ones.
-        **bar_kw
-            Passed on to ``Axes.bar``.
 
         Raises
         ------
@@ -56,8 +53,7 @@ class CountDisplay(Display):
             If there is no such kind, or the model located no lobes.
         """
         count = self.count
-        if kind not in ("counts", "lobes"):
-            raise ValueError(f"kind must be 'counts' or 'lobes', got {kind!r}")
+        one_of("kind", kind, ("counts", "lobes"))
         if kind == "lobes" and not count.lobe_probability:
             raise ValueError("kind='lobes' needs a model with a locator, got the count of one without")
         if kind == "counts":
@@ -67,13 +63,11 @@ class CountDisplay(Display):
         else:
             values = {lobe + 1: share for lobe, share in enumerate(count.lobe_probability)}
             answer = {lobe + 1 for lobe in count.lobes}
-            xlabel = (
-                "lobe, as numbered on the disc" if count.absolute else "lobe, counted from the first sample"
-            )
+            xlabel = f"lobe, {numbering_words(count.absolute)}"
             ylabel = "probability of wear"
         self.figure_, self.ax_ = axes_for(ax, (7.0, 3.0))
         colours = ["C1" if name in answer else "C0" for name in values]
-        self.bars_ = self.ax_.bar([*values], [*values.values()], **({"color": colours} | bar_kw))
+        self.bars_ = self.ax_.bar([*values], [*values.values()], color=colours)
         self.ax_.set_xticks([*values])
         self.ax_.set(xlabel=xlabel, ylabel=ylabel, ylim=(0, 1))
         self.ax_.grid(axis="y", alpha=0.3, linewidth=0.6)
@@ -100,13 +94,7 @@ class EvaluationDisplay(Display):
         """Side of the confusion matrix in inches."""
         return 1.6 + 0.45 * self.result.classes.size
 
-    def plot(
-        self,
-        kind: Literal["confusion", "calibration"] = "confusion",
-        ax: Axes | None = None,
-        *,
-        cmap: str = "Blues",
-    ) -> Self:
+    def plot(self, kind: Literal["confusion", "calibration"] = "confusion", ax: Axes | None = None) -> Self:
         """Draw.
 
         Parameters
@@ -116,29 +104,23 @@ class EvaluationDisplay(Display):
             counter gave them; larger dots hold more of the windows.
         ax : matplotlib.axes.Axes, optional
             Axes to draw on; default, new ones.
-        cmap : str, default="Blues"
-            Name of the colour map of the confusion matrix.
 
         Raises
         ------
         ValueError
             If there is no such kind, or the counter gave no probabilities.
         """
-        if kind not in ("confusion", "calibration"):
-            raise ValueError(f"kind must be 'confusion' or 'calibration', got {kind!r}")
-        if kind == "calibration":
-            return self._draw_calibration(ax)
-        self.figure_, self.ax_ = axes_for(ax, (self.side, self.side))
-        from sklearn.metrics import ConfusionMatrixDisplay
+        one_of("kind", kind, ("confusion", "calibration"))
+        if kind == "confusion":
+            self.figure_, self.ax_ = axes_for(ax, (self.side, self.side))
+            from sklearn.metrics import ConfusionMatrixDisplay
 
-        labels = [str(count) for count in self.result.classes]
-        ConfusionMatrixDisplay(self.result.confusion, display_labels=labels).plot(
-            ax=self.ax_, cmap=cmap, colorbar=False
-        )
-        self.ax_.set(xlabel="predicted number of worn lobes", ylabel="true number of worn lobes")
-        return self
-
-    def _draw_calibration(self, ax: Axes | None) -> Self:
+            labels = [str(count) for count in self.result.classes]
+            ConfusionMatrixDisplay(self.result.confusion, display_labels=labels).plot(
+                ax=self.ax_, cmap=shade_map("Blues"), colorbar=False
+            )
+            self.ax_.set(xlabel="predicted number of worn lobes", ylabel="true number of worn lobes")
+            return self
         curve = self.result.calibration_curve()
         if curve is None:
             raise ValueError("kind='calibration' needs a counter with predict_proba, got one without")
@@ -161,12 +143,9 @@ class EvaluationDisplay(Display):
             )  # fmt: skip
         ax.text(0.03, 0.97, "too careful:\nright more often than stated", va="top", color=faint)
         ax.text(0.97, 0.03, "too sure:\nright less often than stated", ha="right", color=faint)
-        settings: dict[str, Any] = {"aspect": "equal", "xlim": (0, 1.04), "ylim": (-0.06, 1.06)}
-        ax.set(
-            xlabel="probability that the counter gave its answer",
-            ylabel="share of these answers that were right",
-            **settings,
-        )
+        ax.set(aspect="equal", xlim=(0, 1.04), ylim=(-0.06, 1.06))
+        ax.set_xlabel("probability that the counter gave its answer")
+        ax.set_ylabel("share of these answers that were right")
         ax.grid(alpha=0.3, linewidth=0.6)
         legend_above(ax, markerscale=0.5)
         return self

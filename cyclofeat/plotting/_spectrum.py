@@ -2,40 +2,36 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import periodogram
 
 from cyclofeat._base.checks import number_series
-from cyclofeat.plotting.drawing import Display, Float, axes_for
+from cyclofeat.plotting.drawing import Display, axes_for
 from cyclofeat.recordings import Recording
-from cyclofeat.signal import welch_psd
 from cyclofeat.signal.lobes import lobe_frequency
-from cyclofeat.signal.welch import get_preset
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
 
-_QUANTITIES = ("amplitude", "psd")
-_SCALES = ("log", "dB", "linear")
 # Numerical zeros (a padded or noise-free record) would stretch a logarithmic axis.
 _DYNAMIC_RANGE = 1e8
 
 
 class SpectrumDisplay(Display):
-    """Spectrum of the torque up to a frequency limit.
+    """Amplitude spectrum of the torque up to a frequency limit.
+
+    For a power spectral density, see :func:`cyclofeat.signal.welch_psd`.
 
     Parameters
     ----------
     frequencies : array-like, shape (n_bins,)
         Frequencies in Hz, increasing.
     values : array-like, shape (n_bins,)
-        Amplitude in ``unit``, or power spectral density in its square per Hz; not negative.
-    quantity : {"amplitude", "psd"}, default="amplitude"
-        Quantity of ``values``.
+        Amplitude in ``unit``; not negative.
     input_speed_hz : float, optional
         Input speed in turns per second: places lobe lines and orders. Without it there are none.
     n_lobes : int, default=15
@@ -77,14 +73,11 @@ class SpectrumDisplay(Display):
         *,
         frequencies: ArrayLike,
         values: ArrayLike,
-        quantity: Literal["amplitude", "psd"] = "amplitude",
         input_speed_hz: float | None = None,
         n_lobes: int = 15,
         definition: str = "",
         unit: str = "Nm",
     ) -> None:
-        if quantity not in _QUANTITIES:
-            raise ValueError(f"quantity must be one of {_QUANTITIES}, got {quantity!r}")
         if input_speed_hz is not None and not 0 < input_speed_hz < np.inf:
             raise ValueError(f"input_speed_hz must be positive and finite, got {input_speed_hz!r}")
         if n_lobes < 2:
@@ -96,7 +89,6 @@ class SpectrumDisplay(Display):
                 f"values must hold one number, not negative, for each of the {self.frequencies.size} "
                 f"frequencies, got {self.values.size} down to {self.values.min():g}"
             )
-        self.quantity = quantity
         self.input_speed_hz = input_speed_hz
         self.n_lobes = n_lobes
         self.definition = definition
@@ -104,25 +96,16 @@ class SpectrumDisplay(Display):
 
     @classmethod
     def from_recording(
-        cls,
-        recording: Recording,
-        *,
-        quantity: Literal["amplitude", "psd"] = "amplitude",
-        preset: str = "ripple",
-        input_speed_hz: float | None = None,
-        n_lobes: int | None = None,
+        cls, recording: Recording, *, input_speed_hz: float | None = None, n_lobes: int | None = None
     ) -> Self:
         """Display of the spectrum of a whole recording.
+
+        One Fourier transform, mean removed, periodic Hann window; a sine's line has the sine's amplitude. A
+        recording of T seconds resolves 2/T Hz, enough to separate lobe lines from orders.
 
         Parameters
         ----------
         recording : Recording
-        quantity : {"amplitude", "psd"}, default="amplitude"
-            ``"amplitude"``: one Fourier transform of the whole recording, mean removed, periodic Hann window;
-            a sine's line has the sine's amplitude. A recording of T seconds resolves 2/T Hz, enough to
-            separate lobe lines from orders. ``"psd"``: :func:`~cyclofeat.signal.welch_psd`.
-        preset : str, default="ripple"
-            Definition of the PSD, a name in ``cyclofeat.signal.welch.PRESETS``.
         input_speed_hz : float, optional
             Input speed in turns per second. Default: the mean speed by the recording's angle, else its
             nominal speed. An error of 1 % puts the marks between the lines: pass the refined
@@ -134,33 +117,15 @@ class SpectrumDisplay(Display):
         if input_speed_hz is None:
             measured = recording.mean_input_speed(n_lobes)
             input_speed_hz = recording.input_speed_hz if measured is None else measured
-        if quantity == "psd":
-            frequencies, values = welch_psd(recording.torque, recording.sampling_rate, preset)
-            definition = f"Welch, preset {get_preset(preset).name!r}"
-        else:
-            frequencies, power = periodogram(
-                recording.torque, recording.sampling_rate, "hann", scaling="spectrum"
-            )
-            values = np.sqrt(2 * power)
-            definition = f"Hann, {recording.duration:.3g} s"
-        return cls(
-            frequencies=frequencies,
-            values=values,
-            quantity=quantity,
-            input_speed_hz=input_speed_hz,
-            n_lobes=n_lobes,
-            definition=definition,
-            unit=recording.unit,
+        frequencies, power = periodogram(
+            recording.torque, recording.sampling_rate, "hann", scaling="spectrum"
         )
+        return cls(
+            frequencies=frequencies, values=np.sqrt(2 * power), input_speed_hz=input_speed_hz,
+            n_lobes=n_lobes, definition=f"Hann, {recording.duration:.3g} s", unit=recording.unit,
+        )  # fmt: skip
 
-    def plot(
-        self,
-        ax: Axes | None = None,
-        *,
-        max_frequency_hz: float = 400.0,
-        scale: Literal["log", "dB", "linear"] = "log",
-        **line_kw: Any,
-    ) -> Self:
+    def plot(self, ax: Axes | None = None, *, max_frequency_hz: float = 400.0) -> Self:
         """Draw.
 
         Parameters
@@ -169,57 +134,36 @@ class SpectrumDisplay(Display):
             Axes to draw on; default, new ones.
         max_frequency_hz : float, default=400.0
             Upper limit in Hz, at most the highest frequency.
-        scale : {"log", "dB", "linear"}, default="log"
-            Scale of the vertical axis; dB are relative to 1 unit (amplitude) or its square per Hz (PSD).
-        **line_kw
-            Passed on to ``Axes.plot``.
 
         Raises
         ------
         ValueError
-            If the limit is below the second frequency, or the scale is unknown.
+            If the limit is below the second frequency.
         """
         if not max_frequency_hz >= self.frequencies[1]:
             raise ValueError(
                 f"max_frequency_hz must reach {self.frequencies[1]:g} Hz at least, got {max_frequency_hz!r}"
             )
-        if scale not in _SCALES:
-            raise ValueError(f"scale must be one of {_SCALES}, got {scale!r}")
         self.figure_, self.ax_ = axes_for(ax, (7.0, 3.4))
         limit = min(float(max_frequency_hz), float(self.frequencies[-1]))
         # The line at 0 Hz holds a remainder of the mean.
         shown = (self.frequencies <= limit) & (self.frequencies > 0)
-        heights = self._scale_values(self.values[shown], scale)
-        (self.line_,) = self.ax_.plot(self.frequencies[shown], heights, zorder=3, **line_kw)
-        if "linewidth" not in line_kw and "lw" not in line_kw:
-            self.line_.set_linewidth(0.9)
-        if scale == "log":
-            self.ax_.set_yscale("log")
-        if scale != "linear":
-            # Single bins can fall to any depth by chance.
-            self.ax_.set_ylim(bottom=float(np.quantile(heights, 0.01)))
-        name, unit = ("amplitude", self.unit) if self.quantity == "amplitude" else ("PSD", f"{self.unit}²/Hz")
-        label = f"{name} (dB re 1 {unit})" if scale == "dB" else f"{name} ({unit})"
-        axis_label = f"{label}\n{self.definition}" if self.definition else label
-        self.ax_.set(xlabel="frequency (Hz)", ylabel=axis_label, xlim=(0, limit))
+        heights = np.maximum(self.values[shown], (self.values[shown].max() or 1.0) / _DYNAMIC_RANGE)
+        (self.line_,) = self.ax_.plot(self.frequencies[shown], heights, zorder=3, linewidth=0.9)
+        # Single bins can fall to any depth by chance.
+        bottom = float(np.quantile(heights, 0.01))
+        label = f"amplitude ({self.unit})" + (f"\n{self.definition}" if self.definition else "")
+        self.ax_.set(yscale="log", xlabel="frequency (Hz)", ylabel=label, xlim=(0, limit))
+        self.ax_.set_ylim(bottom=bottom)
         self.ax_.grid(axis="y", alpha=0.3, linewidth=0.6)
+        self.order_ax_ = None
+        if self.input_speed_hz is None:
+            return self
+        # Lobe lines lie behind the spectrum, orders of the input are strokes and the axis on top.
         speed = self.input_speed_hz
-        self.order_ax_ = None if speed is None else self._mark_orders(limit, speed)
-        return self
-
-    def _scale_values(self, values: Float, scale: str) -> Float:
-        if scale == "linear":
-            return values
-        values = np.maximum(values, (values.max() or 1.0) / _DYNAMIC_RANGE)
-        if scale == "log":
-            return values
-        return np.asarray((20 if self.quantity == "amplitude" else 10) * np.log10(values))
-
-    def _mark_orders(self, limit: float, input_speed_hz: float) -> Any:
-        """Draw lobe lines behind the spectrum, and orders of the input as strokes and as the axis on top."""
-        spacing = lobe_frequency(input_speed_hz, self.n_lobes)
+        spacing = lobe_frequency(speed, self.n_lobes)
         lobe_lines = np.arange(1, int(limit / spacing) + 1) * spacing
-        orders = np.arange(1, int(limit / input_speed_hz) + 1) * input_speed_hz
+        orders = np.arange(1, int(limit / speed) + 1) * speed
         across = self.ax_.get_xaxis_transform()
         self.ax_.vlines(
             lobe_lines, 0, 1, transform=across, color="C1", alpha=0.45, linewidth=0.8, zorder=1,
@@ -227,12 +171,11 @@ class SpectrumDisplay(Display):
         )  # fmt: skip
         self.ax_.vlines(
             orders, 0, 0.035, transform=across, color="C2", linewidth=1.0, zorder=2,
-            label=f"input orders, multiples of {input_speed_hz:.2f} Hz",
+            label=f"input orders, multiples of {speed:.2f} Hz",
         )  # fmt: skip
         self.ax_.legend(loc="upper right", fontsize="small", framealpha=0.85)
-        speed: Any = input_speed_hz
-        order_ax = self.ax_.secondary_xaxis(
+        self.order_ax_ = self.ax_.secondary_xaxis(
             "top", functions=(lambda hz: hz / speed, lambda order: order * speed)
         )
-        order_ax.set_xlabel("order of the input shaft (times per turn)")
-        return order_ax
+        self.order_ax_.set_xlabel("order of the input shaft (times per turn)")
+        return self

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,7 +47,7 @@ class TorqueDisplay(Display):
     >>> from cyclofeat import Recording
     >>> from cyclofeat.plotting import TorqueDisplay
     >>> recording = Recording(22 + np.sin(np.arange(25_600) / 100), 25_600)
-    >>> display = TorqueDisplay.from_recording(recording, stop_s=0.5)
+    >>> display = TorqueDisplay.from_recording(recording.part(0.0, 0.5))
     >>> display.torque.size
     12800
     >>> _ = display.plot()  # doctest: +SKIP
@@ -68,32 +68,19 @@ class TorqueDisplay(Display):
             )
 
     @classmethod
-    def from_recording(
-        cls, recording: Recording, *, start_s: float = 0.0, stop_s: float | None = None
-    ) -> Self:
-        """Display of a whole recording or a slice of it.
+    def from_recording(cls, recording: Recording) -> Self:
+        """Display of a recording.
 
         Parameters
         ----------
         recording : Recording
-        start_s : float, default=0.0
-            Beginning of the slice in s from the recording's first sample.
-        stop_s : float, optional
-            End of the slice in s; default, the recording's end.
-
-        Raises
-        ------
-        ValueError
-            If the slice holds fewer than two samples.
         """
-        torque = recording.part(start_s, stop_s).torque
-        first = round(start_s * recording.sampling_rate)
         return cls(
-            time=(first + np.arange(torque.size)) / recording.sampling_rate, torque=torque,
+            time=np.arange(recording.n_samples) / recording.sampling_rate, torque=recording.torque,
             quantity=in_words(recording.quantity), unit=recording.unit,
         )  # fmt: skip
 
-    def plot(self, ax: Axes | None = None, *, max_points: int = 6000, **line_kw: Any) -> Self:
+    def plot(self, ax: Axes | None = None, *, max_points: int = 6000) -> Self:
         """Draw.
 
         Parameters
@@ -103,13 +90,9 @@ class TorqueDisplay(Display):
         max_points : int, default=6000
             Longer records are drawn as smallest and largest value of ``max_points / 2`` equal parts, so that
             peaks remain.
-        **line_kw
-            Passed on to ``Axes.plot``.
         """
         self.figure_, self.ax_ = axes_for(ax, (7.0, 3.0))
-        (self.line_,) = self.ax_.plot(*thin_samples(self.time, self.torque, max_points), **line_kw)
-        if "linewidth" not in line_kw and "lw" not in line_kw:
-            self.line_.set_linewidth(0.7)
+        (self.line_,) = self.ax_.plot(*thin_samples(self.time, self.torque, max_points), linewidth=0.7)
         label = f"{self.quantity} ({self.unit})"
         self.ax_.set(xlabel="time (s)", ylabel=label, xlim=(self.time[0], self.time[-1]))
         self.ax_.grid(alpha=0.3, linewidth=0.6)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat.features import LobeMap
-from cyclofeat.plotting.drawing import Display, Float, axes_for, legend_above
+from cyclofeat.plotting.drawing import Display, Float, axes_for, legend_above, numbering_words, theme_colours
 from cyclofeat.plotting.kinds import words_of
 from cyclofeat.recordings import Recording, WindowSet
 from cyclofeat.signal import lobes
@@ -134,13 +134,14 @@ class TrainingDisplay(Display):
             If the model has no domain, or the recording does not suit it.
         """
         from cyclofeat.counting.calibration.training_domain import features_seen
-        from cyclofeat.models.card import feature_definitions
+        from cyclofeat.models.card import estimators_in, feature_definitions
 
         model = model.suited_to(recording)
         domain = model.domain_
         if domain is None:
             raise ValueError("model must have a domain to compare with, got one without (one assembly only?)")
         windows = model.windows(recording)
+        lobe_map = next((part for part in estimators_in(model.counter_) if isinstance(part, LobeMap)), None)
         features = np.asarray(features_seen(model.counter_, windows.X))
         names = feature_definitions(model.counter_)["columns"]
         return cls(
@@ -152,28 +153,24 @@ class TrainingDisplay(Display):
                 np.sqrt(np.diag(np.linalg.inv(domain.precision_))) * domain.scale_,
             ),
             distances=domain.class_distances(features),
-            slot_lobes=_slot_lobes(model, windows),
+            slot_lobes=None if lobe_map is None else _slot_lobes(lobe_map, windows),
             absolute=bool(windows.absolute[0]),
         )
 
     @property
     def kinds(self) -> list[str]:
         """Kinds of features that can be drawn, the best at separating counts first."""
-        columns = {name: self._columns_of_kind(name) for name in dict.fromkeys(map(_column_kind, self.names))}
+        columns = {name: self._columns_of_kind(name) for name in dict.fromkeys(_kinds_of(self.names))}
         spread = np.where(self.spread > 0, self.spread, np.inf)
         separation = (np.ptp(self.means, axis=0) / spread) ** 2
         several = [name for name, places in columns.items() if places.size >= _FEWEST_COLUMNS]
         return sorted(several, key=lambda name: -float(separation[columns[name]].mean()))
 
     def _columns_of_kind(self, kind: str) -> NDArray[np.intp]:
-        return np.array([k for k, name in enumerate(self.names) if _column_kind(name) == kind], dtype=np.intp)
+        return np.flatnonzero([name == kind for name in _kinds_of(self.names)])
 
     def plot(
-        self,
-        ax: Axes | None = None,
-        *,
-        kind: str = "distance",
-        counts: tuple[int, ...] | None = None,
+        self, ax: Axes | None = None, *, kind: str = "distance", counts: tuple[int, ...] | None = None
     ) -> Self:
         """Draw.
 
@@ -203,14 +200,11 @@ class TrainingDisplay(Display):
         if kind == "distance":
             places = np.arange(self.classes.size)
             middle = np.median(self.distances, axis=0)
-            self.ax_.bar(
-                places, middle, color="C0", alpha=0.45, label="this recording, median of its windows"
-            )
+            bar_label = "this recording, median of its windows"
+            self.ax_.bar(places, middle, color="C0", alpha=0.45, label=bar_label)
             if len(self.distances) > 1:
-                everywhere = np.tile(places, len(self.distances))
-                self.ax_.plot(
-                    everywhere, self.distances.ravel(), "_", color="C0", markersize=14, label="each window"
-                )
+                look: dict[str, Any] = {"color": "C0", "markersize": 14, "label": "each window"}
+                self.ax_.plot(np.tile(places, len(self.distances)), self.distances.ravel(), "_", **look)
             self.ax_.axhline(1, color="C1", linestyle="--", label="refused if all bars exceed this")
             self.ax_.set_xticks(places, [str(count) for count in self.classes])
             self.ax_.set(
@@ -220,10 +214,10 @@ class TrainingDisplay(Display):
             )
             legend_above(self.ax_)
         else:
-            self._course(kind, shown)
+            self._draw_features(kind, shown)
         return self
 
-    def _course(self, kind: str, counts: list[int]) -> None:
+    def _draw_features(self, kind: str, counts: list[int]) -> None:
         columns = self._columns_of_kind(kind)
         places = np.arange(1, columns.size + 1)
         for number, count in enumerate(counts):
@@ -235,31 +229,24 @@ class TrainingDisplay(Display):
                 self.ax_.fill_between(places, low, high, color=colour, alpha=0.25, linewidth=0)
                 label, style = f"{label} (one std)", "-"
             self.ax_.plot(places, mean, style, color=colour, linewidth=1.2, label=label)
-        from matplotlib import rcParams
-
         recorded = np.median(self.features[:, columns], axis=0)
         self.ax_.plot(
-            places, recorded, linestyle="", marker="o", markersize=3.5, color=rcParams["text.color"],
+            places, recorded, linestyle="", marker="o", markersize=3.5, color=theme_colours()[0],
             label="this recording",
         )  # fmt: skip
         words = words_of(kind)
         self.ax_.set(xlabel=words.places, ylabel=words.axis, xlim=(0.5, columns.size + 0.5))
         if kind.startswith("lobe_slot") and self.slot_lobes is not None:
             self.ax_.set_xticks(places, [str(lobe + 1) for lobe in self.slot_lobes])
-            start = "as numbered on the disc" if self.absolute else "counted from the first sample"
-            self.ax_.set_xlabel(f"lobe, {start}")
+            self.ax_.set_xlabel(f"lobe, {numbering_words(self.absolute)}")
         self.ax_.grid(axis="y", alpha=0.3, linewidth=0.6)
         legend_above(self.ax_, ncols=3)
 
 
-def _slot_lobes(model: LobeModel, windows: WindowSet) -> NDArray[np.int64] | None:
+def _slot_lobes(lobe_map: LobeMap, windows: WindowSet) -> NDArray[np.int64]:
     """Return the lobe, from 0, that passes nearest to each slot of the first window."""
     from cyclofeat.counting import passage_of_lobe_zero
-    from cyclofeat.models.card import estimators_in
 
-    lobe_map = next((part for part in estimators_in(model.counter_) if isinstance(part, LobeMap)), None)
-    if lobe_map is None:
-        return None
     n = lobe_map.n_lobes
     begin = 0.0
     if lobe_map.align == "energy":
@@ -273,6 +260,6 @@ def _slot_lobes(model: LobeModel, windows: WindowSet) -> NDArray[np.int64] | Non
     return np.rint(n * (middle - passage)).astype(np.int64) % n
 
 
-def _column_kind(name: str) -> str:
-    """Name of a column without its place: lobe_slot_rms of lobe_slot_rms(slot07)."""
-    return name.partition("(")[0]
+def _kinds_of(names: list[str]) -> list[str]:
+    """Return names of columns without their places: lobe_slot_rms of lobe_slot_rms(slot07)."""
+    return [name.partition("(")[0] for name in names]

@@ -14,6 +14,7 @@ from cyclofeat.recordings import Recording
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap
     from matplotlib.figure import Figure, SubFigure
 
 Float = NDArray[np.float64]
@@ -51,11 +52,39 @@ def axes_for(ax: Axes | None, figsize: tuple[float, float]) -> tuple[Figure | Su
     return ax.figure, ax
 
 
+def theme_colours() -> tuple[str, str]:
+    """Return the colours of text and of edges, which a theme may change."""
+    from matplotlib import rcParams
+
+    return rcParams["text.color"], rcParams["axes.edgecolor"]
+
+
+def shade_map(name: str) -> Colormap:
+    """Return a colour map whose small values recede into the ground, also where the theme's text is light."""
+    import matplotlib
+    from matplotlib.colors import to_rgb
+
+    light_text = sum(to_rgb(theme_colours()[0])) > 1.5
+    dark_names = {"Greys": "gray", "Blues": "Blues_r"}
+    return matplotlib.colormaps[dark_names[name] if light_text else name]
+
+
 def legend_above(ax: Axes, ncols: int = 2, **options: Any) -> None:
     """Draw a small legend without a frame above the axes."""
     ax.legend(
         fontsize="small", frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=ncols, **options
     )
+
+
+def draw_mark_legend(ax: Axes, marks: Sequence[tuple[str, Any, Any, str]], **place: Any) -> None:
+    """Draw a small legend of marks: marker, colour, colour of its face, and meaning."""
+    from matplotlib.lines import Line2D
+
+    handles = [
+        Line2D([], [], linestyle="", marker=marker, color=colour, markerfacecolor=face, label=text)
+        for marker, colour, face, text in marks
+    ]
+    ax.legend(handles=handles, fontsize="small", frameon=False, borderaxespad=0.2, **place)
 
 
 def one_of_result(name: str, parts: Sequence[T], condition: int) -> T:
@@ -65,6 +94,11 @@ def one_of_result(name: str, parts: Sequence[T], condition: int) -> T:
             f"result has {name} at {number_of(len(parts), 'condition')}, got condition={condition}"
         )
     return parts[condition]
+
+
+def numbering_words(absolute: bool) -> str:
+    """Return where the lobes of a picture are counted from."""
+    return "as numbered on the disc" if absolute else "counted from the first sample"
 
 
 def stated_speed(recording: Recording, input_speed_hz: float | None) -> float:

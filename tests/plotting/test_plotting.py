@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from matplotlib import pyplot as plt
 from matplotlib.colors import to_rgba
-from matplotlib.patches import Polygon, Rectangle, Wedge
+from matplotlib.patches import Polygon, Wedge
 from numpy.testing import assert_allclose
 
 from cyclofeat import Recording
 from cyclofeat.plotting import LobeMapDisplay, LobeMarks, OrderDisplay, SpectrumDisplay, TorqueDisplay
-from cyclofeat.signal import welch_psd
 
 RATE = 25_600
 SPEED = 500 / 60
@@ -69,9 +68,8 @@ def test_missing_matplotlib_is_named_with_its_remedy(recording, monkeypatch):
 
 
 def test_torque_has_units_and_its_own_times(recording):
-    display = TorqueDisplay.from_recording(recording, start_s=0.5, stop_s=0.75).plot()
-    assert display.torque.size == 6400
-    assert display.time[0] == 0.5
+    display = TorqueDisplay.from_recording(recording.part(0.5, 0.75)).plot()
+    assert display.time[-1] == pytest.approx(0.25 - 1 / RATE)
     assert_allclose(display.torque, recording.torque[12_800:19_200])
     assert display.ax_.get_xlabel() == "time (s)"
     assert display.ax_.get_ylabel() == "output torque (Nm)"
@@ -84,27 +82,22 @@ def test_torque_has_units_and_its_own_times(recording):
 def test_thinning_keeps_every_peak():
     torque = np.random.default_rng(0).normal(22, 1, 100_003)
     torque[[777, 100_002]] = 90, -40
-    display = TorqueDisplay.from_recording(Recording(torque, RATE)).plot(max_points=500, color="k")
+    display = TorqueDisplay.from_recording(Recording(torque, RATE)).plot(max_points=500)
     drawn = display.line_.get_ydata()
     assert 400 < drawn.size <= 500
     assert (drawn.max(), drawn.min()) == (90, -40)
     assert_allclose(drawn, torque[np.round(display.line_.get_xdata() * RATE).astype(int)])
-    assert display.line_.get_color() == "k"
     assert np.all(np.diff(display.line_.get_xdata()) > 0)
 
 
 def test_short_torque_is_drawn_sample_by_sample():
-    display = TorqueDisplay(time=[0, 1, 2], torque=[5, 6, 4]).plot(linewidth=2)
+    display = TorqueDisplay(time=[0, 1, 2], torque=[5, 6, 4]).plot()
     assert_allclose(display.line_.get_ydata(), [5, 6, 4])
-    assert display.line_.get_linewidth() == 2
 
 
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda r: TorqueDisplay.from_recording(r, start_s=-1), "start_s"),
-        (lambda r: TorqueDisplay.from_recording(r, start_s=9), "start_s"),
-        (lambda r: TorqueDisplay.from_recording(r, start_s=5, stop_s=6), "must enclose 2 samples"),
         (lambda r: TorqueDisplay(time=[0, 1], torque=[1, np.nan]), "torque must be finite"),
         (lambda r: TorqueDisplay(time=[0, 1, 2], torque=[1, 2]), "torque must have time's length"),
         (lambda r: TorqueDisplay(time=[[0, 1]], torque=[1, 2]), "time must be 1-D"),
@@ -130,32 +123,6 @@ def test_a_sine_has_its_own_amplitude():
     assert_allclose(display.values[[100, 250]], [0.5, 0.01])
     assert_allclose(display.frequencies[[100, 250]], [100, 250])
     assert display.values[0] < 1e-9  # the mean is gone
-
-
-def test_scales_and_their_units():
-    display = SpectrumDisplay.from_recording(sines())
-    display.plot(scale="dB")
-    assert "dB re 1 Nm" in display.ax_.get_ylabel()
-    assert display.line_.get_ydata().max() == pytest.approx(20 * np.log10(0.5))
-    display.plot(scale="log")
-    assert display.ax_.get_yscale() == "log"
-    assert display.ax_.get_ylabel().startswith("amplitude (Nm)")
-    display.plot(scale="linear", linewidth=3)
-    assert display.ax_.get_yscale() == "linear"
-    assert display.line_.get_ydata().max() == pytest.approx(0.5)
-    assert display.line_.get_linewidth() == 3
-    assert display.ax_.get_xlabel() == "frequency (Hz)"
-
-
-def test_psd_is_the_named_preset():
-    recording = sines()
-    display = SpectrumDisplay.from_recording(recording, quantity="psd", preset="matlab_pwelch").plot(
-        scale="dB"
-    )
-    assert_allclose(display.values, welch_psd(recording.torque, RATE, "matlab_pwelch")[1])
-    assert "matlab_pwelch" in display.ax_.get_ylabel()
-    assert "Nm²/Hz" in display.ax_.get_ylabel()
-    assert display.line_.get_ydata().max() == pytest.approx(10 * np.log10(display.values[1:].max()), abs=20)
 
 
 def test_lobe_lines_and_orders_lie_where_they_belong():
@@ -190,18 +157,15 @@ def test_without_a_speed_there_are_no_marks():
 
 
 def test_a_record_without_ripple_is_drawn():
-    display = SpectrumDisplay(frequencies=[0, 1, 2], values=[0, 0, 0]).plot(scale="log")
+    display = SpectrumDisplay(frequencies=[0, 1, 2], values=[0, 0, 0]).plot()
     display.figure_.canvas.draw()
 
 
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda r: SpectrumDisplay.from_recording(r, quantity="power"), "quantity"),
-        (lambda r: SpectrumDisplay.from_recording(r, quantity="psd", preset="mine"), "preset"),
         (lambda r: SpectrumDisplay.from_recording(r, input_speed_hz=0), "input_speed_hz"),
         (lambda r: SpectrumDisplay.from_recording(r, n_lobes=0), "n_lobes"),
-        (lambda r: SpectrumDisplay.from_recording(r).plot(scale="bel"), "scale"),
         (lambda r: SpectrumDisplay.from_recording(r).plot(max_frequency_hz=0), "max_frequency_hz"),
         (lambda r: SpectrumDisplay(frequencies=[0, 1], values=[1, -1]), "not negative"),
         (lambda r: SpectrumDisplay(frequencies=[0, 1], values=[1, 1, 1]), "each of the 2"),
@@ -233,14 +197,6 @@ def test_the_angle_of_the_disc_serves_as_well():
     assert_allclose(LobeMapDisplay.from_recording(disc).slot_rms, expected.slot_rms, rtol=1e-6)
 
 
-def test_a_known_start_angle_replaces_the_tachometer():
-    recording = worn_recording((4,), start_angle=33.0, with_angle=False)
-    display = LobeMapDisplay.from_recording(recording, start_angle=33.0)
-    assert display.absolute
-    assert int(display.slot_rms.argmax()) == 4
-    assert display.input_speed_hz == pytest.approx(SPEED, rel=1e-3)
-
-
 def test_without_an_absolute_angle_slots_count_from_the_start():
     # The cam points to lobe (16 phi + pi) / 24 deg = 0.5 at phi = 0: the burst of lobe 3 lies in slot 2.
     display = LobeMapDisplay.from_recording(worn_recording((3,), with_angle=False))
@@ -248,7 +204,6 @@ def test_without_an_absolute_angle_slots_count_from_the_start():
     assert display.worn_lobes is None
     assert int(display.slot_rms.argmax()) == 2
     assert "first sample" in display.plot().ax_.get_title()
-    assert "first sample" in display.plot(kind="bars").ax_.get_xlabel()
 
 
 def test_skipped_time_changes_nothing_of_absolute_slots():
@@ -288,7 +243,7 @@ def test_the_disc_has_its_numbered_lobes_and_coloured_slots(recording):
 def test_no_sound_lobe_is_darker_than_a_worn_one():
     rms = np.full(15, 0.2)
     rms[5] = 0.9  # beside the worn ones, as where the load leaves them
-    display = LobeMapDisplay(slot_rms=rms, marks=LobeMarks(worn=[1, 2, 3])).plot(cmap="Greys")
+    display = LobeMapDisplay(slot_rms=rms, marks=LobeMarks(worn=[1, 2, 3])).plot()
     slots = [patch for patch in display.ax_.patches if isinstance(patch, Wedge)][:15]
     assert [slot.get_facecolor() == to_rgba("black") for slot in slots] == [k in (1, 2, 3) for k in range(15)]
     assert display.colorbar_ is None
@@ -297,23 +252,9 @@ def test_no_sound_lobe_is_darker_than_a_worn_one():
     assert {slot.get_facecolor()[3] for slot in slots} == {0}  # nothing says which are worn
 
 
-def test_bars_have_fifteen_numbered_lobes(recording):
-    display = LobeMapDisplay.from_recording(recording, marks=LobeMarks(probability=np.full(15, 0.5))).plot(
-        kind="bars"
-    )
-    bars = [patch for patch in display.ax_.patches if isinstance(patch, Rectangle)]
-    assert_allclose([bar.get_height() for bar in bars], display.slot_rms)
-    labels = display.ax_.get_xticklabels()
-    assert [label.get_text() for label in labels] == [str(number) for number in range(1, 16)]
-    assert [label.get_text() for label in labels if label.get_fontweight() == "bold"] == ["4", "10"]
-    assert "std" in display.ax_.get_ylabel()
-    assert display.colorbar_ is None
-    display.figure_.canvas.draw()
-
-
 def test_a_quiet_disc_looks_quiet():
-    quiet, compared = (LobeMapDisplay(slot_rms=np.full(15, 0.05)).plot(vmax=vmax) for vmax in (None, 0.02))
-    bar, longest = ([one for one in of.ax_.patches if isinstance(one, Wedge)][-1] for of in (quiet, compared))
+    quiet, loud = (LobeMapDisplay(slot_rms=np.full(15, rms)).plot() for rms in (0.05, 0.9))
+    bar, longest = ([one for one in of.ax_.patches if isinstance(one, Wedge)][-1] for of in (quiet, loud))
     assert bar.width / longest.width == pytest.approx(0.05 / 0.3)
 
 
@@ -355,8 +296,6 @@ def test_a_model_brings_its_probabilities(recording):
             "15 numbers from 0 to 1",
         ),
         (lambda r: LobeMapDisplay(slot_rms=np.ones(15), outline=[0, 0, 0]), "outline"),
-        (lambda r: LobeMapDisplay(slot_rms=np.ones(15)).plot(kind="pie"), "kind"),
-        (lambda r: LobeMapDisplay(slot_rms=np.ones(15)).plot(vmax=0), "vmax"),
     ],
 )
 def test_lobe_map_refuses(call, message, recording):
