@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat import __version__
+from cyclofeat._base.checks import one_of
 from cyclofeat._base.displays import thin_samples
-from cyclofeat.report._page import check_page_path, count_text, lobes_text, versions_line, write_page
+from cyclofeat._base.quantities import lobes_text
+from cyclofeat.report._page import check_page_path, count_text, write_page
 
 if TYPE_CHECKING:
     import os
 
-    from cyclofeat.simulators import LobeDefects, SimulationRun
+    from cyclofeat.simulators import SimulationRun
 
 Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -99,21 +100,14 @@ def summarise_animation(
     source: str = "simulated",
     title: str = "",
 ) -> dict[str, Any]:
-    """Summarise an animation in plain values that JSON can hold.
+    """Summarise an animation for its template; parameters and errors are as for the page.
 
-    Parameters and errors are those of :func:`write_animation`.
-
-    Returns
-    -------
-    dict
-        ``title``, ``version``, ``surrogate``, ``worn`` (in words), ``steps`` (of the colours), ``provenance``
-        and ``machine``: geometry in mm, angles in rad and forces in N of each frame, the torque in Nm over
-        time in s.
+    ``machine`` holds geometry in mm, angles in rad and forces in N of each frame, the torque in Nm over time
+    in s.
     """
     if run.external_forces is None or run.external_points is None or run.internal_points is None:
         raise ValueError("run must hold forces and points: simulate(..., forces=True, points=True)")
-    if source not in ("simulated", "surrogate"):
-        raise ValueError(f"source must be 'simulated' or 'surrogate', got {source!r}")
+    one_of("source", source, ("simulated", "surrogate"))
     if not 2 <= frames <= MOST_FRAMES:
         raise ValueError(f"frames must lie between 2 and {MOST_FRAMES}, got {frames!r}")
     n_samples = run.torque_out.size
@@ -127,51 +121,39 @@ def summarise_animation(
     picked = np.linspace(first, last, frames).round().astype(int)
     machine = _machine_geometry(run) | _frame_angles_and_forces(run, picked) | _torque_trace(run, first, last)
     defects, gearbox = run.defects, run.gearbox
-    wear = _describe_defects(defects)
+    parts = [f"removed lobes: {lobes_text(defects.removed_lobes)}"] if defects.removed_lobes else []
+    if defects.worn_lobes or not parts:
+        parts.insert(0, count_text(len(defects.worn_lobes), defects.worn_lobes))
+    if defects.defect_count and len(defects.wheels) == 1:
+        parts.append(f"on wheel {defects.wheels[0] + 1} only")
+    wear = "; ".join(parts)
+    depth = "" if defects.wear_um is not None or not defects.worn_lobes else f", depth {defects.depth:g}"
+    if defects.worn_lobes and defects.wear_um is not None:
+        depths = dict.fromkeys(f"{value:g}" for value in np.ravel(defects.wear_um))
+        depth = f", radial, {' and '.join(depths)} um (not drawn)"
     ends = [machine["force_scale"] * (k / 5) ** 2 for k in range(6)]
     ranges = [f"{low:.3g} to {high:.3g} N" for low, high in pairwise(ends)]
-    force_ranges = [f"below {ends[1]:.3g} N", *ranges[1:4], f"above {ends[4]:.3g} N"]
     return {
         "title": title or "The gearbox turning",
-        "version": __version__,
         "surrogate": {
             "heading": "Simulated:" if source == "simulated" else "SURROGATE:",
             "text": "every force and torque here was made by a simulator. Nothing was recorded on a machine.",
         },
         "origin": "",
         "worn": wear,
-        "steps": force_ranges,
+        "steps": [f"below {ends[1]:.3g} N", *ranges[1:4], f"above {ends[4]:.3g} N"],
         "machine": machine,
-        "provenance": [
-            ("gearbox", f"{gearbox.n_lobes} lobes, {gearbox.n_pins} external and "
-             f"{gearbox.n_internal_sleeves} internal sleeves"),
-            ("eccentricity", f"{1e3 * gearbox.eccentricity:g} mm"),
-            ("wear", wear + (_describe_depth(defects) if defects.worn_lobes else "")),
-            ("input speed", f"{gearbox.input_speed * 60 / (2 * math.pi):.5g} RPM"),
-            ("load", f"{gearbox.load_torque:.4g} Nm"),
-            ("shown", f"{stop_s - start_s:.4g} s in {frames} frames, forces as they were at that moment"),
-            ("integration step", f"{run.dt:g} s"),
-            ("made with", versions_line()),
-        ],
-    }  # fmt: skip
-
-
-def _describe_depth(defects: LobeDefects) -> str:
-    """Describe how much the worn lobes are worn; radial wear is too small to draw."""
-    if defects.wear_um is None:
-        return f", depth {defects.depth:g}"
-    depths = dict.fromkeys(f"{depth:g}" for depth in np.ravel(defects.wear_um))
-    return f", radial, {' and '.join(depths)} um (not drawn)"
-
-
-def _describe_defects(defects: LobeDefects) -> str:
-    """Describe the defects in words."""
-    parts = [f"removed lobes: {lobes_text(defects.removed_lobes)}"] if defects.removed_lobes else []
-    if defects.worn_lobes or not parts:
-        parts.insert(0, count_text(len(defects.worn_lobes), defects.worn_lobes))
-    if defects.defect_count and len(defects.wheels) == 1:
-        parts.append(f"on wheel {defects.wheels[0] + 1} only")
-    return "; ".join(parts)
+        "provenance": {
+            "gearbox": f"{gearbox.n_lobes} lobes, {gearbox.n_pins} external and "
+            f"{gearbox.n_internal_sleeves} internal sleeves",
+            "eccentricity": f"{1e3 * gearbox.eccentricity:g} mm",
+            "wear": wear + depth,
+            "input speed": f"{gearbox.input_speed * 60 / (2 * math.pi):.5g} RPM",
+            "load": f"{gearbox.load_torque:.4g} Nm",
+            "shown": f"{stop_s - start_s:.4g} s in {frames} frames, forces as they were at that moment",
+            "integration step": f"{run.dt:g} s",
+        },
+    }
 
 
 def _machine_geometry(run: SimulationRun) -> dict[str, Any]:
@@ -184,13 +166,15 @@ def _machine_geometry(run: SimulationRun) -> dict[str, Any]:
     for wheel in range(2):
         defects = run.defects if wheel in run.defects.wheels else LobeDefects.healthy()
         worn, removed = defects.worn_lobes, defects.removed_lobes
-        chords = worn if defects.wear_um is None else ()
+        # Radial wear is too small to draw; a removed lobe is a recess from tip to tip.
+        outline = profile.outline(worn if defects.wear_um is None else (), _OUTLINE_POINTS_PER_LOBE).copy()
+        for lobe in removed:
+            part = slice(lobe * _OUTLINE_POINTS_PER_LOBE + 1, (lobe + 1) * _OUTLINE_POINTS_PER_LOBE)
+            outline[part] *= 0.93 * np.abs(outline).min() / np.abs(outline[part])
         wheels.append({
             "rest": round(_rest_angles(z)[wheel], 6),
             "cam": round((-1) ** wheel * 1e3 * gearbox.eccentricity, 4),
-            "outline": _outline_points(
-                _cut_recesses(profile.outline(chords, _OUTLINE_POINTS_PER_LOBE), removed)
-            ),
+            "outline": (1e3 * np.column_stack([outline.real, outline.imag])).round(2).ravel().tolist(),
             "worn": list(worn),
             "removed": list(removed),
         })  # fmt: skip
@@ -212,15 +196,6 @@ def _machine_geometry(run: SimulationRun) -> dict[str, Any]:
 def _rest_angles(n_lobes: int) -> tuple[float, float]:
     """Angles of the wheels in rad where the input's is 0."""
     return -math.pi / n_lobes, 2 * math.pi * ((n_lobes + 1) // 2 - 1) / n_lobes
-
-
-def _cut_recesses(outline: Complex, removed: tuple[int, ...]) -> Complex:
-    """Outline with a recess from tip to tip where a lobe is removed."""
-    outline = outline.copy()
-    for lobe in removed:
-        part = slice(lobe * _OUTLINE_POINTS_PER_LOBE + 1, (lobe + 1) * _OUTLINE_POINTS_PER_LOBE)
-        outline[part] *= 0.93 * np.abs(outline).min() / np.abs(outline[part])
-    return outline
 
 
 def _frame_angles_and_forces(run: SimulationRun, picked: NDArray[np.int64]) -> dict[str, Any]:
@@ -283,11 +258,6 @@ def _torque_trace(run: SimulationRun, first: int, last: int) -> dict[str, Any]:
 
 def _to_mm(length: Any) -> float:
     return round(1e3 * float(length), 4)
-
-
-def _outline_points(outline: Complex) -> list[float]:
-    """x, y, x, y, ... in mm."""
-    return (1e3 * np.column_stack([outline.real, outline.imag])).round(2).ravel().tolist()
 
 
 def _whole_newtons(vectors: Complex) -> list[list[int]]:

@@ -1,4 +1,4 @@
-"""Figures of a report, drawn for light and for dark pages, as data URIs."""
+"""Figures of a report: plots that ``templates/plot.js`` draws, and pictures for light and dark pages."""
 
 from __future__ import annotations
 
@@ -6,22 +6,15 @@ import base64
 import io
 import re
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.displays import thin_samples
-from cyclofeat.plotting import (
-    EvaluationDisplay,
-    LobeMapDisplay,
-    OrderDisplay,
-    SpectrumDisplay,
-    TorqueDisplay,
-    TrainingDisplay,
-)
-from cyclofeat.plotting.kinds import words_of
+from cyclofeat.plotting import LobeMapDisplay, OrderDisplay, SpectrumDisplay, TorqueDisplay
 from cyclofeat.report._page import count_text, probability_text
-from cyclofeat.report._plot import Axis, Line, Marks, Plot, Span
 from cyclofeat.signal.lobes import lobe_frequency
 
 if TYPE_CHECKING:
@@ -30,17 +23,123 @@ if TYPE_CHECKING:
     from cyclofeat.counting.model.lobe_count import WindowCount
 
 Picture = dict[str, Any]
-Draw = Callable[["Axes", str], object]
+Draw = Callable[["Axes"], object]
+
+# Values below this share of the largest are rounding errors, and would stretch a logarithmic axis.
+_DYNAMIC_RANGE = 1e-8
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Quantity of an axis, in singular and without unit, its unit, and its scale; whole: of whole numbers."""
+
+    quantity: str
+    unit: str
+    log: bool = False
+    whole: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """Values over the plot's x, NaN where there are none, with an optional band.
+
+    Parameters
+    ----------
+    name : str
+    values : array-like, shape (n,)
+    colour : {"accent", "second", "third", "ink", "faint", "wrong"}, default="accent"
+        A colour of the page.
+    style : {"line", "dashed", "wide", "stems", "strokes", "points"}, default="line"
+    band : tuple of array-like, optional
+        Lower and upper end, each of shape (n,).
+    """
+
+    name: str
+    values: ArrayLike
+    colour: str = "accent"
+    style: Literal["line", "dashed", "wide", "stems", "strokes", "points"] = "line"
+    band: tuple[ArrayLike, ArrayLike] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Marks:
+    """Vertical lines at multiples: ``at[k]`` is "``name`` k + 1". Short ones are strokes at the bottom."""
+
+    name: str
+    legend: str
+    at: ArrayLike
+    colour: str
+    short: bool = False
+
+
+@dataclass(frozen=True)
+class Span:
+    """Part of x with a short label in the plot, and words for the read-out."""
+
+    start: float
+    stop: float
+    label: str
+    text: str
+    amiss: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Plot:
+    """Lines over one x, with what marks places on it.
+
+    Parameters
+    ----------
+    x : array-like, shape (n,)
+        Increasing.
+    lines : sequence of Line
+    axes : tuple of Axis
+        Of x and of y.
+    view : tuple of float, optional
+        Part of x that is shown at first; default, all.
+    marks : sequence of Marks
+    spans : sequence of Span
+    note : str
+        How the data were reduced.
+    """
+
+    x: ArrayLike
+    lines: Sequence[Line]
+    axes: tuple[Axis, Axis]
+    view: tuple[float, float] | None = None
+    marks: Sequence[Marks] = ()
+    spans: Sequence[Span] = ()
+    note: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values that JSON can hold: long columns as text."""
+        x = np.asarray(self.x, dtype=np.float64)
+        lines = []
+        for line in self.lines:
+            ends = [np.asarray(end, dtype=np.float64) for end in (line.values, *(line.band or ()))]
+            least = (np.nanmax(ends[0]) or 1.0) * _DYNAMIC_RANGE if self.axes[1].log else -np.inf
+            columns = [_pack_values(np.maximum(end, least)) for end in ends]
+            lines.append({"name": line.name, "colour": line.colour, "style": line.style, "columns": columns})
+        return {
+            "x": _pack_values(x),
+            "lines": lines,
+            "axes": [vars(axis) for axis in self.axes],
+            "view": [float(end) for end in self.view or (x[0], x[-1])],
+            "marks": [vars(marks) | {"at": np.asarray(marks.at).tolist()} for marks in self.marks],
+            "spans": [vars(span) for span in self.spans],
+            "note": self.note,
+        }
+
+
+def _pack_values(values: NDArray[np.float64]) -> dict[str, Any]:
+    """Return equal steps as two numbers, and other values as little-endian float32 in base64."""
+    steps = np.diff(values)
+    if steps.size and np.allclose(steps, steps[0], rtol=1e-6, atol=0):
+        return {"first": float(values[0]), "last": float(values[-1]), "n": values.size}
+    return {"base64": base64.b64encode(values.astype("<f4").tobytes()).decode("ascii")}
+
 
 # Pixels per inch at which a figure is shown: a font of 10 points is then 13 pixels tall.
 _PIXELS_PER_INCH = 92
-_BESIDE_TRAINING = (6.0, 3.2)
-
-# Small values recede into the page.
-# Without a hue: the counted lobes have one.
-_RING_COLOURS = {"light": "Greys", "dark": "gray"}
-_COUNT_COLOURS = {"light": "Blues", "dark": "Blues_r"}
-
 
 # Ink, faint ink, frame and ground of legends, and the cycle.
 _COLOURS = {
@@ -50,7 +149,8 @@ _COLOURS = {
 _REFUSED = "#b3261e"
 
 
-def _theme_colours(scheme: str) -> Any:
+def theme_settings(scheme: str) -> Any:
+    """Return matplotlib's settings for light or dark pages."""
     from cycler import cycler
 
     ink, faint, frame, legend, *cycle = _COLOURS[scheme]
@@ -76,22 +176,22 @@ def draw_picture(
 ) -> Picture:
     """Draw a figure of ``size`` in inches as SVG data URIs ``light`` and ``dark``, with its size in pixels.
 
-    ``draw`` is called with the axes and the scheme, ``alt`` describes the figure in words. Drawing takes most
+    ``draw`` is called with the axes, ``alt`` describes the figure in words. Drawing takes most
     of a report's time: a figure is drawn once, and again in dark only if ``by_scheme`` says that it has
     colours besides those of the theme. With a ``plot``, which the page draws in the scheme of the screen, the
     figure is for paper, and light.
     """
     width, height = (round(inches * _PIXELS_PER_INCH) for inches in size)
     light = _draw_svg(draw, size, "light")
-    svgs = {"light": light}
-    drawn: Picture = {"alt": alt, "width": width, "height": height}
-    if plot is None:
-        svgs["dark"] = _draw_svg(draw, size, "dark") if by_scheme else _darken_colours(light)
+    drawn: Picture = {"alt": alt, "width": width, "height": height, "light": data_uri(light.encode())}
+    if plot is not None:
+        return drawn | {"plot": plot.to_dict()}
+    if by_scheme:
+        dark = _draw_svg(draw, size, "dark")
     else:
-        drawn["plot"] = plot.to_dict()
-    for scheme, svg in svgs.items():
-        drawn[scheme] = data_uri(svg.encode())
-    return drawn
+        dark_of = dict(zip(_COLOURS["light"], _COLOURS["dark"], strict=True))
+        dark = re.sub("|".join(dark_of), lambda colour: dark_of[colour[0]], light)
+    return drawn | {"dark": data_uri(dark.encode())}
 
 
 def data_uri(content: bytes, kind: str = "image/svg+xml") -> str:
@@ -104,18 +204,12 @@ def _draw_svg(draw: Draw, size: tuple[float, float], scheme: str) -> str:
     from matplotlib.figure import Figure
 
     # A bare Figure needs no window system and is not listed as open.
-    with matplotlib.rc_context(_theme_colours(scheme)):
+    with matplotlib.rc_context(theme_settings(scheme)):
         figure = Figure(figsize=size, layout="constrained")
-        draw(figure.subplots(), scheme)
+        draw(figure.subplots())
         svg = io.StringIO()
         figure.savefig(svg, format="svg", metadata={"Date": None})
     return svg.getvalue()
-
-
-def _darken_colours(svg: str) -> str:
-    """Replace the colours of the light theme by those of the dark one."""
-    dark_of = dict(zip(_COLOURS["light"], _COLOURS["dark"], strict=True))
-    return re.sub("|".join(dark_of), lambda colour: dark_of[colour[0]], svg)
 
 
 def recording_pictures(
@@ -132,7 +226,7 @@ def recording_pictures(
     The torque has its ``windows`` above it. The page holds ``most_samples`` of it, or their room in extremes.
     """
 
-    def draw_torque(ax: Axes, _: str) -> None:
+    def draw_torque(ax: Axes) -> None:
         torque.plot(ax, max_points=2000)
         # Draw a strip of windows with their labels above the curve.
         low, high = ax.get_ylim()
@@ -155,7 +249,7 @@ def recording_pictures(
             plot=torque_plot(torque, windows, most_samples),
         ),
         "spectrum": draw_picture(
-            lambda ax, _: spectrum.plot(ax), (6.0, 3.4),
+            spectrum.plot, (6.0, 3.4),
             f"Amplitude spectrum of the {torque.quantity} in {torque.unit}; "
             "lobe lines and orders are marked if a speed is known",
             plot=spectrum_plot(spectrum),
@@ -163,45 +257,17 @@ def recording_pictures(
     }  # fmt: skip
     if orders is not None:
         drawn["orders"] = draw_picture(
-            lambda ax, _: orders.plot(ax), (6.0, 3.4),
+            orders.plot, (6.0, 3.4),
             f"Amplitudes in {torque.unit} at the lines of the output turn, by order of the input shaft",
             plot=order_plot(orders),
         )  # fmt: skip
     if lobe_map is not None:
         drawn["lobe_map"] = draw_picture(
-            lambda ax, scheme: lobe_map.plot(ax, cmap=_RING_COLOURS[scheme]), (6.0, 5.8),
+            lobe_map.plot, (6.0, 5.8),
             "Disc with its counted lobes in colour, a ring as dark as each is worn, and bars of disturbance",
             by_scheme=True,
         )  # fmt: skip
     return drawn
-
-
-def distance_picture(display: TrainingDisplay) -> Picture:
-    """Draw the distance from the training windows of each count."""
-    alt = "Bars: distance of the recording from the training windows of each number of worn lobes"
-    return draw_picture(lambda ax, _: display.plot(ax), _BESIDE_TRAINING, alt)
-
-
-def feature_picture(display: TrainingDisplay, kind: str, counts: tuple[int, ...]) -> Picture:
-    """Draw the features of a kind beside the training windows of some counts."""
-    alt = "Features of the recording beside the mean of the training windows of two counts: "
-    alt += words_of(kind).title
-    return draw_picture(lambda ax, _: display.plot(ax, kind=kind, counts=counts), _BESIDE_TRAINING, alt)
-
-
-def confusion_picture(display: EvaluationDisplay) -> Picture:
-    """Draw a confusion matrix, true counts in rows."""
-    alt = "Confusion matrix: windows by true and predicted number of worn lobes"
-    return draw_picture(
-        lambda ax, scheme: display.plot("confusion", ax, cmap=_COUNT_COLOURS[scheme]),
-        (display.side, display.side), alt, by_scheme=True,
-    )  # fmt: skip
-
-
-def calibration_picture(display: EvaluationDisplay) -> Picture:
-    """Draw the share of right answers by bins of the probability; larger dots hold more of the windows."""
-    alt = "Calibration: share of right answers by probability said, beside the diagonal"
-    return draw_picture(lambda ax, _: display.plot("calibration", ax), (5.2, 5.2), alt)
 
 
 _SHOWN_HZ, _HIGHEST_HZ = 400.0, 2000.0

@@ -1,4 +1,7 @@
-"""Page of a report: template, writing, and words for numbers."""
+"""Page of a report: template, writing, and words for numbers.
+
+Every page is a dictionary of plain values that a template renders.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cyclofeat import __version__
 from cyclofeat._base import quantities
 from cyclofeat._base.files import check_parent, package_versions, write_whole
 from cyclofeat._base.quantities import number_of
@@ -62,7 +66,7 @@ def template_environment(*packages: str) -> jinja2.Environment:
         import jinja2
     except ImportError as error:
         raise ImportError("reports need jinja2: pip install jinja2") from error
-    return jinja2.Environment(
+    environment = jinja2.Environment(
         loader=jinja2.ChoiceLoader(
             [*map(jinja2.PackageLoader, packages), jinja2.PackageLoader("cyclofeat.report")]
         ),
@@ -71,6 +75,10 @@ def template_environment(*packages: str) -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.globals.update(version=__version__, versions_line=versions_line, range_text=range_text)
+    words = (count_heading, count_text, number_of, percent_text, probability_text)
+    environment.filters.update({function.__name__: function for function in words})
+    return environment
 
 
 def describe_origin(sources: Sequence[str | None]) -> tuple[str, dict[str, str] | None, str]:
@@ -87,11 +95,6 @@ def describe_origin(sources: Sequence[str | None]) -> tuple[str, dict[str, str] 
     return "recorded", None, "The recordings do not state whether they were taken on a machine."
 
 
-def summary_tile(label: str, value: str, text: str, wrong: bool = False) -> dict[str, Any]:
-    """Return one answer of a summary, in red if something is wrong."""
-    return {"label": label, "value": value, "text": text, "wrong": wrong}
-
-
 def versions_line() -> str:
     """Return the versions that a report was made with, in one line."""
     used = package_versions("cyclofeat", "python", "numpy", "scipy", "scikit-learn")
@@ -103,23 +106,17 @@ def keep_together(text: str) -> str:
     return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
-def count_text(count: int, lobes: Iterable[int] | None, absolute: bool = True) -> str:
+def count_text(count: int, lobes: Iterable[int] | None = ()) -> str:
     """Return the number of worn lobes, and which, in words."""
     text = number_of(count, "worn lobe") if count else "no worn lobe"
-    numbers = lobes_text(lobes, absolute)
+    numbers = quantities.lobes_text(lobes)
     return f"{text}: {numbers}" if numbers else text
 
 
 def count_heading(count: int) -> str:
     """Return the number of worn lobes in words, with a capital."""
-    text = count_text(count, ())
+    text = count_text(count)
     return text[0].upper() + text[1:]
-
-
-def lobes_text(lobes: Iterable[int] | None, absolute: bool = True) -> str:
-    """Return lobes as people count them, from 1."""
-    numbers = quantities.lobes_text(lobes)
-    return numbers if absolute or not numbers else f"{numbers} counted from the first sample"
 
 
 def probability_text(probability: float) -> str:

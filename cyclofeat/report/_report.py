@@ -9,11 +9,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from cyclofeat import __version__
 from cyclofeat._base.checks import is_number, is_whole, repr_of
+from cyclofeat.report import _figures
 from cyclofeat.report._count import CountedRecording, summarise_count
 from cyclofeat.report._evaluation import summarise_evaluation
-from cyclofeat.report._figures import data_uri, draw_picture
+from cyclofeat.report._figures import data_uri
 from cyclofeat.report._gap import summarise_gap
 from cyclofeat.report._page import check_page_path, template_environment, write_page
 
@@ -117,8 +117,8 @@ class Report:
                 "figure must be a file, a matplotlib figure or an object with plot(ax=...), got "
                 f"{repr_of(figure)}"
             )
-        drawn_twice = draw_picture(lambda ax, _: figure.plot(ax=ax), size, str(caption))
-        return self._add(picture=drawn_twice, caption=str(caption))
+        picture = _figures.draw_picture(lambda ax: figure.plot(ax=ax), size, str(caption))
+        return self._add(picture=picture, caption=str(caption))
 
     def add_table(self, table: Any, caption: str = "") -> Self:
         """Add a table.
@@ -140,7 +140,7 @@ class Report:
         if not isinstance(table, Sequence) or not all(isinstance(row, Mapping) for row in table):
             raise TypeError(f"table must be a data frame or a sequence of mappings, got {repr_of(table)}")
         columns = list(dict.fromkeys(name for row in table for name in row))
-        right = [all(_is_numeric(row.get(name)) for row in table) for name in columns]
+        right = [all(row.get(name) is None or is_number(row[name]) for row in table) for name in columns]
         rows = [[_cell_text(row.get(name)) for name in columns] for row in table]
         return self._add(columns=list(zip(map(str, columns), right, strict=True)), rows=rows, caption=caption)
 
@@ -176,8 +176,7 @@ class Report:
         target = check_page_path(path)
         if not self._parts:
             raise ValueError("the report is empty: add text, a figure, a table or a result first")
-        summary = {"title": self.title, "version": __version__, "parts": self._parts}
-        return write_page(target, "report.html", summary)
+        return write_page(target, "report.html", {"title": self.title, "parts": self._parts})
 
     def _add_page(self, template: str, summary: Mapping[str, Any]) -> Self:
         # Sections of one kind must not share the anchors of their links.
@@ -187,10 +186,6 @@ class Report:
     def _add(self, **part: Any) -> Self:
         self._parts.append(part)
         return self
-
-
-def _is_numeric(value: Any) -> bool:
-    return value is None or is_number(value)
 
 
 def _cell_text(value: Any) -> str:
