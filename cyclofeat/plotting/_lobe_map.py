@@ -249,7 +249,7 @@ class LobeMapDisplay(Display):
         from matplotlib.patches import Circle, Patch, Polygon, Wedge
 
         ax, ink = self.ax_, theme_colours()[0]
-        body = {"facecolor": to_rgba("0.5", 0.18), "edgecolor": ink, "linewidth": 1.0}
+        body: dict[str, Any] = {"facecolor": to_rgba("0.5", 0.18), "edgecolor": ink, "linewidth": 1.0}
         if self.outline is None:
             outline: Patch = Circle((0, 0), 1.0, **body)
         else:

@@ -160,7 +160,7 @@ class SpectrumDisplay(Display):
         if self.input_speed_hz is None:
             return self
         # Lobe lines lie behind the spectrum, orders of the input are strokes and the axis on top.
-        speed = self.input_speed_hz
+        speed: Any = self.input_speed_hz
         spacing = lobe_frequency(speed, self.n_lobes)
         lobe_lines = np.arange(1, int(limit / spacing) + 1) * spacing
         orders = np.arange(1, int(limit / speed) + 1) * speed

@@ -19,16 +19,10 @@ from cyclofeat.gap.summaries.summarise import Cell
 from cyclofeat.gap.where.conditions import Where, WhereRow, where_of
 from cyclofeat.plotting import GapDisplay, GapOverlayDisplay, GapReductionDisplay
 from cyclofeat.plotting.gap_words import cell_name, difference_words, in_words
-from cyclofeat.report._figures import _theme_colours
-from cyclofeat.simulators import (
-    BrakeRotor,
-    Noise,
-    Rig,
-)
+from cyclofeat.report._figures import theme_settings
 
 RATE, SPEED = 6400.0, 500 / 60
 KINDS = ("families", "spectrum", "orders", "phase")
-BASE = Rig(effects=[BrakeRotor(0.02, 1e4, 0.02), Noise(0.05)], name="R1")
 
 
 @pytest.fixture(scope="module")
@@ -329,7 +323,7 @@ def roles_of_an_overlay():
 @pytest.mark.parametrize("roles_of", [roles_of_a_comparison, roles_of_an_overlay])
 @pytest.mark.parametrize(("scheme", "ground"), [("light", "#ffffff"), ("dark", "#1c2126")])
 def test_roles_are_told_apart_also_by_the_colour_blind(roles_of, scheme, ground):
-    with matplotlib.rc_context(_theme_colours(scheme)):
+    with matplotlib.rc_context(theme_settings(scheme)):
         roles = roles_of()
     assert len(roles) == 3
     luminance = [np.array([0.2126, 0.7152, 0.0722]) @ lab(colour)[1] for colour in (ground, *roles)]

@@ -277,7 +277,7 @@ def test_a_wrong_count_stands_out(model, drawn):
     one = recording((4, 5, 6), seed=100)
     mislabelled = one.replace(worn_lobes=None, defect_count=0)
     (row,) = summarise_count(model, [CountedRecording("a", mislabelled, model.count(one))])["rows"]
-    assert (row["count"], row["stated"], row["wrong"]) == (3, "0", True)
+    assert (row["count"], row["stated"], row["wrong"]) == (3, 0, True)
 
 
 def test_what_spoils_a_count_is_told(model, drawn):

@@ -62,11 +62,11 @@ def test_each_count_is_that_of_the_confusion_matrix(data, results):
     found = summarise_evaluation(results)
     said = results["bayes & co"].predictions
     for row in found["classes"]:
-        count = int(row["label"])
-        assert row["windows"] == np.sum(y == count)
-        assert row["assemblies"] == 20
-        assert float(row["found"]) == pytest.approx(np.mean(said[y == count] == count), abs=5e-4)
-        assert float(row["right"]) == pytest.approx(np.mean(y[said == count] == count), abs=5e-4)
+        count = row["defect_count"]
+        assert row["n_windows"] == np.sum(y == count)
+        assert row["n_assemblies"] == 20
+        assert row["recall"] == pytest.approx(np.mean(said[y == count] == count))
+        assert row["precision"] == pytest.approx(np.mean(y[said == count] == count))
     wrong = {name for name in np.unique(groups) if np.any(said[groups == name] != y[groups == name])}
     assert len(found["wrong"]) + found["n_more_wrong"] == len(wrong)
     assert {row["assembly"] for row in found["wrong"]} <= wrong

@@ -79,8 +79,7 @@ def test_a_data_frame_keeps_its_named_index_and_marks_what_is_missing(tmp_path):
 
 def test_whole_pages_become_sections_whose_links_stay_apart(tmp_path, compared_hum, monkeypatch):
     drawn = {"light": "data:,", "dark": "data:,", "alt": "", "width": 1, "height": 1}
-    for module in ("_figures", "_gap", "_gap_answer", "_gap_where"):
-        monkeypatch.setattr(f"cyclofeat.report.{module}.draw_picture", lambda *_, **__: drawn)
+    monkeypatch.setattr("cyclofeat.report._figures.draw_picture", lambda *_, **__: drawn)
     y = np.repeat(np.arange(30) % 3, 2)
     X = y[:, np.newaxis] + np.random.default_rng(0).normal(0, 0.5, (60, 1))
     evaluation = evaluate(GaussianNB(), X, y, np.repeat(np.arange(30), 2))
