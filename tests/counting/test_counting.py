@@ -291,6 +291,7 @@ def test_a_spoiled_window_is_left_out(model, surrogates):
     )
 
 
+@pytest.mark.slow
 def test_the_speed_of_a_worn_disc_need_not_be_stated(model, surrogates):
     worn = next(one for one in surrogates if one.defect_count == 5)
     blind = worn.replace(angle=None, angle_is_absolute=False)
@@ -315,6 +316,7 @@ def test_lines_too_faint_to_be_believed_still_tell_the_speed(seed):
     assert turning.speed_hz == pytest.approx(rpm / 60, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_model_refuses_what_it_was_not_made_for(model, surrogates):
     recording = surrogates[0]
     noise = np.random.default_rng(0).normal(22, 1, recording.n_samples)

@@ -73,6 +73,7 @@ def counter(data, parts):
     return small().fit(X, y, worn=worn, passage=passage)
 
 
+@pytest.mark.slow
 def test_count_and_lobes_of_assemblies_never_seen(data, parts, counter):
     X, y, worn, passage = (values[parts[1]] for values in data)
     assert np.mean(counter.predict(X) == y) >= 7 / 8

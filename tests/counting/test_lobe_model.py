@@ -41,6 +41,7 @@ def test_many_recordings_have_the_answers_of_each(make, some):
         assert_allclose(together.lobe_probability, alone.lobe_probability)
 
 
+@pytest.mark.slow
 def test_predictions_are_those_of_count(some):
     model = shaft_model()
     answers = model.count_all(iter(some))
@@ -142,6 +143,7 @@ def windows_counter():
     return make_pipeline(LobeMap(sampling_rate=1.0), trees)
 
 
+@pytest.mark.slow
 def test_a_nested_counter_takes_the_place_of_the_default(known):
     model = LobeModel(counter=windows_counter(), n_splits=2, random_state=0).fit(known)
     assert model.counter_[0].sampling_rate == 128

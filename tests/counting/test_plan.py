@@ -198,6 +198,7 @@ def test_the_formula_agrees_with_decisions_about_other_assemblies(plan, lines, p
     assert plan.probability[point] == pytest.approx(share, abs=0.12)
 
 
+@pytest.mark.slow
 def test_deeper_wear_and_the_least_depth(plan):
     assert 0.5 < plan.probability[0] < plan.probability[1] <= 1
     assert plan.least_um is None or plan.depths_um[0] <= plan.least_um <= plan.depths_um[1]

@@ -80,6 +80,7 @@ def test_windows_held_out_have_the_answer_of_the_network_that_did_not_see_them(f
     assert np.abs(held_out - counter.predict_proba(windows.X)).max() > 0.01
 
 
+@pytest.mark.slow
 def test_a_network_answers_as_its_definition():
     """One window, one place and one layer after the other, in double precision; JAX answers as numpy."""
     random = np.random.default_rng(0)
@@ -132,6 +133,7 @@ def answered(network, lines):
     return rows, softmax(np.concatenate([sound[:, np.newaxis], logsumexp(rows, axis=1)], axis=1), axis=1)
 
 
+@pytest.mark.slow
 def test_a_network_learns_where_a_row_begins_and_how_long_it_is():
     lines, length, begins = bumps(300, 0.1)
     rows, proba = answered(trained(lines[:200], length[:200], begins[:200]), lines[200:])
@@ -142,6 +144,7 @@ def test_a_network_learns_where_a_row_begins_and_how_long_it_is():
     assert np.mean(beside <= 0.5) >= 0.9
 
 
+@pytest.mark.slow
 def test_impacts_at_the_lobe_rate_make_few_sure_answers():
     """A train of short impacts has equal lines whose phases are those of its place in the fold.
 

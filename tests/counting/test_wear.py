@@ -29,6 +29,7 @@ def unseen(model):
     return recordings, [model.count(one) for one in recordings]
 
 
+@pytest.mark.slow
 def test_intervals_cover_new_assemblies_and_widen_where_values_scatter():
     random = np.random.default_rng(3)
     assembly = np.repeat(np.arange(240), 2)
@@ -99,6 +100,7 @@ def test_counts_and_depths_of_assemblies_never_seen(unseen):
     assert all(depth.low_um <= depth.depth_um <= depth.high_um for _, depth in worn)
 
 
+@pytest.mark.slow
 def test_each_run_of_a_long_recording_is_learned_with_its_count_and_depth(unseen):
     """Recordings of 2, 5 and 3 output turns hold 1, 2 and 1 runs of two, and windows that are in none."""
     varied = recordings_with_wear(24, turns=(2, 5, 3, 2))

@@ -73,6 +73,7 @@ def test_the_dropout_share_is_the_share_that_was_dropped(kind, length):
     assert warned(found, "dropouts")
 
 
+@pytest.mark.slow
 def test_single_zeros_are_dropouts():
     torque = geared()
     torque[1_000::5_000] = 0
@@ -131,6 +132,7 @@ def test_the_angle_tells_the_speed_without_a_nominal_one():
     assert describe(disc)["speed_measured_rpm"] == pytest.approx(450)
 
 
+@pytest.mark.slow
 def test_what_else_would_spoil_a_count():
     assert describe(Recording(np.full(9, 3.5), RATE))["warnings"] == [
         "the record is constant (3.5 Nm): sensor dead or not connected?"

@@ -72,6 +72,7 @@ def rows(values, *, head="", separator="\n"):
 # -- round trips
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".csv", ".npz"])
 @settings(STEADY, max_examples=10)
 @given(recording=recordings())

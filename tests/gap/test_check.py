@@ -118,6 +118,7 @@ def test_a_known_threshold_is_found_through_simulated_rigs(checked):
         result.effect("torque_meter_low_pass")
 
 
+@pytest.mark.slow
 def test_a_check_is_of_its_seed_and_in_plain_values():
     once, again = (
         check_recordings([AT] * 2, posterior=Detector(), n_rigs=6, random_state=7) for _ in range(2)

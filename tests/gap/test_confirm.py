@@ -150,6 +150,7 @@ def test_the_same_seed_draws_the_same_sets():
     assert drawn_sets({}, 3) == ((), (), ())
 
 
+@pytest.mark.slow
 def test_sizes_of_confirmed_effects_are_drawn_together_and_the_others_beside():
     effects = (Noise(), Gain())
     mean = np.array([*Noise(0.3).to_vector(), *Gain(1.1).to_vector()])

@@ -89,6 +89,7 @@ def test_a_drive_with_all_three_effects_is_that_in_the_simulation():
     assert series.stiffness == pytest.approx(whole.stiffness, rel=0.08)
 
 
+@pytest.mark.slow
 def test_known_parameters_come_back_and_predict_another_size_of_loop():
     theta = {
         "friction.coulomb_nm": 2.0, "friction.spread": 0.5, "friction.load_share": 0.3,

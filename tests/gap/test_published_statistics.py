@@ -117,6 +117,7 @@ def test_the_tables_of_the_gap_are_its_rows(drift):
         gap.to_frame("dropped")
 
 
+@pytest.mark.slow
 def test_a_disc_left_out_has_no_part_in_its_prediction(drift, simulated):
     """Another number for one disc moves no prediction of that disc; the scale of scores is held."""
     made, _ = drift

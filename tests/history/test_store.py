@@ -52,6 +52,7 @@ def test_rows_come_back(tmp_path):
     assert (refused.defect_count, refused.reason) == (None, "too noisy")
 
 
+@pytest.mark.slow
 def test_the_depth_of_the_wear_is_kept_and_drawn_over_time(tmp_path):
     pytest.importorskip("matplotlib")
     depths = [None, 20.0, 31.0, 45.0]

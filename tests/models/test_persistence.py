@@ -140,6 +140,7 @@ def test_every_kind_is_the_same_in_another_process(counters, model, data, tmp_pa
     assert json.loads(done.stdout) == expected
 
 
+@pytest.mark.slow
 def test_the_reader_builds_what_skops_builds(counters, model, data, tmp_path):
     recording = Recording(data[0][0], RATE, speed_rpm=500)
     for kind, saved in {**counters, "model": model}.items():

@@ -53,6 +53,7 @@ def page(model, counted, tmp_path_factory):
     return path.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_depth_of_the_wear_is_beside_the_count(model, counted, drawn, tmp_path):
     depths = [WearDepth(52.4, 41.0, 66.0, 0.9, 12.0), WearDepth(None, 0.0, 12.0, 0.9, 12.0)]
     worn, healthy = (
@@ -253,6 +254,7 @@ def test_a_refused_recording_with_a_tachometer_keeps_its_lines(model, displays):
     assert displays[0][0].input_speed_hz == pytest.approx(500 / 60)
 
 
+@pytest.mark.slow
 def test_speeds_stated_and_measured_stand_apart(model, drawn):
     by_tachometer = recording((4, 5, 6), seed=100, slowing=0.01)
     without = by_tachometer.replace(angle=None, angle_is_absolute=False, speed_rpm=None)

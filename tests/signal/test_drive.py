@@ -55,6 +55,7 @@ def test_the_lag_is_that_of_a_controlled_shaft():
     np.testing.assert_allclose(found, lag, atol=0.01 * lag.std())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gain", "integral_s"), [(0.1, 0.015), (0.2, 0.008), (0.08, 0.03)])
 def test_braking_by_lobes_is_followed(gain, integral_s):
     """A torque's search cannot: within one turn the speed hardly changes there."""
@@ -64,17 +65,20 @@ def test_braking_by_lobes_is_followed(gain, integral_s):
     assert error(found, angle) < 0.003 < error(follow_speed(current, RATE, HERTZ * 1.01), angle)
 
 
+@pytest.mark.slow
 def test_a_sensor_the_other_way_round_tells_the_same():
     current, _ = driven(WORN)
     there, back = (follow_motor(one, RATE, HERTZ) for one in (current, -current))
     np.testing.assert_allclose(back.angle, there.angle, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_steady_shaft_stays_steady():
     current, angle = driven(WORN, gain=0.0)
     assert error(follow_motor(current, RATE, HERTZ), angle) < 0.003
 
 
+@pytest.mark.slow
 def test_a_line_of_the_motor_beside_a_lobe_line_does_not_draw_the_speed():
     """Order 30 is 2/15 of an order above lobe line 28: a speed that is 0.45 % higher would explain it."""
     current, angle = driven(WORN[:24], motor=(30.0, 30.0))
@@ -83,6 +87,7 @@ def test_a_line_of_the_motor_beside_a_lobe_line_does_not_draw_the_speed():
     assert error(found, angle) < 0.003
 
 
+@pytest.mark.slow
 def test_one_odd_line_of_a_sound_disc_is_left_to_the_slots_of_the_motor():
     current, angle = driven(SOUND, gain=0.02, motor=(21.0, 24.0))
     found = follow_motor(current, RATE, HERTZ)
@@ -90,6 +95,7 @@ def test_one_odd_line_of_a_sound_disc_is_left_to_the_slots_of_the_motor():
     assert error(found, angle) < 0.003
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("orders", "multiple"), [(WORN, 2.0), (WORN, 0.5), (WORN, 15 / 8), (SOUND, 2.0)])
 def test_another_speed_does_not_fit(orders, multiple):
     current, _ = driven(orders)
@@ -105,6 +111,7 @@ def test_a_current_that_is_too_short_is_an_error():
         follow_motor(np.ones(1_000), RATE, HERTZ)
 
 
+@pytest.mark.slow
 def test_recordings_of_current_without_a_tachometer_are_followed_so():
     current, angle = driven(WORN)
     recording = Recording(current, RATE, speed_rpm=60 * HERTZ, quantity="motor_current")

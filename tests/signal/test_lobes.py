@@ -200,6 +200,7 @@ def test_constant_and_short_windows_have_documented_values(window):
     assert_allclose(features[0, 30:], -30)
 
 
+@pytest.mark.slow
 def test_lines_of_many_windows_are_those_of_each():
     """Many windows are taken in blocks, of which none may be lost or change its lines."""
     X = np.random.default_rng(0).normal(size=(600, 480))

@@ -22,6 +22,7 @@ def torque(rpm: float, seconds: float, worn: bool = True, seed: int = 0, noise: 
     return np.asarray(22 + lines + drift + noise * random.normal(size=time.size))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rpm", "turns"), [(104.0, 16), (173.0, 16), (437.0, 16), (437.0, 48), (980.0, 48), (1490.0, 16)]
 )
@@ -33,12 +34,14 @@ def test_the_speed_of_a_worn_disc_is_found(rpm, turns):
     assert found.angle[-1] == pytest.approx(turned, rel=2e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rpm", [240.0, 330.0, 500.0, 760.0])
 def test_a_sound_disc_is_not_taken_for_a_worn_one_at_another_speed(rpm):
     found = [60 * one.speed_hz for one in search_speed(torque(rpm, 40 * 60 / rpm, worn=False), RATE)]
     assert found == [] or any(speed == pytest.approx(rpm, rel=2e-3) for speed in found)
 
 
+@pytest.mark.slow
 def test_a_speed_that_does_not_fit_the_whole_record_is_not_taken():
     """The machine runs in the middle of the record only."""
     running = torque(437.0, 6)
@@ -48,6 +51,7 @@ def test_a_speed_that_does_not_fit_the_whole_record_is_not_taken():
     assert search_speed(np.concatenate([still[0], running, still[1]]), RATE) == []
 
 
+@pytest.mark.slow
 def test_a_wandering_speed_is_found():
     time = np.arange(round(6 * RATE)) / RATE
     turns = 7 * time + 7 * 0.02 / (2 * np.pi * 0.2) * (1 - np.cos(2 * np.pi * 0.2 * time))
@@ -99,6 +103,7 @@ def test_a_sound_disc_s_shaft_lines_are_not_followed_as_lobe_lines(beside):
     assert 60 * found.speed_hz == pytest.approx(330, rel=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("worn", [True, False])
 @pytest.mark.parametrize("beside", [-0.06, 0.06])
 def test_a_speed_at_the_end_of_the_range_is_not_believed(worn, beside):
@@ -116,6 +121,7 @@ def test_lines_of_the_shaft_alone_are_no_disc():
     assert not follow_speed(lines, RATE, 330 / 60).fits
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1 / 4, 1 / 3, 1 / 2, 2.0, 3.0, 15 / 8, 8 / 15])
 @pytest.mark.parametrize("worn", [True, False])
 def test_a_disc_does_not_fit_at_a_multiple_of_its_speed(worn, factor):
@@ -124,6 +130,7 @@ def test_a_disc_does_not_fit_at_a_multiple_of_its_speed(worn, factor):
     assert not follow_speed(torque(330.0, 20, worn=worn), RATE, factor * 330 / 60).fits
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_nothing_is_found_in_noise_and_hum(seed):
     time = np.arange(round(4 * RATE)) / RATE
@@ -131,6 +138,7 @@ def test_nothing_is_found_in_noise_and_hum(seed):
     assert search_speed(random.normal(size=time.size) + np.sin(2 * np.pi * 50 * time), RATE) == []
 
 
+@pytest.mark.slow
 def test_speeds_that_the_record_cannot_hold_are_not_tried():
     assert search_speed(torque(437, 16 * 60 / 437)[:400], RATE) == []  # 0.1 s: no output turn at 1,500 RPM
     assert search_speed(torque(437, 16 * 60 / 437)[::200], RATE / 200) == []  # 20 Hz: no mesh at 100 RPM

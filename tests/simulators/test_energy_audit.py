@@ -235,6 +235,7 @@ def test_conservative_law_balances(gearbox: CycloidalGearbox, defects: LobeDefec
     assert audit.output_work == pytest.approx(22 * SPEED / 15 * 0.12, rel=0.01)
 
 
+@pytest.mark.slow
 def test_the_audit_finds_what_is_taken_out_of_it() -> None:
     """No term is so small that its loss would pass the tolerance above."""
     audit = energy_audit(RUBBING.with_brake(0.02, 1e4, 0.05), WORN, duration=0.12)

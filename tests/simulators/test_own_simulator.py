@@ -267,6 +267,7 @@ def test_a_world_considers_what_its_simulator_answers(misaligned) -> None:  # ty
     assert {"load_drift", "speed_wander", "noise", "gain", "hum"} <= own
 
 
+@pytest.mark.slow
 def test_a_world_is_simulated_by_it(misaligned, tmp_path) -> None:  # type: ignore[no-untyped-def]
     world = World(
         rig=OWN, effects=(Misaligned(), Offset(), Noise()), most=2, sampling_rate=RATE,

@@ -166,6 +166,7 @@ def test_recordings_state_the_wear_that_was_drawn() -> None:
             make_rig_recordings(1, [1], wear_um=given, **options)
 
 
+@pytest.mark.slow
 def test_a_share_of_the_recordings_has_radial_wear_and_the_others_the_chord() -> None:
     options = {"rig": "R0", "duration": 0.005, "random_state": 3}
     mixed = make_rig_recordings(24, [2], wear_um=(20, 100), radial_share=0.3, **options)
