@@ -92,7 +92,7 @@ def check_counting() -> None:
     command("train", "--assemblies", "5", "--out", "model.joblib")
     print(f"trained in {time.perf_counter() - before:.0f} s")
     (answer,) = json.loads(
-        command("count", "worn.csv", "--model", "model.joblib", "--trust-model", "--skip", "0.5", "--json")
+        command("count", "worn.csv", "--model", "model.joblib", "--trust", "--skip", "0.5", "--json")
     )
     # What it counts, or refuses, is the tests' business: this gearbox stands on another rig than the model's.
     count = answer["refused_defect_count" if answer["refused"] else "defect_count"]

@@ -22,7 +22,7 @@ module                     responsibility
 from importlib import import_module
 from typing import Any
 
-from cyclofeat._base import plots
+from cyclofeat._base import load_with
 
 __version__ = "0.2.0"
 
@@ -34,7 +34,7 @@ _PUBLIC = {
 __all__ = ["Recording", "Windower", "__version__"]
 
 # ``plot`` of recordings and results needs displays, which lie above them: only the root may know both.
-plots.load_with(lambda: import_module("cyclofeat.plotting"))
+load_with(lambda: import_module("cyclofeat.plotting"))
 
 
 def __getattr__(name: str) -> Any:

@@ -106,7 +106,7 @@ class Live:
 
     def job(self, number: int) -> Any:
         """A job that has ended."""
-        job = self.session.jobs.find_job(number)
+        job = self.session.find_job(number)
         wait_for(lambda: job.state != "running")
         return job
 

@@ -12,8 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.arguments import ArgumentError
-
 
 def repr_of(value: Any) -> str:
     """Return ``repr(value)`` in one line of at most 60 characters, for error messages."""
@@ -63,7 +61,7 @@ def not_negative(name: str, value: Any) -> float:
 
 def _require_float(right: bool, name: str, value: Any, what: str) -> float:
     if not right:
-        raise ArgumentError("{argument} must be {what}, got {value!r}", argument=name, what=what, value=value)
+        raise ValueError(f"{name} must be {what}, got {value!r}")
     return float(value)
 
 
@@ -72,9 +70,7 @@ def whole(name: str, value: Any, least: int | None = None, most: int | None = No
     if not is_whole(value):
         raise TypeError(f"{name} must be a whole number, got {repr_of(value)}")
     if least is not None and value < least:
-        raise ArgumentError(
-            "{argument} must be at least {least}, got {value!r}", argument=name, least=least, value=value
-        )
+        raise ValueError(f"{name} must be at least {least}, got {value!r}")
     if most is not None and value > most:
         raise ValueError(f"{name} must be at most {most}, got {value!r}")
     return int(value)
@@ -140,6 +136,21 @@ def one_of(name: str, value: Any, options: Iterable[str]) -> str:
         text = " or ".join(map(repr, known)) if len(known) < 3 else f"one of {', '.join(map(repr, known))}"
         raise ValueError(f"{name} must be {text}, got {repr_of(value)}")
     return value
+
+
+def different_names(given: Iterable[str], known: Iterable[str], argument: str) -> tuple[str, ...]:
+    """Return the given names; raise ValueError unless they are different ones of the known names.
+
+    Examples
+    --------
+    >>> different_names(["hum"], ["gain", "hum"], "library")
+    ('hum',)
+    """
+    names, existing = tuple(given), tuple(known)
+    if not names or not set(names) <= set(existing) or len(set(names)) < len(names):
+        got = ", ".join(map(str, names)) or "none"
+        raise ValueError(f"{argument} must name different effects of {', '.join(existing)}, got {got}")
+    return names
 
 
 def list_members(values: Any) -> tuple[Any, ...] | None:

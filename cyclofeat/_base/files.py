@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import functools
 import hashlib
 import importlib.metadata
 import os
@@ -74,12 +73,10 @@ def package_versions(*names: str) -> dict[str, str]:
     >>> list(package_versions("python", "numpy"))
     ['python', 'numpy']
     """
-    return {name: _version(name) for name in names}
-
-
-@functools.cache
-def _version(name: str) -> str:
-    return platform.python_version() if name == "python" else importlib.metadata.version(name)
+    return {
+        name: platform.python_version() if name == "python" else importlib.metadata.version(name)
+        for name in names
+    }
 
 
 def code_sha256(root: Path, files: Iterable[Path]) -> str:

@@ -91,7 +91,7 @@ class Progress:
 
     def __enter__(self) -> Self:
         if self._terminal and not self._hidden:
-            threading.Thread(target=self._keep_going, daemon=True).start()
+            threading.Thread(target=self.keep_time, daemon=True).start()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -102,6 +102,11 @@ class Progress:
             elif not self._is_finished:
                 self._done = self._total
                 self._write_line(time.monotonic(), finished=True)
+
+    def keep_time(self) -> None:
+        """Show the time that has passed, again and again until the work ends."""
+        while not self._stop.wait(self.tick_s):
+            self.show_time()
 
     def show_time(self) -> None:
         """Show the time that has passed."""
@@ -117,10 +122,6 @@ class Progress:
                 self.stream.write(_ERASE)
                 self.stream.flush()
                 _open_line = None
-
-    def _keep_going(self) -> None:
-        while not self._stop.wait(self.tick_s):
-            self.show_time()
 
     @property
     def _is_finished(self) -> bool:

@@ -3,17 +3,13 @@
 ================  ====================================================================================
 module            job
 ================  ====================================================================================
-``_printing``     all commands: name, one line of text, module; what is printed of their results
-``_options``      options that read recordings or name models and files to write, and those without effect
+``_options``      the parser; options that read recordings or name models and files to write; printing
 ``_rigs``         options of commands that simulate
 each other one    one command
 ================  ====================================================================================
 
-The module of a command has three parts:
-
-- ``add_arguments(parser)``;
-- ``run(arguments)``, which returns the result, or generates one result after the other;
-- ``format_result(arguments, result)``, which returns a result's ``Printed``: its text, its JSON, its error.
+The module of a command has two functions: ``add_arguments(parser)``, and ``run(arguments)``, which returns
+its result as it is printed (``Printed``: text, JSON, error), or generates one result after the other.
 
 A module is imported when its command is called, and imports what computes when it runs: ``--help`` answers
 at once.
@@ -22,20 +18,67 @@ at once.
 from __future__ import annotations
 
 import argparse
-import contextlib
+import importlib
 import io
 import json
 import os
 import sys
 import warnings
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any, Literal
 
 from cyclofeat import __version__
 from cyclofeat._base.progress import erase_progress, progress_hidden
-from cyclofeat.cli._options import CommandParser, check_targets, error_text, refuse_idle
-from cyclofeat.cli._printing import COMMANDS, Command, Printed, show_warning, warn
+from cyclofeat.cli._options import (
+    CommandParser,
+    Printed,
+    RaisingParser,
+    check_targets,
+    error_text,
+    print_message,
+    warn,
+)
 
 __all__ = ["main", "make_parser"]
+
+
+@dataclass(frozen=True)
+class Command:
+    """One command: its help, its module, and its JSON: one document, a list, or a line for each result."""
+
+    text: str
+    module_name: str
+    output: Literal["one", "list", "lines"] = "one"
+
+    def module(self) -> ModuleType:
+        """Import the command's module."""
+        return importlib.import_module(f"cyclofeat.cli.{self.module_name}")
+
+
+COMMANDS = {
+    "simulate": Command("simulate one recording and write it to a file", "simulate"),
+    "animate": Command(
+        "simulate the gearbox and write a page that animates it with its forces and its torque",
+        "animate",
+    ),
+    "inspect": Command("show what recordings contain and what would spoil a count", "inspect", "list"),
+    "train": Command("train a model and write it to a file", "train"),
+    "count": Command("count the worn lobes of recordings", "count", "list"),
+    "watch": Command("count recordings as they arrive in a folder", "watch", "lines"),
+    "history": Command("show the counts of each gearbox over time, and alarms", "history", "list"),
+    "evaluate": Command("cross-validate counters, with whole assemblies held out", "evaluate"),
+    "plan": Command("state how long to record, at what noise, to tell N worn lobes from N + 1", "plan"),
+    "campaign": Command(
+        "simulate thousands of assemblies to files, or complete an interrupted run", "campaign"
+    ),
+    "gap": Command(
+        "find where model and measurement disagree, name all missing effects, correct the model", "gap"
+    ),
+    "serve": Command("open a page in the browser that inspects, counts and compares", "serve", "lines"),
+    "demo": Command("train a model, write surrogate recordings, count them, and write the pages", "demo"),
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -60,17 +103,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     # No option before the command takes a value, so the first other word is the command.
     called = next((word for word in words if not word.startswith("-")), "")
     try:
-        said = io.StringIO()
         try:
-            with contextlib.redirect_stderr(said):
-                arguments = make_parser([called]).parse_args(words)
+            arguments = make_parser([called]).parse_args(words)
+        except ValueError as error:
+            warn(str(error))
+            if not {"--json", "--jsonl"}.isdisjoint(words):
+                print(json.dumps({"error": str(error)}), flush=True)
+            return 2
         finally:
-            print(said.getvalue(), end="", file=sys.stderr)
-            if said.getvalue() and not {"--json", "--jsonl"}.isdisjoint(words):
-                print(json.dumps({"error": said.getvalue().rstrip().rpartition("error: ")[2]}))
             sys.stdout and sys.stdout.flush()  # help and version
         with warnings.catch_warnings(), progress_hidden(arguments.quiet):
-            warnings.showwarning = show_warning
+            warnings.showwarning = _show_warning
             return _run_and_print(COMMANDS[arguments.command], arguments)
     except BrokenPipeError:
         # The reader (head, less) has closed the pipe.
@@ -121,28 +164,21 @@ def _printed_results(command: Command, arguments: argparse.Namespace) -> Iterato
     try:
         if sys.stdout is None:
             raise OSError("standard output is closed: direct it to a file, or to the null device")
-        refuse_idle(arguments)
         check_targets(arguments)
         for path in getattr(arguments, "effects_from", ()):
             from cyclofeat.simulators import load_effects
 
             load_effects(path)
-        module = command.module()
-        outcome = module.run(arguments)
-        for result in outcome if isinstance(outcome, Iterator) else (outcome,):
-            yield module.format_result(arguments, result)
+        result = command.module().run(arguments)
+        yield from result if isinstance(result, Iterator) else (result,)
     except _expected_errors() as error:
-        if _is_of_ctrl_c(error):
-            raise KeyboardInterrupt from error
-        text = error_text(error, arguments.typed)
+        cause: BaseException | None = error
+        while cause is not None:
+            if isinstance(cause, KeyboardInterrupt):  # as in the import of a compiled module
+                raise KeyboardInterrupt from error
+            cause = cause.__cause__ or cause.__context__
+        text = error_text(error, arguments)
         yield Printed("", {"error": text}, text, failed=True)
-
-
-def _is_of_ctrl_c(error: BaseException | None) -> bool:
-    """Return True for an error that Ctrl-C caused, as in the import of a compiled module."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__ or error.__context__
-    return error is not None
 
 
 def _expected_errors() -> tuple[type[Exception], ...]:
@@ -152,6 +188,11 @@ def _expected_errors() -> tuple[type[Exception], ...]:
     return ValueError, TypeError, OSError, ImportError, MemoryError, *failed
 
 
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    """Print a warning as one line, without the place in the code."""
+    print_message(f"cyclofeat: warning: {' '.join(str(message).split())}")
+
+
 def _close_output() -> None:
     """Write nothing more to standard output, not even at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -159,7 +200,7 @@ def _close_output() -> None:
 
 def make_parser(complete: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentParser:
     """Return the parser of the command line, with the arguments of the commands in ``complete``."""
-    parser = argparse.ArgumentParser(
+    parser = RaisingParser(
         prog="cyclofeat",
         description="Count and locate the worn lobes of a cycloidal disc from windows of output torque.",
     )

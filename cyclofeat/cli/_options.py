@@ -1,8 +1,9 @@
-"""Arguments of several commands: which have no effect beside others, files to write, recordings, models."""
+"""What all commands share: their parser, options of several of them, and what is printed of results."""
 
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import sys
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -10,18 +11,47 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, NoReturn, TypeVar, cast
 
-from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.files import check_parent
-from cyclofeat._base.progress import Progress
+from cyclofeat._base.progress import Progress, erase_progress, is_hidden
 from cyclofeat._base.quantities import QUANTITIES, in_words
-from cyclofeat.cli._printing import Printed, note
 
 if TYPE_CHECKING:
     from cyclofeat.counting import LobeCount, LobeModel
     from cyclofeat.datasets.readers import Entry
     from cyclofeat.recordings import Recording
+
+
+@dataclass(frozen=True)
+class Printed:
+    """Printed form of a result: text for people, plain values for JSON, and an error.
+
+    ``failed`` makes the exit code 2, ``refused`` makes it 3 if nothing failed.
+    """
+
+    text: str
+    json: Any
+    error: str = ""
+    failed: bool = False
+    refused: bool = False
+
+
+def note(message: str) -> None:
+    """Print a line on standard error, unless ``--quiet`` was given."""
+    if not is_hidden():
+        print_message(message)
+
+
+def warn(error: str) -> None:
+    """Print an error as one line on standard error."""
+    print_message(f"cyclofeat: error: {error}")
+
+
+def print_message(message: str) -> None:
+    """Print a line on standard error, below no line of progress."""
+    erase_progress()
+    print(message, file=sys.stderr, flush=True)
 
 
 class Idle(NamedTuple):
@@ -37,8 +67,30 @@ class Idle(NamedTuple):
     without: Collection[str] = ()
 
 
-class CommandParser(argparse.ArgumentParser):
-    """Parser of one command; its result also holds ``typed``, the values that were typed, by name."""
+def add_idle(
+    parser: argparse.ArgumentParser,
+    *names: str,
+    beside: Collection[str] = (),
+    without: Collection[str] = (),
+) -> None:
+    """State that the arguments named have no effect beside any of some others, or without all of them."""
+    parser.set_defaults(idle=(*(parser.get_default("idle") or ()), Idle(names, beside, without)))
+
+
+class RaisingParser(argparse.ArgumentParser):
+    """Parser whose errors are raised, so that all errors are printed in the same way."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise ValueError in place of the exit."""
+        raise ValueError(f"{message}; see {self.prog} --help")
+
+
+class CommandParser(RaisingParser):
+    """Parser of one command, which refuses arguments without effect.
+
+    Its result also holds ``typed``, the values that were typed, by name, and ``options``, the option of each
+    argument of a function as messages name it: ``sampling_rate=``, ``angle_channel=False``.
+    """
 
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
@@ -53,38 +105,29 @@ class CommandParser(argparse.ArgumentParser):
         finally:
             for action, default in defaults:
                 action.default = default
-        parsed.typed = {
-            name_of(action): typed[action.dest] for action in self._actions if action.dest in typed
-        }
+        parsed.typed, parsed.options = {}, {}
+        for action in self._actions:
+            value = typed.get(action.dest)
+            constant = action.const if action.nargs == 0 else ""
+            if action.dest in typed and isinstance(value, bool) == (action.nargs == 0):
+                parsed.typed[name_of(action)] = value
+            if action.option_strings:
+                parsed.options[f"{action.dest}={constant}"] = action.option_strings[0]
+        for names, beside, without in self.get_default("idle") or ():
+            present = next((text for other in beside if (text := _typed_text(parsed.typed, other))), "")
+            reason = f"with {present}" if present else ""
+            if without and not any(_typed_text(parsed.typed, other) for other in without):
+                *others, last = without
+                reason = f"without {', '.join(others)}{' or ' if others else ''}{last}"
+            for name in names:
+                if reason and name in parsed.typed:
+                    raise ValueError(f"{name} has no effect {reason}: leave it out")
         return parsed, rest
 
 
 def name_of(action: argparse.Action) -> str:
     """Return an argument's name as people read it."""
     return action.option_strings[0] if action.option_strings else str(action.metavar or action.dest)
-
-
-def add_idle(
-    parser: argparse.ArgumentParser,
-    *names: str,
-    beside: Collection[str] = (),
-    without: Collection[str] = (),
-) -> None:
-    """State that the arguments named have no effect beside any of some others, or without all of them."""
-    parser.set_defaults(idle=(*(parser.get_default("idle") or ()), Idle(names, beside, without)))
-
-
-def refuse_idle(arguments: argparse.Namespace) -> None:
-    """Raise ValueError if an argument was typed that has no effect beside the others."""
-    for names, beside, without in getattr(arguments, "idle", ()):
-        present = next((text for one in beside if (text := _typed_text(arguments.typed, one))), "")
-        reason = f"with {present}" if present else ""
-        if without and not any(_typed_text(arguments.typed, one) for one in without):
-            *others, last = without
-            reason = f"without {', '.join(others)}{' or ' if others else ''}{last}"
-        for name in names:
-            if reason and name in arguments.typed:
-                raise ValueError(f"{name} has no effect {reason}: leave it out")
 
 
 def _typed_text(typed: dict[str, Any], wanted: str) -> str:
@@ -96,6 +139,66 @@ def _typed_text(typed: dict[str, Any], wanted: str) -> str:
         return name
     value = str(typed[name])
     return f"{name} {value}" if fnmatchcase(value.lower(), pattern) else ""
+
+
+def error_text(error: Exception, arguments: argparse.Namespace) -> str:
+    """Return the message of an error on one line, with options in place of arguments of functions.
+
+    Messages name an argument first (``speed_rpm must be positive``), then it is an option if that was typed,
+    or with its sign of equality (``give speed_rpm=``, ``channel = 'x' does not exist``).
+    """
+    message = " ".join(str(error).split())
+    if isinstance(error, MemoryError):
+        message = f"not enough memory: {message}"
+    first, space, rest = message.partition(" ")
+    option = arguments.options.get(f"{first}=")
+    if option in arguments.typed:
+        message = f"{option}{space}{rest}"
+
+    def name_option(match: re.Match[str]) -> str:
+        option = arguments.options.get(f"{match[1]}={match[2] or ''}")
+        return match[0] if option is None else option + " " * message.startswith("'", match.end())
+
+    return re.sub(r"\b(\w+) ?=(True|False)?(?!\w)", name_option, message)
+
+
+def whole_number(least: int, most: float = math.inf) -> Callable[[str], int]:
+    """Return the type of an option that takes a whole number within these limits."""
+
+    def parse_whole(text: str) -> int:
+        number = int(text) if re.fullmatch(r"\s*[+-]?\d+\s*", text) else None
+        if number is None or not least <= number <= most:
+            limits = f"of at least {least}" if most == math.inf else f"from {least} to {most}"
+            raise argparse.ArgumentTypeError(f"must be a whole number {limits}, got {text!r}")
+        return number
+
+    return parse_whole
+
+
+def positive_number(text: str) -> float:
+    """Return a positive, finite number: the type of an option."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not 0 < number < math.inf:
+        raise argparse.ArgumentTypeError(f"must be a positive, finite number, got {text!r}")
+    return number
+
+
+def add_jobs(parser: argparse._ActionsContainer, workers: str = "processes") -> None:
+    """Add the option that states the number of workers."""
+    parser.add_argument(
+        "--jobs", dest="n_jobs", type=int, default=-1, metavar="N", help=f"{workers} (default: all cores)"
+    )
+
+
+def add_seed(parser: argparse.ArgumentParser, drawn: str, default: int = 0) -> None:
+    """Add the option that states the seed of what is ``drawn``."""
+    parser.add_argument(
+        "--seed", dest="random_state", type=whole_number(0), default=default, metavar="N",
+        help=f"seed of {drawn} (default {default})",
+    )  # fmt: skip
 
 
 Kind = Literal["file", "folder", "model", "page"]
@@ -115,17 +218,7 @@ def add_target(parser: argparse.ArgumentParser, option: str, kind: Kind = "file"
 
 
 def check_targets(arguments: argparse.Namespace) -> None:
-    """Check that every file named can be written.
-
-    Raises
-    ------
-    FileExistsError
-        If it exists, or is a folder that is not empty, and ``--force`` was not given.
-    FileNotFoundError, IsADirectoryError, NotADirectoryError
-        If its folder does not exist, or it is a folder in place of a file or a file in place of a folder.
-    ImportError, ValueError
-        If it needs a library that is not installed, has a wrong suffix, or is named by two options.
-    """
+    """Raise the error of each file named that cannot be written, or exists where ``--force`` is not given."""
     seen: dict[Path, str] = {}
     for option, kind in getattr(arguments, "targets", {}).items():
         name = getattr(arguments, option.removeprefix("--").replace("-", "_"))
@@ -152,9 +245,11 @@ def check_targets(arguments: argparse.Namespace) -> None:
             from cyclofeat.models.persistence import check_model_path
 
             written.append(card_path(check_model_path(path)))
-        for one in written:
-            if one.exists() and not arguments.force:
-                raise FileExistsError(f"{one} exists: give {option} another name, or --force to overwrite it")
+        for file in written:
+            if file.exists() and not arguments.force:
+                raise FileExistsError(
+                    f"{file} exists: give {option} another name, or --force to overwrite it"
+                )
 
 
 def check_folder(option: str, path: Path) -> None:
@@ -175,48 +270,47 @@ _OPTIONS: dict[str, tuple[str, dict[str, Any]]] = {
         "--quantity",
         {"choices": QUANTITIES, "help": "quantity that the channel holds (default output_torque)"},
     ),
-    "sampling_rate": ("--sampling-rate", {"type": float, "metavar": "HZ", "help": "sampling rate in Hz"}),
+    "sampling_rate": (
+        "--sampling-rate",
+        {"type": positive_number, "metavar": "HZ", "help": "sampling rate in Hz"},
+    ),
     "time_channel": ("--time-channel", {"help": "channel of times, which gives the sampling rate"}),
     "angle_channel": ("--angle-channel", {"help": "channel of the shaft's angle"}),
     "angle_unit": ("--angle-unit", {"choices": ("rad", "deg", "rev"), "help": "unit of the angle"}),
     "pulses_per_turn": (
         "--pulses-per-turn",
-        {"type": int, "metavar": "N", "help": "the angle's channel holds N pulses per turn (1: an index)"},
+        {
+            "type": whole_number(1),
+            "metavar": "N",
+            "help": "the angle's channel holds N pulses per turn (1: an index)",
+        },
     ),
     "angle_is_absolute": (
         "--angle-absolute",
         {"action": "store_true", "default": None, "help": "the angle is zero where cam 0 is at pin 0"},
     ),
-    "speed_rpm": ("--speed", {"type": float, "metavar": "RPM", "help": "nominal input speed, RPM"}),
+    "speed_rpm": (
+        "--speed",
+        {"type": positive_number, "metavar": "RPM", "help": "nominal input speed, RPM"},
+    ),
     "n_lobes": ("--n-lobes", {"type": int, "metavar": "N", "help": "lobes of a disc (default 15)"}),
     "scale": ("--scale", {"type": float, "help": "Nm (or A) per unit of the channel"}),
     "delimiter": ("--delimiter", {"choices": tuple(_DELIMITERS), "help": "separator in CSV files"}),
-}
-
-# Arguments of the package's functions that options of other names set.
-_ALIASES = {
-    "n_jobs": ("--jobs",),
-    "random_state": ("--seed",),
-    "n_assemblies": ("--assemblies",),
-    "defect_counts": ("--worn-count",),
-    "worn": ("--worn-count",),
-    "noise_nm": ("--noise",),
-    "load_nm": ("--load", "--loads"),
-    "speed_rpm": ("--speed", "--speeds"),
-    "wear_um": ("--wear", "--mixed-wear"),
-    "output_turns": ("--turns", "--windows"),
 }
 
 
 def add_reading_options(parser: argparse.ArgumentParser, *, sampling_rate: bool = True) -> None:
     """Add options that state what files do not; ``sampling_rate=False`` where the parser has that one."""
     group = parser.add_argument_group("what the files do not state")
+    channel_of_angle = group.add_mutually_exclusive_group()
     for argument, (option, parsing) in _OPTIONS.items():
         if argument != "sampling_rate" or sampling_rate:
-            group.add_argument(option, dest=argument, **parsing)
-    group.add_argument("--no-angle", action="store_true", help="ignore the shaft's angle")
-    of_angle = ("--angle-channel", "--angle-unit", "--angle-absolute", "--pulses-per-turn")
-    add_idle(parser, *of_angle, beside=["--no-angle"])
+            to = channel_of_angle if argument == "angle_channel" else group
+            to.add_argument(option, dest=argument, **parsing)
+    channel_of_angle.add_argument(
+        "--no-angle", dest="angle_channel", action="store_const", const=False, help="ignore the shaft's angle"
+    )
+    add_idle(parser, "--angle-unit", "--angle-absolute", "--pulses-per-turn", beside=["--no-angle"])
     add_idle(parser, "--angle-unit", beside=["--pulses-per-turn"])
 
 
@@ -226,42 +320,9 @@ READING = (*(option for option, _ in _OPTIONS.values()), "--no-angle")
 def reading_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the arguments of ``read_recording`` that were typed."""
     typed = {argument: getattr(arguments, argument) for argument in _OPTIONS}
-    if arguments.no_angle:
-        typed["angle_channel"] = False
     if typed["delimiter"] is not None:
         typed["delimiter"] = _DELIMITERS[typed["delimiter"]]
     return {argument: value for argument, value in typed.items() if value is not None}
-
-
-def option_of(argument: str, rest: str) -> str:
-    """Return the option of an argument, with the value that follows the argument's name in a message.
-
-    Examples
-    --------
-    >>> option_of("sampling_rate", "="), option_of("channel", " = 'x'"), option_of("angle_channel", "=False")
-    ('--sampling-rate', "--channel 'x'", '--no-angle')
-    """
-    if (argument, rest) == ("angle_channel", "=False"):
-        return "--no-angle"
-    if argument not in _OPTIONS:
-        return argument + rest
-    option, parsing = _OPTIONS[argument]
-    value = rest.lstrip(" =")
-    return option if not value or "action" in parsing else f"{option} {value}"
-
-
-def error_text(error: Exception, typed: Collection[str] = ()) -> str:
-    """Return the message of an error on one line, with options in place of arguments of functions.
-
-    A message that begins with an argument of a function means the option, of those typed, that sets it.
-    """
-    message = error.format_message(option_of) if isinstance(error, ArgumentError) else str(error)
-    if isinstance(error, MemoryError):
-        message = f"not enough memory: {error}"
-    message = message.replace("n_splits=", "--folds ").replace("n_splits", "--folds")  # no other means these
-    first, *rest = message.split() or [""]
-    options = (f"--{first.replace('_', '-')}", *_ALIASES.get(first, ()))
-    return " ".join([next((option for option in options if option in typed), first), *rest])
 
 
 @dataclass(frozen=True)
@@ -299,7 +360,7 @@ def read_all(paths: Sequence[str], arguments: argparse.Namespace) -> list[Record
             try:
                 recordings.append(entry.read(**options))
             except UNREADABLE as error:
-                raise ValueError(name_file(entry.path, error_text(error))) from error
+                raise ValueError(name_file(entry.path, error_text(error, arguments))) from error
             progress(len(recordings), len(files))
     return recordings
 
@@ -328,7 +389,7 @@ class FileResult(Generic[T]):
 def each_recording(
     doing: str,
     files: Sequence[Entry | UnreadableFolder],
-    options: dict[str, Any],
+    arguments: argparse.Namespace,
     work: Callable[[Path, Recording], T],
 ) -> Iterator[FileResult[T]]:
     """Read file by file and yield what ``work`` makes of path and recording.
@@ -338,6 +399,7 @@ def each_recording(
     """
     from cyclofeat.datasets.readers import one_line
 
+    options = reading_arguments(arguments)
     with Progress(doing) as progress:
         for done, entry in enumerate(files, 1):
             title = ""
@@ -346,7 +408,7 @@ def each_recording(
                 title = name_file(entry.path, one_line(recording))
                 result = FileResult(entry.path, title, work(entry.path, recording))
             except UNREADABLE as error:
-                result = FileResult(entry.path, title, error=error_text(error))
+                result = FileResult(entry.path, title, error=error_text(error, arguments))
             progress(done, len(files))
             yield result
 
@@ -377,8 +439,6 @@ def add_model_file(
     parser.add_argument("--model", help=description)
     parser.add_argument(
         "--trust",
-        "--trust-model",
-        dest="trust",
         action="store_true",
         help="load a joblib model, which can run any code (a .skops model needs no trust)",
     )
@@ -393,9 +453,48 @@ def add_model_file(
     add_idle(parser, "--trust", "--allow", without=["--model"])
 
 
+def add_history_options(parser: argparse.ArgumentParser, default_name: str) -> None:
+    """Add the options that name a history and the gearbox whose recordings are counted."""
+    parser.add_argument(
+        "--history", metavar="FILE.sqlite", help="file to which each count is added; created if missing"
+    )
+    parser.add_argument(
+        "--gearbox",
+        metavar="NAME",
+        help=f"name of the gearbox in the history (default the assembly that a file states{default_name})",
+    )
+    add_alarm_options(parser)
+    of_history = ("--gearbox", "--false-alarms-per-month", "--recordings-per-month")
+    add_idle(parser, *of_history, without=["--history"])
+
+
+def add_alarm_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options from which the rule of the alarm follows."""
+    parser.add_argument(
+        "--false-alarms-per-month", type=positive_number, default=0.1, metavar="N",
+        help="accepted false alarms per gearbox and month (default 0.1)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--recordings-per-month", type=positive_number, metavar="N",
+        help="recordings of a gearbox per month (default: the rate so far, over at least an hour)",
+    )  # fmt: skip
+
+
+def alarm_rates(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the arguments of ``History.state`` that the options state."""
+    return {name: getattr(arguments, name) for name in ("false_alarms_per_month", "recordings_per_month")}
+
+
 def read_model(arguments: argparse.Namespace) -> LobeModel:
     """Return the model that the options name, or the packaged one, which is then stated."""
-    _import_scikit_learn()
+    if "pandas" not in sys.modules:
+        # scikit-learn imports pandas if it can: half a second that no count needs.
+        hidden = cast("dict[str, None]", sys.modules)
+        hidden["pandas"] = None
+        try:
+            import_module("sklearn.base")
+        finally:
+            del hidden["pandas"]
     from cyclofeat.models import load_default_model, load_model
     from cyclofeat.models.persistence import as_lobe_model
 
@@ -419,18 +518,6 @@ def count_with_warnings(model: LobeModel, recording: Recording) -> LobeCount:
 def model_name(arguments: argparse.Namespace) -> str:
     """Return what names the model in a result: its file, or which of the packaged ones it is."""
     return arguments.model or f"packaged, {in_words(arguments.quantity or QUANTITIES[0])}"
-
-
-def _import_scikit_learn() -> None:
-    """Import scikit-learn without pandas: half a second that no count needs."""
-    if "pandas" in sys.modules:
-        return
-    hidden = cast("dict[str, None]", sys.modules)
-    hidden["pandas"] = None  # an import finds nothing
-    try:
-        import_module("sklearn.base")
-    finally:
-        del hidden["pandas"]
 
 
 def without_start(recording: Recording, seconds: float) -> Recording:

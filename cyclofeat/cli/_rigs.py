@@ -7,25 +7,30 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cyclofeat.cli._options import add_idle
+from cyclofeat.cli._options import add_idle, add_seed, whole_number
 
 if TYPE_CHECKING:
     from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig
 
 _RIGS = ("r0", "r1", "r2", "published")
-_FROM_A_RIG = ("--rig", "--simulator")
 _LOBES = ("--worn-count", "--worn-lobes", "--removed-lobes")
 
 
-def add_machine(parser: argparse.ArgumentParser, *, drawn: Sequence[str] = _FROM_A_RIG) -> None:
+def add_machine(parser: argparse.ArgumentParser, *, drawn: Sequence[str] = ("--rig",)) -> None:
     """Add the options that state which gearbox is simulated, with which lobes worn.
 
     ``drawn`` are the options that make ``--seed`` draw something.
     """
     kind = parser.add_mutually_exclusive_group()
-    kind.add_argument("--worn-count", type=int, metavar="N", help="number of worn lobes, side by side")
-    kind.add_argument("--worn-lobes", metavar="LOBES", help="worn lobes, counted from 1, like 1,5")
-    kind.add_argument("--removed-lobes", metavar="LOBES", help="removed lobes, counted from 1")
+    kind.add_argument(
+        "--worn-count", type=whole_number(0), metavar="N", help="number of worn lobes, side by side"
+    )
+    kind.add_argument(
+        "--worn-lobes", type=_lobes_from_0, metavar="LOBES", help="worn lobes, counted from 1, like 1,5"
+    )
+    kind.add_argument(
+        "--removed-lobes", type=_lobes_from_0, metavar="LOBES", help="removed lobes, counted from 1"
+    )
     parser.add_argument(
         "--wheels",
         choices=("both", "1", "2"),
@@ -42,30 +47,26 @@ def add_machine(parser: argparse.ArgumentParser, *, drawn: Sequence[str] = _FROM
         default="steel",
         help="material of the gearbox (default: steel)",
     )
-    parser.add_argument(
-        "--seed", type=int, default=1000, help="seed of assembly, drift and noise (default 1000)"
-    )
+    add_seed(parser, "assembly, drift and noise", default=1000)
     add_idle(parser, "--depth", "--wear-um", beside=["--removed-lobes"])
     add_idle(parser, "--depth", beside=["--wear-um"])
     add_idle(parser, "--depth", "--wear-um", "--wheels", without=_LOBES)
-    add_idle(parser, "--material", beside=_FROM_A_RIG)  # which state their own gearbox
+    add_idle(parser, "--material", beside=["--rig"])  # which states its own gearbox
     add_idle(parser, "--seed", without=drawn)
     add_rig(parser, "the papers' free output without errors")
 
 
 def add_rig(parser: argparse.ArgumentParser, default: str) -> None:
-    """Add the options that name a rig."""
-    group = parser.add_mutually_exclusive_group()
-    group.add_argument(
+    """Add the options that name a rig and its effects."""
+    parser.add_argument(
         "--rig",
         metavar="RIG",
         help="r0, r1, r2 (rigs of the toolkit), published (the statistics of published measurements), or a "
         "JSON file that describes gearbox, rig and effects, such as a corrected model of cyclofeat gap: each "
         f"assembly draws from its ranges and variants (default: {default})",
     )
-    group.add_argument("--simulator", metavar="FILE", help="like --rig, but only a JSON file")
     add_effects(parser)
-    add_idle(parser, "--effects-from", without=_FROM_A_RIG)
+    add_idle(parser, "--effects-from", without=["--rig"])
     add_idle(parser, "--effects-from", beside=[f"--rig {name}" for name in _RIGS])  # they name none
 
 
@@ -87,26 +88,22 @@ def defects_of(arguments: argparse.Namespace) -> LobeDefects:
 
     wheels = {"both": (0, 1), "1": (0,), "2": (1,)}[arguments.wheels]
     if arguments.removed_lobes is not None:
-        return LobeDefects.removed(_parse_lobes("--removed-lobes", arguments.removed_lobes), wheels=wheels)
-    severity = {"depth": arguments.depth}
-    if arguments.wear_um is not None:
-        severity = {"wear_um": arguments.wear_um}
-    if arguments.worn_lobes is not None:
-        worn = _parse_lobes("--worn-lobes", arguments.worn_lobes)
-        return LobeDefects.worn(worn, wheels=wheels, **severity)
-    if arguments.worn_count is not None:
-        return LobeDefects.worn(arguments.worn_count, wheels=wheels, **severity)
-    return LobeDefects.healthy()
+        return LobeDefects.removed(arguments.removed_lobes, wheels=wheels)
+    worn = arguments.worn_count if arguments.worn_lobes is None else arguments.worn_lobes
+    if worn is None:
+        return LobeDefects.healthy()
+    depth = arguments.depth if arguments.wear_um is None else None
+    return LobeDefects.worn(worn, wheels=wheels, depth=depth, wear_um=arguments.wear_um)
 
 
-def _parse_lobes(option: str, text: str) -> tuple[int, ...]:
-    """Return lobes counted from 0, which the option counts from 1."""
+def _lobes_from_0(text: str) -> tuple[int, ...]:
+    """Return lobes counted from 0, which an option counts from 1."""
     try:
         numbers = tuple(int(part) - 1 for part in text.split(","))
     except ValueError:
         numbers = ()
     if not numbers or min(numbers) < 0 or len(set(numbers)) < len(numbers):
-        raise ValueError(f"{option} must list different lobes counted from 1, like 1,5, got {text!r}")
+        raise argparse.ArgumentTypeError(f"must list different lobes counted from 1, like 1,5, got {text!r}")
     return numbers
 
 
@@ -119,7 +116,7 @@ def gearbox_of(arguments: argparse.Namespace) -> CycloidalGearbox:
 
 def rig_of_machine(arguments: argparse.Namespace) -> Rig | None:
     """Return the rig named; None for the bare gearbox."""
-    if arguments.simulator is None and arguments.rig is None:
+    if arguments.rig is None:
         if getattr(arguments, "quantity", "") == "motor_current":  # the motor is drawn, as parts of rigs are
             from cyclofeat.simulators import Rig
 
@@ -133,13 +130,10 @@ def rig_of(arguments: argparse.Namespace, default: str = "") -> Rig:
     from cyclofeat.datasets import rig_preset
     from cyclofeat.simulators import Rig
 
-    if arguments.simulator is not None:
-        return Rig.from_json(arguments.simulator)
     name = arguments.rig or default
     if name.lower() in _RIGS:
         return rig_preset(name)
     if not Path(name).exists():
-        raise FileNotFoundError(
-            f"--rig must be {', '.join(_RIGS)} or a description of a rig, no such file: {name}"
-        )
+        names = ", ".join(_RIGS)
+        raise FileNotFoundError(f"--rig must be {names} or a description of a rig, no such file: {name}")
     return Rig.from_json(name)

@@ -4,15 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from cyclofeat._base.progress import Progress
-from cyclofeat.cli._options import add_target
-from cyclofeat.cli._printing import Printed, note
+from cyclofeat.cli._options import Printed, add_target, note, positive_number
 from cyclofeat.cli._rigs import add_machine, defects_of, gearbox_of, rig_of_machine
-
-if TYPE_CHECKING:
-    from cyclofeat.simulators import SimulationRun
 
 # Forces of every sample at the papers' rate would fill the memory while the machine settles.
 _SAMPLING_RATE = 6400.0
@@ -22,13 +17,15 @@ _LONGEST = 20.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_target(parser, "--out", "page", required=True, metavar="FILE.html", help="page to write")
     add_machine(parser)
-    parser.add_argument("--duration", type=float, help="simulated seconds (default: one output turn)")
+    parser.add_argument(
+        "--duration", type=positive_number, help="simulated seconds, up to 20 (default: one output turn)"
+    )
     parser.add_argument(
         "--frames", type=int, default=720, help="instants at which forces are shown (default 720)"
     )
 
 
-def run(arguments: argparse.Namespace) -> SimulationRun:
+def run(arguments: argparse.Namespace) -> Printed:
     """Simulate the assembly that ``simulate`` makes of the same options, and write the page."""
     from cyclofeat.report import write_animation
     from cyclofeat.simulators import Rig
@@ -39,14 +36,14 @@ def run(arguments: argparse.Namespace) -> SimulationRun:
     duration = arguments.duration
     if duration is None:
         duration = machine.gearbox.n_lobes / machine.gearbox.input_speed_hz
-    if not 0 < duration <= _LONGEST:
-        raise ValueError(f"--duration must be above 0 and up to {_LONGEST:g} s, got {duration:g}")
+    if duration > _LONGEST:
+        raise ValueError(f"--duration must be at most {_LONGEST:g} s, got {duration:g}")
     with Progress(f"simulating {duration:.4g} s and drawing"):
         shown = machine.simulate(
             defects_of(arguments),
             duration=duration,
             sampling_rate=_SAMPLING_RATE,
-            random_state=0 if rig is None else recording_seed(arguments.seed, rig.name, 0),
+            random_state=0 if rig is None else recording_seed(arguments.random_state, rig.name, 0),
             start_angle=0.0 if rig is None else None,
             forces=True,
             points=True,
@@ -54,13 +51,9 @@ def run(arguments: argparse.Namespace) -> SimulationRun:
         source = "simulated" if rig is None else "surrogate"
         write_animation(shown, arguments.out, frames=arguments.frames, source=source)
     note("open the page in a browser; it needs no network")
-    return shown
-
-
-def format_result(arguments: argparse.Namespace, run: SimulationRun) -> Printed:
     file, frames = str(Path(arguments.out)), arguments.frames
-    duration = run.torque_out.size / run.sampling_rate
+    duration = shown.torque_out.size / shown.sampling_rate
     return Printed(
         f"{file}: {duration:.4g} s of the machine in {frames} frames",
-        {"file": file, "defect_count": run.defects.defect_count, "duration_s": duration, "frames": frames},
+        {"file": file, "defect_count": shown.defects.defect_count, "duration_s": duration, "frames": frames},
     )

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.progress import Progress
-from cyclofeat.cli._options import add_idle, add_target
-from cyclofeat.cli._printing import Printed
+from cyclofeat.cli._options import Printed, add_idle, add_jobs, add_target
 from cyclofeat.cli._rigs import add_effects
 
 if TYPE_CHECKING:
@@ -22,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", metavar="FOLDER", help="folder to write; a campaign that it holds in part is completed"
     )
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--jobs", type=int, default=-1, help="processes (default: all cores)")
+    add_jobs(where)
     where.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers simulate")
     parser.add_argument(
         "--kernel", choices=("exact", "batch", "auto"),
@@ -37,18 +36,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_idle(parser, *simulation, beside=["--verify"])
 
 
-def run(arguments: argparse.Namespace) -> Campaign | CampaignData:
+def run(arguments: argparse.Namespace) -> Printed:
     """Simulate a campaign, verify one, or write an example of a design."""
     from cyclofeat.datasets import rig_preset
     from cyclofeat.simulators import Campaign, load_campaign, run_campaign
 
     if arguments.example is not None:
-        campaign = example()
-        campaign.to_json(arguments.example)
-        return campaign
+        path, n_runs = str(Path(arguments.example)), example().n_runs
+        example().to_json(path)
+        text = f"{path}: a design of {n_runs} runs; run it: cyclofeat campaign {path} --out FOLDER"
+        return Printed(text, {"file": path, "n_runs": n_runs})
     if arguments.verify is not None:
         with Progress("verifying the campaign"):
-            return load_campaign(arguments.verify, verify=True)
+            return _print_campaign(arguments.verify, load_campaign(arguments.verify, verify=True))
     if arguments.design is None or arguments.out is None:
         raise ValueError(
             "campaign needs a design and --out FOLDER; 'cyclofeat campaign --example design.json' writes a "
@@ -58,13 +58,10 @@ def run(arguments: argparse.Namespace) -> Campaign | CampaignData:
     if arguments.kernel is not None:
         campaign = campaign.replace(kernel=arguments.kernel)
     with Progress("simulating assemblies") as progress:
-        return run_campaign(
-            campaign,
-            arguments.out,
-            n_jobs=arguments.jobs,
-            scheduler=arguments.scheduler,
-            progress=progress,
+        data = run_campaign(
+            campaign, arguments.out, n_jobs=arguments.n_jobs, scheduler=arguments.scheduler, progress=progress
         )
+    return _print_campaign(arguments.out, data)
 
 
 def example() -> Campaign:
@@ -76,14 +73,7 @@ def example() -> Campaign:
     return Campaign(name="example", rig=rig, repeats=16, depth=(0.3, 1.0))
 
 
-def format_result(arguments: argparse.Namespace, result: Campaign | CampaignData) -> Printed:
-    from cyclofeat.simulators import Campaign
-
-    if isinstance(result, Campaign):
-        path, n_runs = str(Path(arguments.example)), result.n_runs
-        text = f"{path}: a design of {n_runs} runs; run it: cyclofeat campaign {path} --out FOLDER"
-        return Printed(text, {"file": path, "n_runs": n_runs})
-    folder = arguments.out if arguments.verify is None else arguments.verify
+def _print_campaign(folder: str, result: CampaignData) -> Printed:
     n_runs, n_samples = result.X.shape
     counts = result.manifest["status"]
     size = sum(file["bytes"] for file in result.manifest["files"].values())

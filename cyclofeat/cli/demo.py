@@ -5,16 +5,14 @@ from __future__ import annotations
 import argparse
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from cyclofeat._base.progress import Progress, Steps
 from cyclofeat._base.quantities import lobes_text
-from cyclofeat.cli._options import add_target
-from cyclofeat.cli._printing import Printed
+from cyclofeat.cli._options import Printed, add_jobs, add_target
 from cyclofeat.cli.evaluate import cross_validate
 
 if TYPE_CHECKING:
-    from cyclofeat.counting import Evaluation
     from cyclofeat.recordings import Recording
     from cyclofeat.report import CountedRecording
 
@@ -23,28 +21,12 @@ _FILE_SEED = 2
 _SECTIONS = 4  # recordings with pictures on the page of the counts
 
 
-class Demonstration(NamedTuple):
-    """Files written, recordings counted from them, evaluations of counters, and time taken in s."""
-
-    model: Path
-    pages: list[Path]
-    counted: list[CountedRecording]
-    scores: dict[str, Evaluation]
-    seconds: float
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_target(parser, "--out", "folder", default="demo", help="folder to write (default: demo)")
-    parser.add_argument("--jobs", type=int, default=-1, help="processes (default: all cores)")
+    add_jobs(parser)
 
 
-def run(arguments: argparse.Namespace) -> Demonstration:
-    return demonstrate(Path(arguments.out), n_jobs=arguments.jobs)
-
-
-def demonstrate(
-    folder: Path, *, n_jobs: int = -1, training_assemblies: int = 24, file_assemblies: int = 4
-) -> Demonstration:
+def run(arguments: argparse.Namespace, *, training_assemblies: int = 24, file_assemblies: int = 4) -> Printed:
     """Train, write surrogate recordings, count them from their files, compare counters, write the pages.
 
     The folder then holds ``recordings/``, ``model.skops``, ``count.html`` and ``evaluation.html``. Assemblies
@@ -56,14 +38,14 @@ def demonstrate(
     from cyclofeat.models.persistence import check_model_path
     from cyclofeat.report import CountedRecording, check_page_path, write_count_report
 
-    began = time.monotonic()
+    began, folder = time.monotonic(), Path(arguments.out)
     (folder / "recordings").mkdir(parents=True, exist_ok=True)
     # Errors now rather than after the simulation.
     model_file = check_model_path(folder / "model.skops")
     pages = [check_page_path(folder / name) for name in ("count.html", "evaluation.html")]
-    training = _simulated(training_assemblies, _TRAINING_SEED, n_jobs)
+    training = _simulate_assemblies(training_assemblies, _TRAINING_SEED, arguments.n_jobs)
     files = []
-    for recording in _simulated(file_assemblies, _FILE_SEED, n_jobs):
+    for recording in _simulate_assemblies(file_assemblies, _FILE_SEED, arguments.n_jobs):
         files.append(folder / "recordings" / f"{recording.assembly}.npz")
         write_recording(files[-1], recording)
     origin = f"{len(training)} simulated assemblies of rig R1"
@@ -80,14 +62,50 @@ def demonstrate(
         ]
         settings = {"model file": model_file}
         write_count_report(model, counted, pages[0], settings=settings, most_sections=_SECTIONS)
-    protocol = Protocol(random_state=0, n_jobs=n_jobs)
+    protocol = Protocol(random_state=0, n_jobs=arguments.n_jobs)
     scores = cross_validate(
         LobeModel(random_state=0), training, protocol, page=pages[1], files=f"none: {origin}"
     )
-    return Demonstration(model_file, pages, counted, scores, time.monotonic() - began)
+    lines, facts = _score_counts(counted)
+    lines = [
+        "Rig R1: brake rotor behind a compliant torque meter, drifting load, noise.",
+        "All recordings here are SURROGATE: simulated torque, no measurement.",
+        f"Trained on {origin}; model in {model_file}",
+        "Counted from files (lobes counted from 1):",
+        *lines,
+        f"Cross-validated over {len(training)} assemblies, the same folds for both (chance 0.125):",
+        *(f"  {name:34s} {score}" for name, score in scores.items()),
+        f"Pages: {', '.join(map(str, pages))}  ({time.monotonic() - began:.0f} s in all)",
+    ]
+    facts["cross_validation"] = {name: score.to_dict() for name, score in scores.items()}
+    return Printed("\n".join(lines), facts | {"model": str(model_file), "pages": list(map(str, pages))})
 
 
-def _simulated(assemblies: int, seed: int, jobs: int) -> list[Recording]:
+def _score_counts(counted: list[CountedRecording]) -> tuple[list[str], dict[str, Any]]:
+    """Return lines that compare each count with the truth, and the shares that are right."""
+    lines = []
+    n, right, exact, refused = len(counted), 0, 0, 0
+    for file in counted:
+        true, count = file.recording, file.count
+        right += true.defect_count == count.defect_count
+        refused += count.refused
+        exact += set(true.worn_lobes or ()) == set(count.lobes)
+        mark = "" if true.defect_count == count.defect_count else "  <- wrong"
+        mark += f"  refused: {count.reason}" if count.refused else ""
+        lines.append(
+            f"  {file.name:24s} true {true.defect_count} ({lobes_text(true.worn_lobes) or '-'})  "
+            f"predicted {count.defect_count} ({lobes_text(count.lobes) or '-'}){mark}"
+        )
+    lines.append(
+        f"  counts right: {right / n:.3f}, exactly the right lobes: {exact / n:.3f}, of {n} recordings; "
+        f"{refused} refused"
+    )
+    return lines, {
+        "counts_right": right / n, "exact_lobes": exact / n, "n_refused": refused, "n_recordings": n,
+    }  # fmt: skip
+
+
+def _simulate_assemblies(assemblies: int, seed: int, jobs: int) -> list[Recording]:
     from cyclofeat.datasets import make_rig_recordings
     from cyclofeat.simulators import Rig
 
@@ -96,43 +114,3 @@ def _simulated(assemblies: int, seed: int, jobs: int) -> list[Recording]:
             assemblies, range(8), rig=Rig.r1(), random_state=seed, n_jobs=jobs, with_angle=True,
             progress=progress,
         )  # fmt: skip
-
-
-def format_result(arguments: argparse.Namespace, result: Demonstration) -> Printed:
-    n = len(result.counted)
-    n_assemblies = next(iter(result.scores.values())).groups.size
-    lines = [
-        "Rig R1: brake rotor behind a compliant torque meter, drifting load, noise.",
-        "All recordings here are SURROGATE: simulated torque, no measurement.",
-        f"Trained on {n_assemblies} simulated assemblies of rig R1; model in {result.model}",
-        "Counted from files (lobes counted from 1):",
-    ]
-    right = exact = refused = 0
-    for one in result.counted:
-        true, counted = one.recording, one.count
-        right += true.defect_count == counted.defect_count
-        refused += counted.refused
-        exact += set(true.worn_lobes or ()) == set(counted.lobes)
-        mark = "" if true.defect_count == counted.defect_count else "  <- wrong"
-        mark += f"  refused: {counted.reason}" if counted.refused else ""
-        lines.append(
-            f"  {one.name:24s} true {true.defect_count} ({lobes_text(true.worn_lobes) or '-'})  "
-            f"predicted {counted.defect_count} ({lobes_text(counted.lobes) or '-'}){mark}"
-        )
-    lines += [
-        f"  counts right: {right / n:.3f}, exactly the right lobes: {exact / n:.3f}, of {n} recordings; "
-        f"{refused} refused",
-        f"Cross-validated over {n_assemblies} assemblies, the same folds for both (chance 0.125):",
-        *(f"  {name:34s} {scores}" for name, scores in result.scores.items()),
-        f"Pages: {', '.join(map(str, result.pages))}  ({result.seconds:.0f} s in all)",
-    ]
-    facts = {
-        "counts_right": right / n,
-        "exact_lobes": exact / n,
-        "n_refused": refused,
-        "n_recordings": n,
-        "cross_validation": {name: scores.to_dict() for name, scores in result.scores.items()},
-        "model": str(result.model),
-        "pages": [str(page) for page in result.pages],
-    }
-    return Printed("\n".join(lines), facts)

@@ -11,14 +11,18 @@ from typing import TYPE_CHECKING
 from cyclofeat._base.progress import Progress
 from cyclofeat._base.quantities import QUANTITIES, number_of
 from cyclofeat.cli._options import (
+    Printed,
     add_idle,
+    add_jobs,
     add_model_file,
     add_reading_options,
+    add_seed,
     add_target,
+    note,
     read_all,
     read_model,
+    whole_number,
 )
-from cyclofeat.cli._printing import Printed, note
 from cyclofeat.cli.train import add_counter_options, untrained_model
 
 if TYPE_CHECKING:
@@ -29,31 +33,32 @@ _PAPERS = "Shannon entropy (papers)"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("files", nargs="*", metavar="FILE", help="labelled recordings or folders")
+    parser.add_argument("files", nargs="+", metavar="FILE", help="labelled recordings or folders")
     add_model_file(
         parser,
         "model to test on the recordings: a file that train wrote, with its card in the same folder, or a "
         f"packaged model, {', '.join(QUANTITIES)} (default: cross-validate the model that train would make)",
     )
     add_counter_options(parser)
-    parser.add_argument("--folds", type=int, default=5, help="number of folds (default 5)")
-    parser.add_argument("--seed", type=int, default=0, help="seed of folds and counters (default 0)")
     parser.add_argument(
-        "--jobs", type=int, default=-1, help="processes that fit folds side by side (default: all cores)"
-    )
+        "--folds", dest="n_splits", type=whole_number(2), default=5, metavar="N",
+        help="number of folds (default 5)",
+    )  # fmt: skip
+    add_seed(parser, "folds and counters")
+    add_jobs(parser, "processes that fit folds side by side")
     add_target(parser, "--report", "page", metavar="FILE.html", help="page to write")
     add_reading_options(parser)
     of_training = ("--counter", "--samples-per-turn", "--wear", "--folds", "--jobs")
     add_idle(parser, *of_training, beside=["--model"])
 
 
-def run(arguments: argparse.Namespace) -> dict[str, Evaluation]:
+def run(arguments: argparse.Namespace) -> Printed:
     """Test a stored model, or cross-validate the one that train would make."""
-    if not arguments.files:
-        raise ValueError("evaluate needs labelled recording files")
-    from cyclofeat.counting import Protocol
+    from cyclofeat.counting import Protocol, evaluate
 
-    protocol = Protocol(n_splits=arguments.folds, random_state=arguments.seed, n_jobs=arguments.jobs)
+    protocol = Protocol(
+        n_splits=arguments.n_splits, random_state=arguments.random_state, n_jobs=arguments.n_jobs
+    )
     if arguments.model is None:
         model = untrained_model(arguments)
     elif arguments.model in QUANTITIES:
@@ -66,15 +71,47 @@ def run(arguments: argparse.Namespace) -> dict[str, Evaluation]:
         raise ValueError("evaluate needs files that state defect_count and assembly, some do not")
     files = ", ".join(arguments.files[:5]) + (", ..." if len(arguments.files) > 5 else "")
     if arguments.model is None:
-        return cross_validate(model, recordings, protocol, page=arguments.report, files=files)
-    results = {arguments.model: _test_model(model, recordings, protocol)}
+        results = cross_validate(model, recordings, protocol, page=arguments.report, files=files)
+        return _print_scores(results, "folds by assembly")
+    common = set(model.card_.get("assemblies") or ()) & {recording.assembly for recording in recordings}
+    if common:
+        note(
+            "assemblies of the recordings have names of training assemblies, such as "
+            f"{min(common, key=str)!r}: if they are the same, the scores are too high"
+        )
+    results = {arguments.model: evaluate(model, recordings, protocol=replace(protocol, hold_out="nothing"))}
     if arguments.report:
         _write_page(
             results, arguments.report, recordings, files,
             folds="none: the model was trained before, on assemblies that must be others than these",
             settings={"trained on": model.card_["description"], "for recordings": model.made_for()},
         )  # fmt: skip
-    return results
+    return _print_scores(results, "tested as stored")
+
+
+def _print_scores(results: dict[str, Evaluation], how: str) -> Printed:
+    name, main = next(iter(results.items()))
+    lines = [
+        f"{number_of(main.labels.size, 'recording')}, assemblies: {main.groups.size}, {how}; 95 % bootstrap "
+        "intervals over assemblies"
+    ]
+    width = max(map(len, results))
+    for method, scores in results.items():
+        lines.append(f"{method:{width}s}  {scores}")
+        if scores.windows is not None:
+            lines.append(f"{'':{width}s}  of single windows: {scores.windows}")
+    if main.refused is not None:
+        accepted = ""
+        if main.accepted_accuracy is not None and main.accepted_accuracy_interval is not None:
+            low, high = main.accepted_accuracy_interval
+            accepted = f"; accuracy of the others {main.accepted_accuracy:.3f} [{low:.3f}, {high:.3f}]"
+        lines.append(f"{name} refuses {main.refused:.1%} of the recordings{accepted}")
+        lines += [f"  {n} x {reason}" for reason, n in main.refusal_counts().items()]
+    lines.append(
+        f"confusion matrix of {name} (rows true, columns predicted), counts {main.classes.tolist()}:"
+    )
+    lines.append(str(main.confusion))
+    return Printed("\n".join(lines), {method: scores.to_dict() for method, scores in results.items()})
 
 
 def cross_validate(
@@ -110,20 +147,6 @@ def cross_validate(
     return results
 
 
-def _test_model(model: LobeModel, recordings: Sequence[Recording], protocol: Protocol) -> Evaluation:
-    """Test a trained model, and say so if it was trained on assemblies of the recordings."""
-    from cyclofeat.counting import evaluate
-
-    learned = set(model.card_.get("assemblies") or ())
-    both = learned & {recording.assembly for recording in recordings}
-    if both:
-        note(
-            "assemblies of the recordings have names of training assemblies, such as "
-            f"{min(both, key=str)!r}: if they are the same, the scores are too high"
-        )
-    return evaluate(model, recordings, protocol=replace(protocol, hold_out="nothing"))
-
-
 def _write_page(
     results: dict[str, Evaluation],
     page: str | Path,
@@ -141,29 +164,3 @@ def _write_page(
             settings={"files": files, "recordings": len(recordings), **settings},
         )  # fmt: skip
     note(f"report: {written}")
-
-
-def format_result(arguments: argparse.Namespace, results: dict[str, Evaluation]) -> Printed:
-    name, main = next(iter(results.items()))
-    made = "tested as stored" if arguments.model else "folds by assembly"
-    lines = [
-        f"{number_of(main.labels.size, 'recording')}, assemblies: {main.groups.size}, {made}; 95 % bootstrap "
-        "intervals over assemblies"
-    ]
-    width = max(map(len, results))
-    for method, scores in results.items():
-        lines.append(f"{method:{width}s}  {scores}")
-        if scores.windows is not None:
-            lines.append(f"{'':{width}s}  of single windows: {scores.windows}")
-    if main.refused is not None:
-        accepted = ""
-        if main.accepted_accuracy is not None and main.accepted_accuracy_interval is not None:
-            low, high = main.accepted_accuracy_interval
-            accepted = f"; accuracy of the others {main.accepted_accuracy:.3f} [{low:.3f}, {high:.3f}]"
-        lines.append(f"{name} refuses {main.refused:.1%} of the recordings{accepted}")
-        lines += [f"  {n} x {reason}" for reason, n in main.refusal_counts().items()]
-    lines.append(
-        f"confusion matrix of {name} (rows true, columns predicted), counts {main.classes.tolist()}:"
-    )
-    lines.append(str(main.confusion))
-    return Printed("\n".join(lines), {method: scores.to_dict() for method, scores in results.items()})

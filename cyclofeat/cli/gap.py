@@ -7,33 +7,29 @@ import contextlib
 import dataclasses
 import importlib.util
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cyclofeat._base.arguments import ArgumentError, different_names
-from cyclofeat._base.checks import whole
+from cyclofeat._base.checks import different_names
 from cyclofeat._base.progress import Progress, Steps
 from cyclofeat._base.quantities import beyond_text, in_words, number_of, unit_text
 from cyclofeat.cli._options import (
     READING,
+    Printed,
     add_idle,
+    add_jobs,
     add_reading_options,
+    add_seed,
     add_target,
     check_folder,
-    option_of,
     read_all,
+    whole_number,
 )
-from cyclofeat.cli._printing import Printed
 from cyclofeat.cli._rigs import add_effects
 from cyclofeat.plotting.gap_words import VERDICTS, cell_name, effect_name, mean_difference_words, p_words
 
 if TYPE_CHECKING:
-    from cyclofeat.gap import Condition, EffectPosterior, GapCheck, GapResult, GapSettings, World
-    from cyclofeat.gap.check import CheckedEffect
-    from cyclofeat.gap.proof.prove import Proof
-    from cyclofeat.gap.result import Remainder
+    from cyclofeat.gap import Condition, EffectPosterior, GapResult, GapSettings, World
     from cyclofeat.recordings import Recording
     from cyclofeat.simulators import Rig
 
@@ -52,7 +48,7 @@ def add_check(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--recordings",
-        type=int,
+        type=whole_number(1),
         default=_RECORDINGS,
         metavar="N",
         help="planned recordings, at the middle speed and load that the posterior knows "
@@ -60,7 +56,7 @@ def add_check(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--rigs",
-        type=int,
+        type=whole_number(1),
         default=_RIGS,
         metavar="N",
         help=f"simulated rigs with known effects that --check uses (default {_RIGS}); more rigs give "
@@ -74,7 +70,7 @@ def add_check(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def run_check(arguments: argparse.Namespace, posterior: EffectPosterior) -> GapCheck:
+def run_check(arguments: argparse.Namespace, posterior: EffectPosterior) -> Printed:
     """Check the recordings named, or as many planned ones."""
     from cyclofeat.gap import Condition, check_recordings
 
@@ -83,47 +79,41 @@ def run_check(arguments: argparse.Namespace, posterior: EffectPosterior) -> GapC
         recordings = read_all(arguments.measured, arguments)
     else:
         middle = Condition(sum(posterior.world.speeds_rpm) / 2, sum(posterior.world.loads_nm) / 2)
-        recordings = [middle] * whole("--recordings", arguments.recordings, 1)
+        recordings = [middle] * arguments.recordings
     with Progress("cyclofeat gap: simulating rigs") as progress:
-        return check_recordings(
-            recordings,
-            posterior=posterior,
-            n_rigs=whole("--rigs", arguments.rigs, 1),
-            random_state=arguments.seed,
-            n_jobs=arguments.jobs,
-            progress=progress,
-        )
-
-
-def format_check(result: GapCheck) -> Printed:
-    """Return what is printed of a check."""
-    score, at = result.score, dict.fromkeys(one.text for one in result.conditions)
-    recordings = number_of(len(result.conditions), "recording")
+        result = check_recordings(
+            recordings, posterior=posterior, n_rigs=arguments.rigs, random_state=arguments.random_state,
+            n_jobs=arguments.n_jobs, progress=progress,
+        )  # fmt: skip
+    score, at = result.score, dict.fromkeys(condition.text for condition in result.conditions)
+    n_recordings = number_of(len(result.conditions), "recording")
     lines = [
-        f"{score.n_rigs} simulated rigs with known effects, {recordings} of each at {'; '.join(at)}",
-        f"sets of effects named exactly: {result.score.sets_right:.0%}, and but for look-alikes "
-        f"{result.score.sets_right_with_ties:.0%}",
+        f"{score.n_rigs} simulated rigs with known effects, {n_recordings} of each at {'; '.join(at)}",
+        f"sets of effects named exactly: {score.sets_right:.0%}, and but for look-alikes "
+        f"{score.sets_right_with_ties:.0%}",
         f"effects found: {score.recall:.0%}; names that are right: {score.precision:.0%}",
-        *(_check_line(one) for one in sorted(result.effects, key=lambda one: -one.recall) if one.n),
     ]
+    for effect in sorted(result.effects, key=lambda effect: -effect.recall):
+        if not effect.n:
+            continue
+        half = beyond_text(effect.half_below, effect.half_above)
+        most, unit = beyond_text(effect.most_below, effect.most_above), unit_text(effect.unit)
+        text = f"{effect.effect}: found in {effect.recall:.0%} of {effect.n}"
+        if half:
+            text += f"; in half with {effect.parameter} {half}{unit}"
+            text += f", in 9 of 10 {most}{unit}" if most else ""
+        elif effect.recall < 1:
+            text += f"; no {effect.parameter} is found in half"
+        lines.append(
+            text + (f"; taken for {', '.join(effect.confused_with)}" if effect.confused_with else "")
+        )
     if result.wrong:
         wrong = ", ".join(f"{name} ({n})" for name, n in result.wrong.items())
         lines.append(f"named although absent: {wrong}")
-    lines += [f"would help: {one.what} ({one.gain:.2g} bits)" for one in result.next_measurements]
+    lines += [
+        f"would help: {next_one.what} ({next_one.gain:.2g} bits)" for next_one in result.next_measurements
+    ]
     return Printed("\n".join(lines), result.to_dict())
-
-
-def _check_line(one: CheckedEffect) -> str:
-    half, most = beyond_text(one.half_below, one.half_above), beyond_text(one.most_below, one.most_above)
-    unit = unit_text(one.unit)
-    text = f"{one.effect}: found in {one.recall:.0%} of {one.n}"
-    if half:
-        text += f"; in half with {one.parameter} {half}{unit}" + (
-            f", in 9 of 10 {most}{unit}" if most else ""
-        )
-    elif one.recall < 1:
-        text += f"; no {one.parameter} is found in half"
-    return text + (f"; taken for {', '.join(one.confused_with)}" if one.confused_with else "")
 
 
 PACKAGED = "packaged"  # word for the posterior that comes with the package
@@ -131,14 +121,6 @@ PACKAGED = "packaged"  # word for the posterior that comes with the package
 _MACHINES = 4000  # about an hour of two cores
 _EPOCHS_ON = 12  # of networks that go on: with more they fit single rigs
 _TRAINED_BY = ("jax", "optax")
-
-
-@dataclass(frozen=True)
-class Prepared:
-    """A posterior and the file that it was written to."""
-
-    path: Path
-    posterior: EffectPosterior
 
 
 def add_preparation(parser: argparse.ArgumentParser) -> None:
@@ -159,7 +141,7 @@ def add_preparation(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--machines",
-        type=int,
+        type=whole_number(1),
         default=_MACHINES,
         metavar="N",
         help=f"simulated machines that --prepare learns from (default {_MACHINES}: about an hour on two "
@@ -172,13 +154,12 @@ def add_preparation(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def prepare_posterior(arguments: argparse.Namespace) -> Prepared:
+def prepare_posterior(arguments: argparse.Namespace) -> Printed:
     """Simulate rigs of the model, learn from them, and write the posterior."""
     if arguments.cache is None:
         raise ValueError(
             "--prepare needs --cache FOLDER: what is simulated is kept there if it is interrupted"
         )
-    n_machines = whole("--machines", arguments.machines, 1)
     missing = [name for name in _TRAINED_BY if importlib.util.find_spec(name) is None]
     if missing:
         raise ImportError(f"--prepare needs {' and '.join(missing)}: pip install {' '.join(missing)}")
@@ -191,18 +172,24 @@ def prepare_posterior(arguments: argparse.Namespace) -> Prepared:
     if start is not None:  # before the simulations, which take an hour
         start.check_goes_on(world.cells, world.defect_counts, world.quantity)
     with Progress("cyclofeat gap: simulating machines, eight at a time") as progress:
-        rigs = prepare_world(
-            world,
-            Path(arguments.cache) / "world",
-            n_machines,
-            n_jobs=arguments.jobs,
-            progress=progress,
-        )
+        folder = Path(arguments.cache) / "world"
+        rigs = prepare_world(world, folder, arguments.machines, n_jobs=arguments.n_jobs, progress=progress)
     epochs = EffectPosterior().epochs if start is None else _EPOCHS_ON
-    posterior = EffectPosterior(epochs=epochs, random_state=arguments.seed)
+    posterior = EffectPosterior(epochs=epochs, random_state=arguments.random_state)
     with Progress("cyclofeat gap: learning from them") as progress:
         posterior.fit(rigs, start=start, progress=progress)
-    return Prepared(posterior.save(arguments.prepare), posterior)
+    path = posterior.save(arguments.prepare)
+    facts = {
+        "posterior": str(path), "quantity": world.quantity, "n_rigs": posterior.n_rigs_,
+        "effects": list(posterior.names_), "speeds_rpm": list(world.speeds_rpm),
+        "loads_nm": list(world.loads_nm), "sampling_rate": world.sampling_rate,
+    }  # fmt: skip
+    speeds, loads = (" to ".join(f"{end:.4g}" for end in ends) for ends in (world.speeds_rpm, world.loads_nm))
+    text = (
+        f"{path}: {len(posterior.names_)} effects, learned from the {in_words(world.quantity)} of "
+        f"{posterior.n_rigs_} simulated rigs at {speeds} RPM, {loads} Nm and {world.sampling_rate:g} Hz"
+    )
+    return Printed(text, facts)
 
 
 def read_posterior(named: str | None) -> EffectPosterior:
@@ -223,7 +210,7 @@ def world_of(arguments: argparse.Namespace, model: Rig) -> World:
     from cyclofeat.gap.measured import MeasuredRig
 
     quantity = arguments.quantity or World.quantity
-    world = World(rig=model, quantity=quantity, random_state=arguments.seed)
+    world = World(rig=model, quantity=quantity, random_state=arguments.random_state)
     if arguments.measured:
         world = MeasuredRig.of(read_all(arguments.measured, arguments), model).world(world)
     if arguments.effects is None:
@@ -233,89 +220,61 @@ def world_of(arguments: argparse.Namespace, model: Rig) -> World:
     return dataclasses.replace(world, effects=effects, most=min(world.most, len(effects)))
 
 
-def format_preparation(prepared: Prepared) -> Printed:
-    """Return what is printed of a preparation."""
-    posterior = prepared.posterior
-    world, n_rigs = posterior.world, posterior.n_rigs_
-    facts = {
-        "posterior": str(prepared.path),
-        "quantity": world.quantity,
-        "n_rigs": n_rigs,
-        "effects": list(posterior.names_),
-        "speeds_rpm": list(world.speeds_rpm),
-        "loads_nm": list(world.loads_nm),
-        "sampling_rate": world.sampling_rate,
-    }
-    speeds, loads = (" to ".join(f"{end:.4g}" for end in ends) for ends in (world.speeds_rpm, world.loads_nm))
-    text = (
-        f"{prepared.path}: {len(posterior.names_)} effects, learned from the {in_words(world.quantity)} of "
-        f"{n_rigs} simulated rigs at {speeds} RPM, {loads} Nm and {world.sampling_rate:g} Hz"
-    )
-    return Printed(text, facts)
-
-
 _N_REMAINING = 3
 
 
 def gap_lines(result: GapResult) -> list[str]:
-    """Lines that tell a result, the answer first."""
+    """Return the lines of a result, the answer first."""
     lines = [f"{VERDICTS[result.verdict]} (p = {result.p:.2g}, adjusted over all comparisons)"]
     named = {effect.effect_id for effect in result.named}
-    told = set(named)
-    for found in result.effects:
-        if found.effect in named or found.answer == "present":
-            look_alikes = [name for name in found.ties if name not in named]
-            word = "missing" if found.answer == "present" else "probably missing"
-            first, *others = (
-                f"{effect.effect} ({effect.probability:.0%})"
-                for effect in (found, *map(result.effect, look_alikes))
+    listed = set(named)
+    for effect in result.effects:
+        if effect.effect in named or effect.answer == "present":
+            look_alikes = [name for name in effect.ties if name not in named]
+            word = "missing" if effect.answer == "present" else "probably missing"
+            names = ", or ".join(
+                ", ".join(f"{each.effect} ({each.probability:.0%})" for each in group)
+                for group in ([effect], [*map(result.effect, look_alikes)])
+                if group
             )
-            ties = f", or {', '.join(others)}" if others else ""
-            lines.append(f"{word}: {first}{ties}: {effect_name(found.effect)}")
-            lines += [f"  {size}" for size in found.sizes]
-            told.update(look_alikes)
-    rest = [found for found in result.effects if found.answer == "unresolved" and found.effect not in told]
-    open_ones = [f"{found.effect} ({found.probability:.0%})" for found in rest if not found.small]
-    if open_ones:
-        lines.append(f"open: {', '.join(open_ones)}")
-    small = [
-        f"{found.effect} ({found.probability:.0%}, {found.visible_from})" for found in rest if found.small
-    ]
+            lines.append(f"{word}: {names}: {effect_name(effect.effect)}")
+            lines += [f"  {size}" for size in effect.sizes]
+            listed.update(look_alikes)
+    rest = [e for e in result.effects if e.answer == "unresolved" and e.effect not in listed]
+    undecided = [f"{e.effect} ({e.probability:.0%})" for e in rest if not e.small]
+    if undecided:
+        lines.append(f"open: {', '.join(undecided)}")
+    small = [f"{e.effect} ({e.probability:.0%}, {e.visible_from})" for e in rest if e.small]
     if small:
         lines.append(f"open, but too small to be seen; would be seen with: {', '.join(small)}")
-    if result.remainder is not None:
-        lines += _remainder_lines(result.remainder)
-    for one in result.next_measurements[:1]:
-        apart = f", to tell apart {', '.join(one.separates)}" if one.separates else ""
-        lines.append(f"measure next: {one.what}{apart}")
-    for proof in result.proof:
-        at = f" at {proof.condition.text}" if proof.condition else ""
-        lines.append(f"held out{at}: {_closed_text(proof)}")
-    return lines + [f"note: {warning}" for warning in result.warnings]
-
-
-def _remainder_lines(remainder: Remainder) -> Iterator[str]:
-    if remainder.cause == "chance":
-        yield f"left unexplained: nothing ({p_words(remainder.p)})"
-        return
-    if remainder.p_open is not None and not remainder.unexplained:
-        yield (
+    remainder = result.remainder
+    if remainder is None:
+        pass
+    elif remainder.cause == "chance":
+        lines.append(f"left unexplained: nothing ({p_words(remainder.p)})")
+    elif remainder.p_open is not None and not remainder.unexplained:
+        lines.append(
             f"left unexplained: differences that open effects may explain ({p_words(remainder.p_open)}; "
             f"without them {p_words(remainder.p)}); sizes are not confirmed by simulation"
         )
-        return
-    yield f"left unexplained ({p_words(remainder.p)}):"
-    for row in remainder.rows[:_N_REMAINING]:
-        yield f"  {cell_name(row)}: {mean_difference_words(row.difference, row.unit)}"
-    yield "something is missing that no effect considered explains: sizes are not confirmed by simulation"
-
-
-def _closed_text(proof: Proof) -> str:
-    closed = proof.result
-    if math.isnan(closed.grr):
-        return "too little disagreement to state how far it shrank"
-    within = f" ({closed.low:.0%} to {closed.high:.0%})" if closed.low <= closed.high else ""
-    return f"{closed.grr:.0%} of the gap closed{within}"
+    else:
+        lines.append(f"left unexplained ({p_words(remainder.p)}):")
+        for row in remainder.rows[:_N_REMAINING]:
+            lines.append(f"  {cell_name(row)}: {mean_difference_words(row.difference, row.unit)}")
+        lines.append(
+            "something is missing that no effect considered explains: sizes are not confirmed by simulation"
+        )
+    for measurement in result.next_measurements[:1]:
+        apart = f", to tell apart {', '.join(measurement.separates)}" if measurement.separates else ""
+        lines.append(f"measure next: {measurement.what}{apart}")
+    for proof in result.proof:
+        closed = proof.result
+        text = "too little disagreement to state how far it shrank"
+        if not math.isnan(closed.grr):
+            within = f" ({closed.low:.0%} to {closed.high:.0%})" if closed.low <= closed.high else ""
+            text = f"{closed.grr:.0%} of the gap closed{within}"
+        lines.append(f"held out{f' at {proof.condition.text}' if proof.condition else ''}: {text}")
+    return lines + [f"note: {warning}" for warning in result.warnings]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -339,6 +298,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--hold-out",
+        dest="by",
         metavar="FOLDER|SHARE|speed|load",
         help="recordings on which the corrected model is judged: a folder, a share of MEASURED like 0.4, or "
         "those at the middle of at least three speeds or loads",
@@ -364,8 +324,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="all recordings are of one gearbox that was not taken apart between them",
     )
-    parser.add_argument("--seed", type=int, default=0, help="seed of all simulations (default 0)")
-    parser.add_argument("--jobs", type=int, default=-1, help="processes (default: all cores)")
+    add_seed(parser, "all simulations")
+    add_jobs(parser)
     add_reading_options(parser)
     add_idle(
         parser, "--simulator", "--posterior", "--hold-out", "--save-simulator", "--one-assembly", "--cache",
@@ -376,7 +336,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_idle(parser, *(option for option in READING if option != "--quantity"), without=["MEASURED"])
 
 
-def run(arguments: argparse.Namespace) -> GapResult | GapCheck | Prepared:
+def run(arguments: argparse.Namespace) -> Printed:
     """Compare, name, correct, judge, and write report and corrected model; or only prepare, or check."""
     if arguments.cache is not None:
         check_folder("--cache", Path(arguments.cache))
@@ -386,12 +346,24 @@ def run(arguments: argparse.Namespace) -> GapResult | GapCheck | Prepared:
         return run_check(arguments, _posterior_of_model(arguments))
     if not arguments.measured:
         raise ValueError("MEASURED must name recordings, or folders of them")
+    from cyclofeat.gap import compare_recordings, find_gap
+
     recordings = read_all(arguments.measured, arguments)
     if arguments.simulated is None:
-        result, settings = _find_and_judge(arguments, recordings)
+        posterior = _posterior_of_model(arguments)
+        fitted, held_out = _split_recordings(arguments, recordings)
+        with Steps("cyclofeat gap") as steps:
+            result = find_gap(
+                fitted, held_out, posterior=posterior, settings=_gap_settings(arguments), progress=steps
+            )
+        settings = {
+            "model": arguments.simulator or arguments.posterior or "paper B's gearbox",
+            "effects considered": ", ".join(posterior.names_),
+            "recordings": f"{len(fitted)}",
+        }
+        if held_out is not None:
+            settings["recordings held out"] = f"{len(held_out)}"
     else:
-        from cyclofeat.gap import compare_recordings
-
         simulated = read_all([arguments.simulated], arguments)
         with Progress("cyclofeat gap: comparing recordings"):
             result = compare_recordings(recordings, simulated, settings=_gap_settings(arguments))
@@ -399,6 +371,7 @@ def run(arguments: argparse.Namespace) -> GapResult | GapCheck | Prepared:
             "recordings": f"{len(recordings)}",
             "simulated recordings": f"{len(simulated)} of {arguments.simulated}",
         }
+    lines = gap_lines(result)
     if arguments.save_simulator is not None:
         (result.posterior_rig or result.rig).to_json(arguments.save_simulator)
     if arguments.out is not None:
@@ -407,29 +380,10 @@ def run(arguments: argparse.Namespace) -> GapResult | GapCheck | Prepared:
         sources = [recording.source for recording in recordings]
         with Progress("cyclofeat gap: writing the report"):
             write_gap_report(result, arguments.out, sources=sources, settings=settings)
-    return result
-
-
-def _find_and_judge(
-    arguments: argparse.Namespace, recordings: list[Recording]
-) -> tuple[GapResult, dict[str, str]]:
-    """Return what the model lacks, and the settings that the page lists."""
-    from cyclofeat.gap import find_gap
-
-    posterior = _posterior_of_model(arguments)
-    fitted, held_out = _split_recordings(arguments, recordings)
-    with Steps("cyclofeat gap") as steps:
-        result = find_gap(
-            fitted, held_out, posterior=posterior, settings=_gap_settings(arguments), progress=steps
-        )
-    settings = {
-        "model": arguments.simulator or arguments.posterior or "paper B's gearbox",
-        "effects considered": ", ".join(posterior.names_),
-        "recordings": f"{len(fitted)}",
-    }
-    if held_out is not None:
-        settings["recordings held out"] = f"{len(held_out)}"
-    return result, settings
+        lines.append(f"report: {arguments.out}")
+    if arguments.save_simulator is not None:
+        lines.append(f"corrected model: {arguments.save_simulator}")
+    return Printed("\n".join(lines), result.to_dict())
 
 
 def _gap_settings(arguments: argparse.Namespace) -> GapSettings:
@@ -439,8 +393,8 @@ def _gap_settings(arguments: argparse.Namespace) -> GapSettings:
         alpha=arguments.alpha,
         pictures=arguments.out is not None,
         one_assembly=arguments.one_assembly,
-        random_state=arguments.seed,
-        n_jobs=arguments.jobs,
+        random_state=arguments.random_state,
+        n_jobs=arguments.n_jobs,
         cache=arguments.cache,
     )
 
@@ -470,32 +424,11 @@ def _split_recordings(
     """Return the recordings to fit, and those to judge on."""
     from cyclofeat.gap import hold_out
 
-    if arguments.hold_out is None:
+    if arguments.by is None:
         return recordings, None
-    by: float | str = arguments.hold_out
+    by: float | str = arguments.by
     with contextlib.suppress(ValueError):
         by = float(by)
     if isinstance(by, str) and by not in ("speed", "load"):
         return recordings, read_all([by], arguments)
-    try:
-        return hold_out(recordings, by, random_state=arguments.seed)
-    except ArgumentError as error:
-        message = error.format_message(
-            lambda argument, rest: "--hold-out" if argument == "by" else option_of(argument, rest)
-        )
-        raise ValueError(message) from None
-
-
-def format_result(arguments: argparse.Namespace, result: GapResult | GapCheck | Prepared) -> Printed:
-    from cyclofeat.gap import GapCheck
-
-    if isinstance(result, Prepared):
-        return format_preparation(result)
-    if isinstance(result, GapCheck):
-        return format_check(result)
-    lines = gap_lines(result)
-    if arguments.out is not None:
-        lines.append(f"report: {arguments.out}")
-    if arguments.save_simulator is not None:
-        lines.append(f"corrected model: {arguments.save_simulator}")
-    return Printed("\n".join(lines), result.to_dict())
+    return hold_out(recordings, by, random_state=arguments.random_state)

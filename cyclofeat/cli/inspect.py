@@ -12,12 +12,12 @@ from cyclofeat.cli._options import (
     FILES,
     UNREADABLE,
     FileResult,
+    Printed,
     add_reading_options,
     each_recording,
     list_entries,
     reading_arguments,
 )
-from cyclofeat.cli._printing import Printed
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,14 +25,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_options(parser)
 
 
-def run(arguments: argparse.Namespace) -> Iterator[FileResult[dict[str, Any]]]:
+def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     from cyclofeat.datasets import describe
 
-    files, options = list_entries(arguments.files), reading_arguments(arguments)
-    return each_recording("inspecting", files, options, lambda _, recording: describe(recording))
+    files = list_entries(arguments.files)
+    for result in each_recording("inspecting", files, arguments, lambda _, recording: describe(recording)):
+        yield _print_facts(arguments, result)
 
 
-def format_result(arguments: argparse.Namespace, result: FileResult[dict[str, Any]]) -> Printed:
+def _print_facts(arguments: argparse.Namespace, result: FileResult[dict[str, Any]]) -> Printed:
     from cyclofeat.datasets.readers import list_channels
 
     facts = result.value

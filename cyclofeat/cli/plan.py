@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import math
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.quantities import number_of
-from cyclofeat.cli._options import add_idle
-from cyclofeat.cli._printing import Printed
+from cyclofeat.cli._options import Printed, add_idle, positive_number, whole_number
 from cyclofeat.cli._rigs import add_rig, rig_of
 
 if TYPE_CHECKING:
@@ -20,55 +18,59 @@ _DEPTHS_UM = (5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--worn-count", type=int, required=True, metavar="N",
+        "--worn-count", dest="worn", type=int, required=True, metavar="N",
         help="tell N worn lobes from N + 1; with --wear, N worn lobes from none",
     )  # fmt: skip
-    parser.add_argument("--noise", type=float, required=True, metavar="NM", help="rms noise of the meter, Nm")
+    parser.add_argument(
+        "--noise", dest="noise_nm", type=positive_number, required=True, metavar="NM",
+        help="rms noise of the meter, Nm",
+    )  # fmt: skip
     parser.add_argument("--confidence", type=float, default=0.95, help="wanted probability (default 0.95)")
     parser.add_argument("--depth", type=float, default=1.0, help="depth of the wear, 0.1 to 1 (default 1)")
     parser.add_argument(
-        "--speed", type=float, default=_TABULATED_RPM, metavar="RPM", help="input speed (default 500)"
-    )
+        "--speed", dest="speed_rpm", type=positive_number, default=_TABULATED_RPM, metavar="RPM",
+        help="input speed (default 500)",
+    )  # fmt: skip
     parser.add_argument(
         "--wear",
         action="store_true",
         help="find the least depth of radial wear that shows, by a short simulation",
     )
-    parser.add_argument("--load", type=float, metavar="NM", help="load, in Nm (default: the rig's)")
-    parser.add_argument("--turns", type=int, default=5, help="output turns recorded (default 5)")
+    parser.add_argument(
+        "--load", dest="load_nm", type=positive_number, metavar="NM", help="load, in Nm (default: the rig's)"
+    )
+    parser.add_argument(
+        "--turns", dest="output_turns", type=whole_number(1), default=5, metavar="N",
+        help="output turns recorded (default 5)",
+    )  # fmt: skip
     add_rig(parser, "r1")
     add_idle(parser, "--depth", beside=["--wear"])
-    add_idle(parser, "--load", "--turns", "--rig", "--simulator", without=["--wear"])
+    add_idle(parser, "--load", "--turns", "--rig", without=["--wear"])
 
 
-def run(arguments: argparse.Namespace) -> MeasurementPlan:
+def run(arguments: argparse.Namespace) -> Printed:
     from cyclofeat.counting import plan_measurement
 
-    if not (math.isfinite(arguments.speed) and arguments.speed > 0):
-        raise ValueError(f"--speed must be positive (RPM of the input shaft), got {arguments.speed:g}")
     by_simulation = {}
     if arguments.wear:
         by_simulation = {
             "depths_um": _DEPTHS_UM,
             "rig": rig_of(arguments, default="r1"),
-            "load_nm": arguments.load,
-            "output_turns": arguments.turns,
+            "load_nm": arguments.load_nm,
+            "output_turns": arguments.output_turns,
             "random_state": 0,
             "n_jobs": -1,
         }
-    return plan_measurement(
-        arguments.worn_count,
-        noise_nm=arguments.noise,
+    plan = plan_measurement(
+        arguments.worn,
+        noise_nm=arguments.noise_nm,
         confidence=arguments.confidence,
         depth=arguments.depth,
-        speed_rpm=arguments.speed,
+        speed_rpm=arguments.speed_rpm,
         **by_simulation,
     )
-
-
-def format_result(arguments: argparse.Namespace, plan: MeasurementPlan) -> Printed:
     lines = _table_lines(plan) if plan.depths_um is None else _simulation_lines(plan)
-    if plan.depths_um is None and arguments.speed != _TABULATED_RPM:
+    if plan.depths_um is None and arguments.speed_rpm != _TABULATED_RPM:
         lines.append(
             f"  note: the table is of {_TABULATED_RPM:g} RPM; another speed is taken to need as many turns"
         )

@@ -6,19 +6,19 @@ import argparse
 import os
 from collections.abc import Iterator
 
-from cyclofeat.cli._options import add_model_file, read_model
-from cyclofeat.cli._printing import Printed, note
+from cyclofeat.cli._options import Printed, add_model_file, note, read_model, whole_number
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_model_file(parser)
     parser.add_argument(
-        "--port", type=int, default=8765, help="port on this machine (default 8765; 0: any free port)"
-    )
+        "--port", type=whole_number(0, 65_535), default=8765, metavar="N",
+        help="port on this machine (default 8765; 0: any free port)",
+    )  # fmt: skip
     parser.add_argument("--no-browser", action="store_true", help="print the address and open no browser")
 
 
-def run(arguments: argparse.Namespace) -> Iterator[str]:
+def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     """Yield the address of the page, then serve it until Ctrl-C."""
     try:
         from cyclofeat.serve.app import Address, make_app, serve
@@ -30,11 +30,7 @@ def run(arguments: argparse.Namespace) -> Iterator[str]:
         model = ["--model", os.path.abspath(arguments.model)]
         model += ["--trust"] * arguments.trust + [f"--allow={name}" for name in arguments.allow]
     address = Address.of_port(arguments.port)
-    yield address.url
+    yield Printed(address.url, {"url": address.url})
     note("cyclofeat: serving on this machine only, stop with Ctrl-C")
     serve(make_app(address.key, model=model), address, browser=not arguments.no_browser)
     note("cyclofeat: stopped")
-
-
-def format_result(arguments: argparse.Namespace, url: str) -> Printed:
-    return Printed(url, {"url": url})

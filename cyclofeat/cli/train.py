@@ -3,23 +3,34 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.checks import whole
 from cyclofeat._base.progress import Progress, Steps
 from cyclofeat._base.training import import_jax
-from cyclofeat.cli._options import READING, add_idle, add_reading_options, add_target, read_all
-from cyclofeat.cli._printing import Printed
+from cyclofeat.cli._options import (
+    READING,
+    Printed,
+    add_idle,
+    add_jobs,
+    add_reading_options,
+    add_seed,
+    add_target,
+    positive_number,
+    read_all,
+    whole_number,
+)
 from cyclofeat.cli._rigs import add_rig, rig_of
 
 if TYPE_CHECKING:
-    from cyclofeat.counting import LobeModel, RadialWear
+    from cyclofeat.counting import LobeModel
     from cyclofeat.recordings import Recording
 
 _SIMULATION = (
     "--assemblies", "--windows", "--speeds", "--loads", "--max-count", "--lobes", "--mixed-wear", "--kernel",
-    "--jobs", "--rig", "--simulator",
+    "--jobs", "--rig",
 )  # fmt: skip
 # The rig states the rest.
 _OF_FILES = tuple(option for option in READING if option not in ("--quantity", "--sampling-rate"))
@@ -45,17 +56,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "recordings", nargs="*", help="labelled recordings or folders (default: simulated ones)"
     )
-    parser.add_argument("--assemblies", type=int, default=100, help="assemblies per count (default 100)")
     parser.add_argument(
-        "--windows", type=int, help="output turns of each simulated assembly (default: 2; 5 with --wear)"
-    )
+        "--assemblies", type=whole_number(1), default=100, metavar="N",
+        help="assemblies per count (default 100)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--windows", type=whole_number(1), metavar="N",
+        help="output turns of each simulated assembly (default: 2; 5 with --wear)",
+    )  # fmt: skip
     parser.add_argument(
         "--speeds", type=_range_of("RPM"), metavar="LOW:HIGH",
         help="input speeds of the simulated assemblies in RPM, such as 100:1500 (default: 0.8 to 1.25 times "
         "the rig's)",
     )  # fmt: skip
     parser.add_argument(
-        "--loads", type=_range_of("Nm"), metavar="LOW:HIGH",
+        "--loads", dest="load_nm", type=_range_of("Nm"), metavar="LOW:HIGH",
         help="loads of the simulated assemblies in Nm, such as 3:40 (default: 0.8 to 1.25 times the rig's)",
     )  # fmt: skip
     parser.add_argument("--max-count", type=int, default=7, help="largest number of worn lobes (default 7)")
@@ -65,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     wear = add_counter_options(parser)
     wear.add_argument(
-        "--mixed-wear", type=_range_of("um"), metavar="LOW:HIGH",
+        "--mixed-wear", type=_range_of("um", 200), metavar="LOW:HIGH",
         help="about a third of the simulated worn assemblies have radial wear, such as 60:200 um, the others "
         "the papers' chord; both are counted, no depth is learned",
     )  # fmt: skip
@@ -75,17 +90,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "that do not hold as many",
     )  # fmt: skip
     parser.add_argument(
-        "--sampling-rate", type=float, metavar="HZ",
+        "--sampling-rate", type=positive_number, metavar="HZ",
         help="sampling rate in Hz (default for simulated recordings: 25600). The model counts recordings "
         "with this rate or a higher one",
     )  # fmt: skip
-    parser.add_argument("--seed", type=int, default=0, help="seed of simulation and training (default 0)")
+    add_seed(parser, "simulation and training")
     parser.add_argument(
         "--kernel", choices=("exact", "batch", "auto"), default="auto",
         help="many assemblies at once in single precision: where possible (auto, the default) or always, "
         "with an error where impossible (batch); or one by one in double precision (exact)",
     )  # fmt: skip
-    parser.add_argument("--jobs", type=int, default=-1, help="threads of the simulation (default: all cores)")
+    add_jobs(parser, "threads of the simulation")
     add_rig(parser, "r2")
     add_reading_options(parser, sampling_rate=False)
     add_idle(parser, *_SIMULATION, beside=["recordings"])
@@ -100,19 +115,19 @@ def add_counter_options(parser: argparse.ArgumentParser) -> argparse._MutuallyEx
         "and loads, and for early wear (--wear) of some 500 --assemblies and more; takes minutes to learn",
     )  # fmt: skip
     parser.add_argument(
-        "--samples-per-turn", type=int, metavar="N", default=_PER_TURN,
+        "--samples-per-turn", type=whole_number(1), metavar="N", default=_PER_TURN,
         help="samples per input turn of the windows (default 128: 44 lobe lines). With --counter rows, 256 "
         "hold 88, more accurate at low speeds; recordings to be counted must hold as many",
     )  # fmt: skip
     parser.add_argument(
-        "--epochs", type=int, metavar="N",
+        "--epochs", type=whole_number(1), metavar="N",
         help="times that --counter rows sees each window, in other variants (default 40, more where they are "
         "few); of ten thousand and more, 80 count better, in twice the time",
     )  # fmt: skip
     add_idle(parser, "--epochs", without=["--counter rows"])
     wear = parser.add_mutually_exclusive_group()
     wear.add_argument(
-        "--wear", type=_range_of("um"), metavar="LOW:HIGH",
+        "--wear", dest="wear_um", type=_range_of("um", 200), metavar="LOW:HIGH",
         help="learn the depth of radial wear, such as 5:200 um, and count from all windows of a recording at "
         "once; simulated lobes then have such wear in place of the papers' chord",
     )  # fmt: skip
@@ -120,22 +135,12 @@ def add_counter_options(parser: argparse.ArgumentParser) -> argparse._MutuallyEx
 
 
 def untrained_model(arguments: argparse.Namespace) -> LobeModel:
-    """Return the model that the options choose, to be trained on recordings.
-
-    Raises
-    ------
-    ImportError
-        For ``--counter rows`` if JAX or Optax is not installed.
-    ValueError
-        If options exclude each other.
-    """
+    """Return the model that the options choose, to be trained on recordings."""
     from cyclofeat.counting import LobeModel
     from cyclofeat.recordings.windower import lobe_windower
 
     if arguments.counter == "rows":
         import_jax()  # or an error before the work
-        if arguments.epochs is not None:
-            whole("epochs", arguments.epochs, 1)
     elif arguments.samples_per_turn > _PER_TURN:
         raise ValueError(
             f"--samples-per-turn takes at most {_PER_TURN} without --counter rows, got "
@@ -145,30 +150,25 @@ def untrained_model(arguments: argparse.Namespace) -> LobeModel:
     if arguments.samples_per_turn != _PER_TURN:
         windower = lobe_windower(samples_per_turn=arguments.samples_per_turn)
     return LobeModel(
-        windower, arguments.counter, epochs=arguments.epochs, wear_um=arguments.wear,
-        random_state=arguments.seed,
+        windower, arguments.counter, epochs=arguments.epochs, wear_um=arguments.wear_um,
+        random_state=arguments.random_state,
     )  # fmt: skip
 
 
-def _range_of(unit: str) -> Callable[[str], tuple[float, float]]:
+def _range_of(unit: str, most: float = math.inf) -> Callable[[str], tuple[float, float]]:
     """Return the type of an option that takes ``LOW:HIGH`` or one number."""
 
     def parse_range(text: str) -> tuple[float, float]:
-        low, _, high = text.partition(":")
-        try:
-            ends = float(low), float(high or low)
-        except ValueError:
-            ends = 0.0, 0.0
-        if not 0 < ends[0] <= ends[1] < float("inf"):
-            raise argparse.ArgumentTypeError(
-                f"must be LOW:HIGH or one number, in {unit} and positive, got {text!r}"
-            )
-        return ends
+        ends = [positive_number(end) for end in text.split(":", 1)]
+        if not ends[0] <= ends[-1] <= most:
+            limit = "" if most == math.inf else f" and at most {most:g}"
+            raise argparse.ArgumentTypeError(f"must be LOW:HIGH or one number in {unit}{limit}, got {text!r}")
+        return ends[0], ends[-1]
 
     return parse_range
 
 
-def run(arguments: argparse.Namespace) -> LobeModel:
+def run(arguments: argparse.Namespace) -> Printed:
     """Read or simulate recordings, train on them, and write the model."""
     from cyclofeat.models import load_model, save_model
 
@@ -178,10 +178,10 @@ def run(arguments: argparse.Namespace) -> LobeModel:
         recordings = read_all(arguments.recordings, arguments)
         origin = f"{len(recordings)} recordings from files"
     else:
-        recordings, name = _simulate(arguments)
-        origin = f"{len(recordings)} simulated assemblies of rig {name}, seed {arguments.seed}"
+        recordings, name = _simulated_recordings(arguments)
+        origin = f"{len(recordings)} simulated assemblies of rig {name}, seed {arguments.random_state}"
         if arguments.mixed_wear is not None:
-            n_radial = sum(bool((one.meta or {}).get("wear_um")) for one in recordings)
+            n_radial = sum(bool((recording.meta or {}).get("wear_um")) for recording in recordings)
             low, high = arguments.mixed_wear
             origin += f", {n_radial} of them with radial wear of {low:g} to {high:g} um"
     with Steps() as step:
@@ -191,10 +191,38 @@ def run(arguments: argparse.Namespace) -> LobeModel:
     if coarser is not None:
         model = model.with_coarser(coarser)
         save_model(arguments.out, model)
-    return model
+    return _print_training(arguments.out, model)
 
 
-def _simulate(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
+def _print_training(file: str, model: LobeModel) -> Printed:
+    from cyclofeat.counting.evaluation.evaluation import score_text
+
+    card = model.card_
+    located = "locates lobes"
+    if model.locator_ is None:
+        located = "does not locate lobes (not all state worn_lobes and an absolute angle)"
+    scores = card["cross_validation"]
+    if scores is None:
+        accuracy = "too few assemblies per count to cross-validate (5 needed): accuracy unknown"
+    else:
+        accuracy = f"cross-validated over {scores['n_assemblies']} assemblies: {score_text(scores)}"
+    if model.wear_ is not None:
+        learned = model.wear_.summary()
+        accuracy += f"\ndepth of wear: {model.wear_.made_for()}"
+        if learned["median_relative_error"] is not None:
+            percent = 100 * learned["median_relative_error"]
+            accuracy += f"\n  median error of depths that show, on assemblies held out: {percent:.0f} %"
+        if learned["accuracy"] is not None:
+            accuracy += f"\n  counts right with all windows at once, of all depths: {learned['accuracy']:.3f}"
+    text = (
+        f"{file}: counts {card['classes']}, trained on {card['description']}\n"
+        f"for recordings {model.made_for()}; {located}\n"
+        f"{accuracy}"
+    )
+    return Printed(text, {"file": file, **card})
+
+
+def _simulated_recordings(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     """Return simulated recordings and the name of their rig."""
     from cyclofeat.counting import samples_per_turn_at
     from cyclofeat.datasets import make_rig_recordings
@@ -204,8 +232,7 @@ def _simulate(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     rig = rig_of(arguments, default="r2")
     windows = arguments.windows
     if windows is None:
-        windows = _WINDOWS if arguments.wear is None else _WINDOWS_OF_WEAR
-    whole("output_turns", windows, 1)
+        windows = _WINDOWS if arguments.wear_um is None else _WINDOWS_OF_WEAR
     if arguments.counter == "rows" and arguments.lobes != "consecutive":
         raise ValueError(f"--counter rows takes --lobes consecutive only, got {arguments.lobes}")
     sampling_rate = 25_600.0 if arguments.sampling_rate is None else arguments.sampling_rate
@@ -216,21 +243,20 @@ def _simulate(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     samples_per_turn_at(sampling_rate, speeds[1] / 60, gearbox.n_lobes, arguments.samples_per_turn)
     quantity = arguments.quantity or "output_torque"
     turns = windows * (1 + _SLIP) if rig.has_motor or quantity == "motor_current" else windows
-    n_assemblies = whole("assemblies", arguments.assemblies, 1)
     with Progress("simulating assemblies") as progress:
         recordings = make_rig_recordings(
-            n_assemblies,
+            arguments.assemblies,
             range(arguments.max_count + 1),
             rig=rig,
             lobes=arguments.lobes,
             speed_rpm=speeds,
-            load_nm=arguments.loads or _range_around(gearbox.load_torque),
-            wear_um=arguments.wear or arguments.mixed_wear,
+            load_nm=arguments.load_nm or _range_around(gearbox.load_torque),
+            wear_um=arguments.wear_um or arguments.mixed_wear,
             radial_share=1.0 if arguments.mixed_wear is None else _RADIAL_SHARE,
             output_turns=turns,
             sampling_rate=sampling_rate,
-            random_state=arguments.seed,
-            n_jobs=arguments.jobs,
+            random_state=arguments.random_state,
+            n_jobs=arguments.n_jobs,
             with_angle=True,
             quantity=quantity,
             kernel=arguments.kernel,
@@ -246,37 +272,3 @@ def _simulate(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
 def _range_around(nominal: float) -> tuple[float, float]:
     """Return the default range about a nominal value."""
     return nominal / _RANGE, nominal * _RANGE
-
-
-def format_result(arguments: argparse.Namespace, model: LobeModel) -> Printed:
-    from cyclofeat.counting.evaluation.evaluation import score_text
-
-    card = model.card_
-    located = "locates lobes"
-    if model.locator_ is None:
-        located = "does not locate lobes (not all state worn_lobes and an absolute angle)"
-    scores = card["cross_validation"]
-    if scores is None:
-        accuracy = "too few assemblies per count to cross-validate (5 needed): accuracy unknown"
-    else:
-        accuracy = f"cross-validated over {scores['n_assemblies']} assemblies: {score_text(scores)}"
-    if model.wear_ is not None:
-        accuracy += f"\n{_of_wear(model.wear_)}"
-    text = (
-        f"{arguments.out}: counts {card['classes']}, trained on {card['description']}\n"
-        f"for recordings {model.made_for()}; {located}\n"
-        f"{accuracy}"
-    )
-    return Printed(text, {"file": arguments.out, **card})
-
-
-def _of_wear(wear: RadialWear) -> str:
-    """Return what the training says of depths, and of counts from all windows at once."""
-    known = wear.summary()
-    error, accuracy = known["median_relative_error"], known["accuracy"]
-    lines = [f"depth of wear: {wear.made_for()}"]
-    if error is not None:
-        lines.append(f"  median error of depths that show, on assemblies held out: {100 * error:.0f} %")
-    if accuracy is not None:
-        lines.append(f"  counts right with all windows at once, of all depths: {accuracy:.3f}")
-    return "\n".join(lines)

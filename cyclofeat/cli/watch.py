@@ -9,35 +9,39 @@ import signal
 import threading
 import time
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from cyclofeat._base.files import check_parent
 from cyclofeat._base.quantities import lobes_text, number_of
 from cyclofeat.cli._options import (
     UNREADABLE,
-    FileResult,
+    Printed,
+    add_history_options,
     add_model_options,
     add_reading_options,
     count_with_warnings,
     error_text,
     model_name,
     name_file,
+    note,
+    positive_number,
     read_model,
     reading_arguments,
+    warn,
     without_start,
 )
-from cyclofeat.cli._printing import Printed, note, warn
-from cyclofeat.cli.history import HistoryWriter, add_history_options, history_writer
+from cyclofeat.cli.history import HistoryWriter, history_writer
 
 if TYPE_CHECKING:
     from cyclofeat.counting import LobeCount, LobeModel
     from cyclofeat.history import GearboxState
 
 
+_DAY_S = 86_400
 # A file that cannot be read is bad, and not only half written, after this many times the time to settle.
 _PATIENCE = 5
 _BEGINNING = b'{"file": '  # of the list of files that are done
@@ -151,7 +155,7 @@ class DoneList:
         self._done: dict[str, tuple[int, int]] = {}
         self._path = path
         self._unwritten: list[bytes] = []
-        self._whole: int | None = None  # bytes before a line that was cut
+        self._whole: int | None = None  # bytes before a line that an error cut
         if path is None:
             return
         check_parent(path, "--done")
@@ -195,16 +199,6 @@ class DoneList:
         self._unwritten.clear()
 
 
-_DAY_S = 86_400
-
-
-class Watched(NamedTuple):
-    """Answer for one recording, and the state of its gearbox where there is a history that could be read."""
-
-    answer: LobeCount
-    state: GearboxState | None
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "folder", metavar="FOLDER", help="where recordings arrive; folders in it are left out"
@@ -213,11 +207,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--once", action="store_true", help="count the files of the folder and stop")
     parser.add_argument("--done", metavar="FILE", help="list of counted files, which the next start skips")
     parser.add_argument(
-        "--interval", type=float, default=1.0, help="seconds between checks of the folder (default 1)"
+        "--interval", type=_pause, default=1.0, help="seconds between checks of the folder (default 1)"
     )
     parser.add_argument(
         "--settle",
-        type=float,
+        type=_pause,
         default=1.0,
         help="seconds for which a file must not change before it is read (default 1); longer than the "
         "writer's longest pause",
@@ -230,7 +224,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_options(parser)
 
 
-def run(arguments: argparse.Namespace) -> Iterator[FileResult[Watched]]:
+def _pause(text: str) -> float:
+    """Return seconds of less than a day: the type of an option."""
+    if (seconds := positive_number(text)) >= _DAY_S:
+        raise argparse.ArgumentTypeError(f"must be seconds of less than a day, got {text!r}")
+    return seconds
+
+
+def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     """Count until asked to stop; with ``--once`` the files of the folder."""
     from cyclofeat.datasets.readers import MANIFEST, SOURCES
 
@@ -239,9 +240,6 @@ def run(arguments: argparse.Namespace) -> Iterator[FileResult[Watched]]:
         if folder.exists():
             raise NotADirectoryError(f"{folder} is a file: watch takes a folder")
         raise FileNotFoundError(f"no such folder: {folder}")
-    for name in ("interval", "settle"):
-        if not 0 < getattr(arguments, name) < _DAY_S:
-            raise ValueError(f"--{name} must be seconds from 0 to a day, got {getattr(arguments, name):g}")
     options = reading_arguments(arguments)
     with _stop_on_signals() as stop:
         done = DoneList(None if arguments.done is None else Path(arguments.done))
@@ -251,7 +249,8 @@ def run(arguments: argparse.Namespace) -> Iterator[FileResult[Watched]]:
         if not arguments.once:
             note(f"cyclofeat: watching {folder}, stop with Ctrl-C")
         counted = failed = 0
-        with history_writer(arguments, model, folder.resolve().name) as writer:
+        name = folder.resolve().name
+        with history_writer(arguments, model, name) if arguments.history else nullcontext() as writer:
             for arrival in _count_arrivals(arguments, watch, model, writer, options, stop):
                 counted += not arrival.error
                 failed += bool(arrival.error)
@@ -289,7 +288,7 @@ def _count_arrivals(
     writer: HistoryWriter | None,
     options: dict[str, Any],
     stop: _Stop,
-) -> Iterator[FileResult[Watched]]:
+) -> Iterator[Printed]:
     """Look, count, wait."""
     from cyclofeat.datasets import read_recording
 
@@ -316,14 +315,14 @@ def _count_arrivals(
                 continue  # removed since
             except Exception as error:  # one bad file must not end the watch, whatever is wrong with it
                 name = "" if isinstance(error, UNREADABLE) else f"{type(error).__name__}: "
-                watch.mark_failed(path, name_file(path, name + error_text(error)))
+                watch.mark_failed(path, name_file(path, name + error_text(error, arguments)))
                 continue
             state = None
             with unsaved:
                 if writer is not None:
                     writer.history.write()
                     state = writer.state(name)
-            yield FileResult(path, value=Watched(count, state))
+            yield _print_count(arguments, path, count, state)
             watch.mark_counted(path)
             _write_done(watch, writer, unwritten)
         with unsaved:
@@ -333,7 +332,8 @@ def _count_arrivals(
         # A file that cannot be read may only be half written, by a writer that pauses: reported later, once.
         last = arguments.once and now - began >= arguments.settle
         for path, message in watch.bad_files(now, at_once=last):
-            yield FileResult(path, error=message)
+            facts = {"time": _time_text(), "file": str(path), "error": message}
+            yield Printed("", facts, message, failed=arguments.once)
         if last:
             break
         stop.wait(min(arguments.interval, arguments.settle) if arguments.once else arguments.interval)
@@ -360,7 +360,7 @@ class _Trouble:
     def __exit__(self, kind: object, error: BaseException | None, _: object) -> bool:
         if isinstance(error, OSError):
             if not self.reported:
-                warn(f"{self.problem}, retrying: {error_text(error)}")
+                warn(f"{self.problem}, retrying: {error}")
             self.reported = True
             return True
         self.reported = self.reported and error is not None
@@ -382,12 +382,10 @@ def _stop_on_signals() -> Iterator[_Stop]:
             signal.signal(name, handler)
 
 
-def format_result(arguments: argparse.Namespace, result: FileResult[Watched]) -> Printed:
-    time_text = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    facts: dict[str, Any] = {"time": time_text, "file": str(result.path)}
-    if result.value is None:
-        return Printed("", facts | {"error": result.error}, result.error, failed=arguments.once)
-    count, state = result.value
+def _print_count(
+    arguments: argparse.Namespace, path: Path, count: LobeCount, state: GearboxState | None
+) -> Printed:
+    facts: dict[str, Any] = {"time": _time_text(), "file": str(path)}
     probability = count.probability[count.defect_count]
     line = f"{number_of(count.defect_count, 'worn lobe')} (probability {probability:.2f})"
     if count.refused:
@@ -401,7 +399,11 @@ def format_result(arguments: argparse.Namespace, result: FileResult[Watched]) ->
         line += f"; {state.gearbox}: {state}"
         facts |= {"gearbox": state.gearbox, "alarm": state.alarm, "history": state.to_dict()}
     return Printed(
-        f"{time_text} {result.path.name}: {line}",
+        f"{facts['time']} {path.name}: {line}",
         facts,
         refused=count.refused and arguments.strict,
     )
+
+
+def _time_text() -> str:
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

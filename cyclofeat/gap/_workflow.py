@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.checks import is_number
 from cyclofeat.gap.comparison import GapSettings
 from cyclofeat.gap.confirm.confirm import Confirmed, confirm_effects, draw_effects
@@ -305,24 +304,22 @@ def hold_out(recordings: Sequence[Recording], by: float | str, *, random_state: 
     if by in _SET_POINTS:
         name, (label, unit, _) = str(by), _SET_POINTS[str(by)]
         if name not in points:
-            raise ArgumentError(
-                "{argument} {by} needs {label} of every recording, {n} of {total} state none", argument="by",
-                by=by, label=label, n=states[name].count(None), total=len(recordings),
-            )  # fmt: skip
+            missing = states[name].count(None)
+            raise ValueError(
+                f"by {by} needs {label} of every recording, {missing} of {len(recordings)} state none"
+            )
         values = np.unique(points[name])
         if values.size < _FEWEST:
-            raise ArgumentError(
-                "{argument} {by} needs recordings at {fewest} {by}s or more, so that fitted ones lie on both "
-                "sides, got {n}: {got} {unit}", argument="by", by=by, fewest=_FEWEST, n=values.size,
-                got=", ".join(f"{value:g}" for value in values), unit=unit,
-            )  # fmt: skip
+            got = ", ".join(f"{value:g}" for value in values)
+            raise ValueError(
+                f"by {by} needs recordings at {_FEWEST} {by}s or more, so that fitted ones lie on both "
+                f"sides, got {values.size}: {got} {unit}"
+            )
         held = points[name] == values[values.size // 2]
     elif is_number(by) and 0 < float(by) < 1:
         held = _held_share(recordings, float(by), [*points.values()], random_state)
     else:
-        raise ArgumentError(
-            "{argument} must be a share between 0 and 1, speed or load, got {got}", argument="by", got=by
-        )
+        raise ValueError(f"by must be a share between 0 and 1, speed or load, got {by}")
     fitted = [recording for recording, is_held in zip(recordings, held, strict=True) if not is_held]
     return fitted, [recording for recording, is_held in zip(recordings, held, strict=True) if is_held]
 
@@ -347,9 +344,8 @@ def _held_share(
     held = np.zeros(len(recordings), dtype=bool)
     held[[i for k in range(int(share * len(order))) for i in order[int(k / share)]]] = True
     if not held.any() or held.all():
-        raise ArgumentError(
-            "{argument} {share} leaves {left} of {n} recordings to fit, of {assemblies} assemblies each held "
-            "out as a whole: more are needed", argument="by", share=f"{share:g}",
-            left=int(np.sum(~held)), n=len(recordings), assemblies=len(assemblies),
-        )  # fmt: skip
+        raise ValueError(
+            f"by {share:g} leaves {int(np.sum(~held))} of {len(recordings)} recordings to fit, of "
+            f"{len(assemblies)} assemblies each held out as a whole: more are needed"
+        )
     return held

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import resample_poly
 
-from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.checks import check_type, positive
 from cyclofeat._base.quantities import TORQUES, factor_to_output
 from cyclofeat.gap.comparison import Comparison, GapSettings
@@ -148,23 +147,19 @@ class MeasuredRig:
             check_type("recordings", recording, Recording)
         measured = common_quantity(given)
         if measured not in TORQUES:
-            raise ArgumentError(
-                "{argument} of the recordings must be {wanted}, got {got!r}",
-                argument="quantity", wanted=" or ".join(map(repr, TORQUES)), got=measured,
-            )  # fmt: skip
+            wanted = " or ".join(map(repr, TORQUES))
+            raise ValueError(f"quantity of the recordings must be {wanted}, got {measured!r}")
         if quantity not in (None, measured):
-            raise ArgumentError(
-                "{argument} of the recordings must be {wanted!r}, from which the posterior was learned, got "
-                "{got!r}: prepare a posterior for {got!r}",
-                argument="quantity", wanted=quantity, got=measured,
-            )  # fmt: skip
+            raise ValueError(
+                f"quantity of the recordings must be {quantity!r}, from which the posterior was learned, got "
+                f"{measured!r}: prepare a posterior for {measured!r}"
+            )
         n_lobes = common_n_lobes(given)
         if n_lobes != rig.gearbox.n_lobes:
-            raise ArgumentError(
-                "the model's discs have {wanted} lobes, those of the recordings {got}: take the model of "
-                "their gearbox, or give {n_lobes:=}",
-                wanted=rig.gearbox.n_lobes, got=n_lobes,
-            )  # fmt: skip
+            raise ValueError(
+                f"the model's discs have {rig.gearbox.n_lobes} lobes, those of the recordings {n_lobes}: "
+                "take the model of their gearbox, or give n_lobes="
+            )
         factor, warnings = factor_to_output(measured, n_lobes), []
         if factor != 1:
             given = tuple(recording.replace(torque=factor * recording.torque) for recording in given)
@@ -402,10 +397,10 @@ def _sort_by_condition(
     """Return the condition of each recording, and add a warning if some state no load."""
     speeds = [recording.speed_rpm for recording in recordings if recording.speed_rpm is not None]
     if len(speeds) < len(recordings):
-        raise ArgumentError(
-            "{missing} of {n} recordings state no nominal speed: give {speed_rpm:=} (RPM)",
-            missing=len(recordings) - len(speeds), n=len(recordings),
-        )  # fmt: skip
+        missing = len(recordings) - len(speeds)
+        raise ValueError(
+            f"{missing} of {len(recordings)} recordings state no nominal speed: give speed_rpm= (RPM)"
+        )
     loads = [load_nm if recording.load_nm is None else recording.load_nm for recording in recordings]
     unstated = sum(recording.load_nm is None for recording in recordings)
     if unstated:

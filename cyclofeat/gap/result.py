@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeVar, get_
 
 import numpy as np
 
-from cyclofeat._base import checks, displays, plots
+from cyclofeat._base import checks, displays, draw_plot
 from cyclofeat._base.displays import data_frame, html_card
 from cyclofeat._base.quantities import beyond_text, number_of, unit_text
 from cyclofeat.gap.measured import Condition
@@ -363,7 +363,7 @@ class GapResult(EffectRows[FoundEffect]):
         ValueError
             If there is no such kind or condition, or the result holds nothing of the kind.
         """
-        return plots.draw_plot(self, kind, ax, **options)
+        return draw_plot(self, kind, ax, **options)
 
     def _repr_html_(self) -> str:
         rows = {

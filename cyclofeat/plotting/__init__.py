@@ -25,7 +25,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from cyclofeat._base.plots import Draw, register_plots
+from cyclofeat._base import Draw, register_plots
 from cyclofeat.plotting._gap import GapDisplay
 from cyclofeat.plotting._gap_correction import GapOverlayDisplay, GapReductionDisplay
 from cyclofeat.plotting._lobe_map import LobeMapDisplay, LobeMarks

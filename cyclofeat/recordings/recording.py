@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from cyclofeat._base import displays, plots
-from cyclofeat._base.arguments import ArgumentError
+from cyclofeat._base import displays, draw_plot
 from cyclofeat._base.checks import is_whole, number, number_series, one_of, positive, truth_value, whole
 from cyclofeat._base.displays import html_card
 from cyclofeat._base.quantities import CHANNELS, QUANTITIES, QUANTITY_UNITS, from_1, in_words, lobes_text
@@ -128,7 +127,7 @@ class Recording:
         if self.angle is not None:
             object.__setattr__(self, "angle", self._checked_angle())
         elif self.angle_is_absolute:
-            raise ArgumentError("{angle_is_absolute:=True} is wrong: the recording has no angle")
+            raise ValueError("angle_is_absolute=True is wrong: the recording has no angle")
 
     def _checked_angle(self) -> Float:
         angle = _checked_samples("angle", self.angle)
@@ -217,10 +216,9 @@ class Recording:
         attribute = CHANNELS[one_of("quantity", quantity, QUANTITIES)]
         samples = getattr(run, attribute, None)
         if samples is None:
-            raise ArgumentError(
-                "{argument} must be one that the run holds, got {quantity!r}, but {attribute} is None",
-                argument="quantity", quantity=quantity, attribute=attribute,
-            )  # fmt: skip
+            raise ValueError(
+                f"quantity must be one that the run holds, got {quantity!r}, but {attribute} is None"
+            )
         known: dict[str, Any] = {
             "quantity": quantity,
             "defect_count": run.defects.defect_count,
@@ -343,7 +341,7 @@ class Recording:
         ValueError
             If there is no such kind, or it needs a speed and the recording states none.
         """
-        return plots.draw_plot(self, kind, ax, **options)
+        return draw_plot(self, kind, ax, **options)
 
     def _repr_html_(self) -> str:
         known, name = "not known", in_words(self.quantity)
@@ -381,10 +379,10 @@ def common_quantity(recordings: Sequence[Recording]) -> str:
 def _common_value(recordings: Sequence[Recording], name: str, kind: str, default: object) -> Any:
     values = sorted({getattr(recording, name) for recording in recordings})
     if len(values) > 1:
-        raise ArgumentError(
-            "{argument} must be the same for all recordings, got {got}: take those of one {kind} at a time",
-            argument=name, got=", ".join(map(str, values)), kind=kind,
-        )  # fmt: skip
+        got = ", ".join(map(str, values))
+        raise ValueError(
+            f"{name} must be the same for all recordings, got {got}: take those of one {kind} at a time"
+        )
     return values[0] if values else default
 
 

@@ -15,7 +15,6 @@ from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
@@ -27,8 +26,8 @@ from starlette.responses import FileResponse, HTMLResponse, JSONResponse, PlainT
 from starlette.routing import Mount, Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from cyclofeat.serve.jobs import PROGRAM, Jobs, Session
-from cyclofeat.serve.store import Limits, Refused, Store
+from cyclofeat.serve.jobs import PROGRAM, Session
+from cyclofeat.serve.store import Limits, Refused
 from cyclofeat.serve.view import render_page, render_parts
 
 _LARGEST_REQUEST = 2**20  # bytes, of all but uploads
@@ -74,31 +73,29 @@ def make_app(
     --------
     >>> app = make_app("a-long-secret", model=("--model", "model.skops"))
     """
-    bounds = limits or Limits()
+    answers = Answers()
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         root = Path(tempfile.mkdtemp(prefix="cyclofeat-"))  # readable by its owner only
-        store = Store(root, bounds)
-        jobs = Jobs(root, store.recordings, bounds.jobs, program)
-        app.state.session = Session(store, jobs, tuple(model))
+        answers.session = app.state.session = Session(root, limits or Limits(), tuple(model), program)
         try:
             yield
         finally:
-            await jobs.close()
+            await answers.session.close()
             shutil.rmtree(root, ignore_errors=True)
 
     routes = [
-        Route("/", _get_page),
-        Route("/app.js", _get_script),
-        Route("/state", _get_state),
-        Route("/folders", _add_folder, methods=["POST"]),
-        Route("/files", _add_file, methods=["POST"]),
-        Route("/model", _add_model, methods=["POST"]),
-        Route("/recordings", _remove_recording, methods=["DELETE"]),
-        Route("/jobs", _start_job, methods=["POST"]),
-        Route("/jobs/{number:int}/cancel", _cancel_job, methods=["POST"]),
-        Route("/jobs/{number:int}/{name}", _get_output),
+        Route("/", answers.get_page),
+        Route("/app.js", answers.get_script),
+        Route("/state", answers.get_state),
+        Route("/folders", answers.add_folder, methods=["POST"]),
+        Route("/files", answers.add_file, methods=["POST"]),
+        Route("/model", answers.add_model, methods=["POST"]),
+        Route("/recordings", answers.remove_recording, methods=["DELETE"]),
+        Route("/jobs", answers.start_job, methods=["POST"]),
+        Route("/jobs/{number:int}/cancel", answers.cancel_job, methods=["POST"]),
+        Route("/jobs/{number:int}/{name}", answers.get_output),
     ]
     return Starlette(
         routes=[Mount(f"/{key}", routes=routes)],
@@ -107,7 +104,7 @@ def make_app(
             Middleware(TrustedHostMiddleware, allowed_hosts=["127.0.0.1", "localhost"], www_redirect=False),
             Middleware(_Guard, key=key),
         ],
-        exception_handlers={Refused: _answer_refusal, ClientDisconnect: _answer_nobody},
+        exception_handlers={Refused: answers.refuse, ClientDisconnect: answers.refuse},
         lifespan=lifespan,
     )
 
@@ -140,95 +137,73 @@ class _Guard:
         await answer(scope, receive, with_headers)
 
 
-def _session_of(request: Request) -> Session:
-    session: Session = request.app.state.session
-    return session
+class Answers:
+    """Answers to the requests of the page."""
+
+    session: Session  # from the start of the server to its end
+
+    async def get_page(self, request: Request) -> Response:
+        return HTMLResponse(render_page())
+
+    async def get_script(self, request: Request) -> Response:
+        return FileResponse(Path(__file__).with_name("templates") / "app.js", media_type="text/javascript")
+
+    async def get_state(self, request: Request) -> Response:
+        return JSONResponse(render_parts(self.session))
+
+    async def add_folder(self, request: Request) -> Response:
+        return JSONResponse({"name": self.session.store.add_folder(_query_value(request))}, 201)
+
+    async def add_file(self, request: Request) -> Response:
+        folder = request.query_params.get("folder")
+        name = await self.session.store.add_file(_query_value(request), request.stream(), folder)
+        return JSONResponse({"name": name}, 201)
+
+    async def add_model(self, request: Request) -> Response:
+        await self.session.add_model(_query_value(request), request.stream())
+        return JSONResponse({}, 201)
+
+    async def remove_recording(self, request: Request) -> Response:
+        self.session.store.remove_recording(_query_value(request))
+        return JSONResponse({})
+
+    async def start_job(self, request: Request) -> Response:
+        body = b""
+        async for part in request.stream():
+            body += part
+            if len(body) > _LARGEST_REQUEST:
+                raise Refused(413, "the request is too long")
+        try:
+            asked = json.loads(body)
+        except (ValueError, RecursionError):
+            asked = None
+        if not isinstance(asked, dict):
+            raise Refused(400, "the request must be a JSON object")
+        return JSONResponse({"number": self.session.start_job(asked).number}, 201)
+
+    async def cancel_job(self, request: Request) -> Response:
+        await self.session.cancel_job(request.path_params["number"])
+        return JSONResponse({})
+
+    async def get_output(self, request: Request) -> Response:
+        name = request.path_params["name"]
+        path = self.session.find_job(request.path_params["number"]).output_path(name)
+        if path is None:
+            raise Refused(404, f"no such file: {name!r}")
+        shown = "attachment" if "download" in request.query_params else "inline"
+        headers = {"Content-Security-Policy": _REPORT_POLICY}
+        return FileResponse(path, filename=name, content_disposition_type=shown, headers=headers)
+
+    async def refuse(self, request: Request, error: Exception) -> Response:
+        """Answer with the reason; nobody reads it where the browser has gone away in the middle."""
+        return JSONResponse({"error": str(error)}, error.status if isinstance(error, Refused) else 400)
 
 
-async def _get_page(request: Request) -> Response:
-    return HTMLResponse(render_page())
-
-
-async def _get_script(request: Request) -> Response:
-    return FileResponse(Path(__file__).with_name("templates") / "app.js", media_type="text/javascript")
-
-
-async def _get_state(request: Request) -> Response:
-    return JSONResponse(render_parts(_session_of(request)))
-
-
-async def _add_folder(request: Request) -> Response:
-    name = _session_of(request).store.add_folder(_query_value(request, "name"))
-    return JSONResponse({"name": name}, 201)
-
-
-async def _add_file(request: Request) -> Response:
-    name, folder = _query_value(request, "name"), request.query_params.get("folder")
-    stored = await _session_of(request).store.add_file(name, request.stream(), folder)
-    return JSONResponse({"name": stored}, 201)
-
-
-async def _add_model(request: Request) -> Response:
-    await _session_of(request).add_model(_query_value(request, "name"), request.stream())
-    return JSONResponse({}, 201)
-
-
-async def _remove_recording(request: Request) -> Response:
-    _session_of(request).store.remove_recording(_query_value(request, "name"))
-    return JSONResponse({})
-
-
-async def _start_job(request: Request) -> Response:
-    job = _session_of(request).start_job(await _read_json(request))
-    return JSONResponse({"number": job.number}, 201)
-
-
-async def _cancel_job(request: Request) -> Response:
-    await _session_of(request).jobs.cancel(request.path_params["number"])
-    return JSONResponse({})
-
-
-async def _get_output(request: Request) -> Response:
-    name = request.path_params["name"]
-    path = _session_of(request).jobs.find_job(request.path_params["number"]).output_path(name)
-    if path is None:
-        raise Refused(404, f"no such file: {name!r}")
-    shown = "attachment" if "download" in request.query_params else "inline"
-    headers = {"Content-Security-Policy": _REPORT_POLICY}
-    return FileResponse(path, filename=name, content_disposition_type=shown, headers=headers)
-
-
-def _query_value(request: Request, name: str) -> str:
-    value = request.query_params.get(name, "")
+def _query_value(request: Request) -> str:
+    value = request.query_params.get("name", "")
     if not value:
-        raise Refused(400, f"the address must end in ?{name}=...")
+        raise Refused(400, "the address must end in ?name=...")
     return value
-
-
-async def _read_json(request: Request) -> dict[str, Any]:
-    """Return the object in the body of a request, which may not be long."""
-    body = b""
-    async for part in request.stream():
-        body += part
-        if len(body) > _LARGEST_REQUEST:
-            raise Refused(413, "the request is too long")
-    try:
-        asked = json.loads(body)
-    except (ValueError, RecursionError):
-        asked = None
-    if not isinstance(asked, dict):
-        raise Refused(400, "the request must be a JSON object")
-    return asked
-
-
-async def _answer_refusal(request: Request, error: Exception) -> Response:
-    assert isinstance(error, Refused)
-    return JSONResponse({"error": str(error)}, error.status)
-
-
-async def _answer_nobody(request: Request, error: Exception) -> Response:
-    """Nobody reads the answer: the browser has gone away in the middle of a request."""
-    return Response(status_code=400)
 
 
 HOST = "127.0.0.1"
@@ -250,11 +225,7 @@ class Address:
         ------
         OSError
             If it is taken or may not be opened.
-        ValueError
-            If there is no such port.
         """
-        if not 0 <= port < 65536:
-            raise ValueError(f"--port must be from 0 to 65535, got {port}")
         try:
             listener = socket.create_server((HOST, port))
         except OSError as error:

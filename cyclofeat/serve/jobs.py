@@ -11,22 +11,21 @@ import signal
 import subprocess
 import sys
 from collections import deque
-from collections.abc import AsyncIterable, Callable, Mapping, Sequence
+from collections.abc import AsyncIterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from cyclofeat._base.quantities import number_of
 from cyclofeat.datasets.readers import MANIFEST, folder_entries
-from cyclofeat.serve.store import Refused, Store
+from cyclofeat.serve.store import Limits, Refused, Store
 
-_READING = {
-    "channel": "--channel", "quantity": "--quantity", "speed": "--speed", "scale": "--scale",
-    "sampling_rate": "--sampling-rate",
-    "time_channel": "--time-channel", "angle_channel": "--angle-channel", "angle_unit": "--angle-unit",
-    "pulses_per_turn": "--pulses-per-turn", "n_lobes": "--n-lobes", "delimiter": "--delimiter",
-}  # fmt: skip
-_SWITCHES = {"no_angle": "--no-angle", "angle_is_absolute": "--angle-absolute"}
+# Options of commands, as the page names them.
+_READING = (
+    "channel", "quantity", "speed", "scale", "sampling_rate", "time_channel", "angle_channel", "angle_unit",
+    "pulses_per_turn", "n_lobes", "delimiter", "no_angle", "angle_absolute",
+)  # fmt: skip
+_SWITCHES = ("no_angle", "angle_absolute")
 _TITLES = {"inspect": "Inspection", "count": "Count", "gap": "Gap"}
 _LONGEST_VALUE = 200
 
@@ -54,77 +53,54 @@ class Order(NamedTuple):
     outputs: tuple[str, ...] = ()
 
 
-def make_order(asked: Mapping[str, Any], store: Store, model: list[str], folder: Path) -> Order:
-    """Return the command for a request of the page.
+def make_order(asked: Mapping[str, Any], store: Store, model: Sequence[str], folder: Path) -> Order:
+    """Return the command for a request of the page, or raise Refused if the page may not ask this.
 
     Parameters
     ----------
     asked : mapping
         ``command``, ``recordings`` (names), ``options`` (name to text).
     store : Store
-    model : list of str
+    model : sequence of str
         Options that name the model; empty for the packaged ones.
     folder : pathlib.Path
         For the files that the command writes.
-
-    Raises
-    ------
-    Refused
-        If the page may not ask this.
     """
-    match asked.get("command"):
-        case "simulate":
-            name = store.claim_name("example.csv")
-            worn = ["--worn-count", "3", "--rig", "r2", "--duration", "9"]
-            arguments = [*worn, "--out", name, "--force"]
-            return Order("simulate", "Simulation of an example with 3 worn lobes", arguments, (name,))
-        case "inspect":
-            return _recordings_order(asked, store, "inspect", [], ())
-        case "count":
-            page = "count.html"
-            arguments = [*model, "--report", str(folder / page)]
-            return _recordings_order(asked, store, "count", arguments, (page,), {"skip": "--skip"})
-        case "gap":
-            return _gap_order(asked, store, folder)
-        case command:
-            raise Refused(400, f"command must be one of simulate, inspect, count, gap, got {command!r}")
-
-
-def _gap_order(asked: Mapping[str, Any], store: Store, folder: Path) -> Order:
-    outputs: tuple[str, ...] = ("gap.html",)
+    command = asked.get("command")
+    if command == "simulate":
+        name = store.claim_name("example.csv")
+        worn = ["--worn-count", "3", "--rig", "r2", "--duration", "9"]
+        arguments = [*worn, "--out", name, "--force"]
+        return Order("simulate", "Simulation of an example with 3 worn lobes", arguments, (name,))
+    targets: dict[str, str] = {}
+    more: tuple[str, ...] = ()
     options = _filled_options(asked)
-    simulated, held_out = options.get("simulated"), options.get("hold_out", "")
-    # Both can be paths, of which only uploaded ones are read.
-    if held_out and not re.fullmatch(r"speed|load|0?[.]\d+", held_out):
-        _recording_names([held_out], store)
-    if simulated is not None:
-        _recording_names([simulated], store)
-    else:
-        outputs += ("corrected.json",)
-    targets = zip(("--out", "--save-simulator"), outputs, strict=False)
-    arguments = [word for option, name in targets for word in (option, str(folder / name))]
-    more = {"hold_out": "--hold-out", "simulated": "--simulated"}
-    return _recordings_order(asked, store, "gap", arguments, outputs, more)
-
-
-def _recordings_order(
-    asked: Mapping[str, Any],
-    store: Store,
-    command: str,
-    arguments: list[str],
-    outputs: tuple[str, ...],
-    more: Mapping[str, str] | None = None,
-) -> Order:
+    if command == "count":
+        targets, more = {"--report": "count.html"}, ("skip",)
+    elif command == "gap":
+        targets, more = {"--out": "gap.html", "--save-simulator": "corrected.json"}, ("hold_out", "simulated")
+        simulated, held_out = options.get("simulated"), options.get("hold_out", "")
+        # Both can be paths, of which only uploaded ones are read.
+        if held_out and not re.fullmatch(r"speed|load|0?[.]\d+", held_out):
+            _recording_names([held_out], store)
+        if simulated is not None:
+            _recording_names([simulated], store)
+            del targets["--save-simulator"]
+    elif command != "inspect":
+        raise Refused(400, f"command must be one of simulate, inspect, count, gap, got {command!r}")
     names = _recording_names(asked.get("recordings"), store)
-    options, known = _filled_options(asked), _READING | dict(more or {})
-    unknown = options.keys() - known.keys() - _SWITCHES.keys()
+    unknown = options.keys() - {*_READING, *more}
     if unknown:
-        raise Refused(400, f"unknown option {min(unknown)!r}; known are {', '.join([*known, *_SWITCHES])}")
+        raise Refused(400, f"unknown option {min(unknown)!r}; known are {', '.join((*_READING, *more))}")
     # A value never becomes an option of its own.
-    words = [f"{known[name]}={value}" for name, value in options.items() if name in known]
-    words += [_SWITCHES[name] for name in options if name in _SWITCHES]
-    what = names[0] if len(names) == 1 else number_of(len(names), "recording")
-    return Order(command, f"{_TITLES[command]} of {what}", [*arguments, *words, *names], names, outputs)
+    words = [
+        f"--{name.replace('_', '-')}" + ("" if name in _SWITCHES else f"={value}")
+        for name, value in options.items()
+    ]
+    words += [word for option, name in targets.items() for word in (option, str(folder / name))]
+    title = f"{_TITLES[command]} of {names[0] if len(names) == 1 else number_of(len(names), 'recording')}"
+    arguments = [*(model if command == "count" else ()), *words, *names]
+    return Order(command, title, arguments, names, tuple(targets.values()))
 
 
 def _filled_options(asked: Mapping[str, Any]) -> dict[str, str]:
@@ -195,6 +171,32 @@ class Job:
         """Names of the files that can be downloaded."""
         return [name for name in self.order.outputs if self.output_path(name) is not None]
 
+    async def read_messages(self, stream: asyncio.StreamReader) -> None:
+        """Keep what the command says while it works."""
+        async for line in stream:
+            if text := line.decode(errors="replace").strip():
+                self.messages.append(text.removeprefix("cyclofeat: ").removeprefix("cyclofeat gap: "))
+
+    def conclude(self, code: int, printed: bytes) -> None:
+        """State how the job ended, from the command's exit code and what it printed."""
+        with contextlib.suppress(ValueError):
+            documents = json.loads(printed)
+            self.result = documents if isinstance(documents, list) else [documents]
+        last = self.messages[-1] if self.messages else "it said nothing"
+        errors = [str(document["error"]) for document in self.result if "error" in document]
+        if code == 2 and len(errors) == len(self.result):  # also where the options were not understood
+            self.state, self.error = "failed", "; ".join(errors) or last
+        elif code in (0, 2):
+            self.state = "done"
+        elif code < 0:
+            name = signal.Signals(-code).name
+            self.state = "died"
+            self.error = (
+                f"the command was ended by the system ({name}), perhaps because memory was short: {last}"
+            )
+        else:
+            self.state, self.error = "died", f"the command ended with code {code}: {last}"
+
     def output_path(self, name: str) -> Path | None:
         """Return the path of a file that the job has written, by its name."""
         path = self.folder / name
@@ -202,26 +204,45 @@ class Job:
         return path if ended and name in self.order.outputs and path.is_file() else None
 
 
-class Jobs:
-    """All jobs of one server.
+class Session:
+    """Recordings, model and jobs of one server.
 
     Parameters
     ----------
     root : pathlib.Path
-        Folder for the jobs' files.
-    directory : pathlib.Path
-        Working directory of the commands.
-    most : int
-        Number of jobs that run at a time.
+        Private folder for uploads and for the files of jobs.
+    limits : Limits
+    given : sequence of str
+        Options that name the model, from the command line: ``--model FILE`` and what goes with it.
     program : sequence of str
         The command line's program.
     """
 
-    def __init__(self, root: Path, directory: Path, most: int, program: Sequence[str] = PROGRAM) -> None:
-        self.root, self.directory, self.most, self.program = root, directory, most, program
+    def __init__(
+        self, root: Path, limits: Limits, given: Sequence[str] = (), program: Sequence[str] = PROGRAM
+    ) -> None:
+        self.store, self.given, self.program = Store(root, limits), given, program
+        self.uploaded: Path | None = None
         self.jobs: dict[int, Job] = {}
         self._started = 0
         self._tasks: dict[int, asyncio.Task[None]] = {}
+
+    @property
+    def model_file(self) -> Path | None:
+        """The model file to count with: the uploaded one, else the one given; None for the packaged ones."""
+        return self.uploaded or (Path(self.given[1]) if self.given else None)
+
+    async def add_model(self, name: str, content: AsyncIterable[bytes]) -> None:
+        """Store an uploaded model file, or the card that belongs to the one before."""
+        self.uploaded = await self.store.add_model(name, content, self.uploaded)
+
+    def inspected_facts(self) -> dict[str, dict[str, Any]]:
+        """Return what was last found in each file, by its path within the folder of recordings."""
+        rows: dict[str, dict[str, Any]] = {}
+        for job in self.jobs.values():
+            if job.order.command == "inspect":
+                rows |= {str(row["file"]): row for row in job.result if "file" in row}
+        return rows
 
     @property
     def running_jobs(self) -> list[Job]:
@@ -234,12 +255,14 @@ class Jobs:
             raise Refused(404, f"no such job: {number}")
         return self.jobs[number]
 
-    def start(self, make: Callable[[Path], Order]) -> Job:
-        """Start the command that ``make`` returns for the folder of its files."""
-        if len(self.running_jobs) >= self.most:
-            raise Refused(429, f"{self.most} jobs are running: wait until one ends, or cancel one")
-        folder = self.root / f"job-{self._started + 1}"
-        job = Job(self._started + 1, make(folder), folder)
+    def start_job(self, asked: Mapping[str, Any]) -> Job:
+        """Start the command that the page asks for."""
+        most = self.store.limits.jobs
+        if len(self.running_jobs) >= most:
+            raise Refused(429, f"{most} jobs are running: wait until one ends, or cancel one")
+        folder = self.store.root / f"job-{self._started + 1}"
+        model = self.given if self.uploaded is None else ("--model", str(self.uploaded))
+        job = Job(self._started + 1, make_order(asked, self.store, model, folder), folder)
         folder.mkdir()
         self._started += 1
         self.jobs[job.number] = job
@@ -248,7 +271,7 @@ class Jobs:
             del self.jobs[old.number]
         return job
 
-    async def cancel(self, number: int) -> None:
+    async def cancel_job(self, number: int) -> None:
         """End a job; return when its process is gone."""
         job = self.find_job(number)
         if job.state == "running":
@@ -258,7 +281,7 @@ class Jobs:
 
     async def close(self) -> None:
         """End all jobs."""
-        await asyncio.gather(*(self.cancel(job.number) for job in self.running_jobs))
+        await asyncio.gather(*(self.cancel_job(job.number) for job in self.running_jobs))
 
     async def _run_job(self, job: Job) -> None:
         """Run the process of a job and keep what it prints."""
@@ -272,29 +295,22 @@ class Jobs:
         try:
             process = await asyncio.create_subprocess_exec(
                 *words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                cwd=self.directory, env=environment, limit=_LONGEST_LINE, **alone,
+                cwd=self.store.recordings, env=environment, limit=_LONGEST_LINE, **alone,
             )  # fmt: skip
             assert process.stdout is not None
             assert process.stderr is not None
-            printed, _ = await asyncio.gather(process.stdout.read(), _collect_messages(process.stderr, job))
+            printed, _ = await asyncio.gather(process.stdout.read(), job.read_messages(process.stderr))
             code = await process.wait()
         except asyncio.CancelledError:
             job.state = "cancelled"
         except (OSError, ValueError) as error:  # ValueError: a line without end
             job.state, job.error = "died", f"the command cannot be run: {error}"
         else:
-            _conclude_job(job, code, printed)
+            job.conclude(code, printed)
         finally:
             if process is not None and process.returncode is None:
                 await _end_process(process)
             del self._tasks[job.number]
-
-
-async def _collect_messages(stream: asyncio.StreamReader, job: Job) -> None:
-    async for line in stream:
-        text = line.decode(errors="replace").strip()
-        if text:
-            job.messages.append(text.removeprefix("cyclofeat: ").removeprefix("cyclofeat gap: "))
 
 
 async def _end_process(process: asyncio.subprocess.Process) -> None:
@@ -311,67 +327,3 @@ async def _end_process(process: asyncio.subprocess.Process) -> None:
     with contextlib.suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
     await process.wait()
-
-
-def _conclude_job(job: Job, code: int, printed: bytes) -> None:
-    """State how a job ended, from its exit code and what it printed."""
-    with contextlib.suppress(ValueError):
-        documents = json.loads(printed)
-        job.result = documents if isinstance(documents, list) else [documents]
-    last = job.messages[-1] if job.messages else "it said nothing"
-    errors = [str(document["error"]) for document in job.result if "error" in document]
-    if code == 2 and len(errors) == len(job.result):  # also where the options were not understood
-        job.state, job.error = "failed", "; ".join(errors) or last
-    elif code in (0, 2):
-        job.state = "done"
-    elif code < 0:
-        name = signal.Signals(-code).name
-        job.state = "died"
-        job.error = f"the command was ended by the system ({name}), perhaps because memory was short: {last}"
-    else:
-        job.state, job.error = "died", f"the command ended with code {code}: {last}"
-
-
-@dataclass
-class Session:
-    """State of one server.
-
-    Parameters
-    ----------
-    store : Store
-    jobs : Jobs
-    given : sequence of str
-        Options that name the model, from the command line: ``--model FILE`` and what goes with it.
-    """
-
-    store: Store
-    jobs: Jobs
-    given: Sequence[str]
-    uploaded: Path | None = None
-
-    @property
-    def model_file(self) -> Path | None:
-        """The model file to count with: the uploaded one, else the one given; None for the packaged ones."""
-        if self.uploaded is not None:
-            return self.uploaded
-        return Path(self.given[1]) if self.given else None
-
-    def model_options(self) -> list[str]:
-        """Return the options that name the model; empty for the packaged ones."""
-        return list(self.given) if self.uploaded is None else ["--model", str(self.uploaded)]
-
-    async def add_model(self, name: str, content: AsyncIterable[bytes]) -> None:
-        """Store an uploaded model file, or the card that belongs to the one before."""
-        self.uploaded = await self.store.add_model(name, content, self.uploaded)
-
-    def start_job(self, asked: Mapping[str, Any]) -> Job:
-        """Start the command that the page asks for."""
-        return self.jobs.start(lambda folder: make_order(asked, self.store, self.model_options(), folder))
-
-    def inspected_facts(self) -> dict[str, dict[str, Any]]:
-        """Return what was last found in each file, by its path within the folder of recordings."""
-        rows: dict[str, dict[str, Any]] = {}
-        for job in self.jobs.jobs.values():
-            if job.order.command == "inspect":
-                rows |= {str(row["file"]): row for row in job.result if "file" in row}
-        return rows

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -37,9 +37,7 @@ def render_parts(session: Session) -> dict[str, Any]:
         }
         for name in present
     ]
-    jobs = [
-        _describe_job(job) for job in reversed(session.jobs.jobs.values()) if job.order.command != "inspect"
-    ]
+    jobs = [_describe_job(job) for job in reversed(session.jobs.values()) if job.order.command != "inspect"]
     channels = {name: unit for row in facts.values() for name, unit in (row.get("channels") or {}).items()}
     html = {
         "model": {"model": _describe_model(session)},
@@ -53,7 +51,7 @@ def render_parts(session: Session) -> dict[str, Any]:
     return {
         "html": rendered,
         "status": _status_text(session, recordings),
-        "busy": bool(session.jobs.running_jobs),
+        "busy": bool(session.running_jobs),
         "uninspected": [row["name"] for row in recordings if not row["files"]],
     }
 
@@ -130,7 +128,15 @@ def _describe_job(job: Job) -> dict[str, Any]:
     if job.order.command == "count":
         described["counts"] = [_describe_count(row) for row in job.result if "file" in row]
     elif job.order.command == "gap" and job.state == "done":
-        described["gap"] = list(_gap_sentences(job.result[0]))
+        # The answer in sentences; the page that the command writes says all of it.
+        result = job.result[0]
+        described["gap"] = [VERDICTS[result["verdict"]]]
+        for effect in result["effects"]:
+            if effect["id"] in result["named"] or effect["answer"] == "present":
+                sure = "missing" if effect["answer"] == "present" else "probably missing"
+                described["gap"].append(f"{sure}: {effect_name(effect['id'])} ({effect['probability']:.0%})")
+        if result["remainder"] and result["remainder"]["unexplained"]:
+            described["gap"].append("something is missing that no effect considered explains")
     return described
 
 
@@ -154,26 +160,28 @@ def _describe_count(row: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _gap_sentences(result: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the answer of ``gap`` in sentences; the page that it writes says all of it."""
-    yield VERDICTS[result["verdict"]]
-    named = set(result["named"])
-    for effect in result["effects"]:
-        if effect["id"] in named or effect["answer"] == "present":
-            sure = "missing" if effect["answer"] == "present" else "probably missing"
-            yield f"{sure}: {effect_name(effect['id'])} ({effect['probability']:.0%})"
-    if result["remainder"] and result["remainder"]["unexplained"]:
-        yield "something is missing that no effect considered explains"
-
-
 def _status_text(session: Session, recordings: list[dict[str, Any]]) -> str:
     """Say what happens or has happened, and what to do next."""
-    running = session.jobs.running_jobs
+    running = session.running_jobs
     if running:
         job = running[-1]
         return f"{job.order.title}: {job.messages[-1] if job.messages else 'starting'}."
-    jobs = list(session.jobs.jobs.values())
-    said = f"{_outcome_text(jobs[-1])}. " if jobs else ""
+    jobs = list(session.jobs.values())
+    ended = ""
+    if jobs:
+        job = jobs[-1]
+        rows = [_describe_count(row) for row in job.result] if job.order.command == "count" else []
+        counts = [
+            f"{row['name']}: {'refused' if row['refused'] else row['count']}"
+            for row in rows
+            if not row["error"]
+        ]
+        ended = f"{counts[0] if counts else f'{job.order.title}: done'}. "
+        if job.state != "done":
+            error = (job.error or job.state).rstrip(".")
+            ended = f"{'' if error.startswith(job.order.recordings) else f'{job.order.title}: '}{error}. "
+        elif len(rows) > 1:
+            ended = f"{len(counts)} of {number_of(len(rows), 'recording')} counted. "
     files = [file for recording in recordings for file in recording["files"]]
     wrong = [file["name"] for file in files if file["error"]]
     if not recordings:
@@ -186,17 +194,4 @@ def _status_text(session: Session, recordings: list[dict[str, Any]]) -> str:
         following = "state the speed of the input shaft (step 3), then press Count worn lobes."
     else:
         following = "check what was found in the recordings, then press Count worn lobes."
-    return f"{said}Next: {following}"
-
-
-def _outcome_text(job: Job) -> str:
-    if job.state != "done":
-        said = (job.error or job.state).rstrip(".")
-        return said if said.startswith(job.order.recordings) else f"{job.order.title}: {said}"
-    rows = [_describe_count(row) for row in job.result] if job.order.command == "count" else []
-    answers = [
-        f"{row['name']}: {'refused' if row['refused'] else row['count']}" for row in rows if not row["error"]
-    ]
-    if len(rows) > 1:
-        return f"{len(answers)} of {number_of(len(rows), 'recording')} counted"
-    return answers[0] if answers else f"{job.order.title}: done"
+    return f"{ended}Next: {following}"

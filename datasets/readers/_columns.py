@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base import checks
-from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.quantities import QUANTITIES, from_1, in_words
 from cyclofeat.recordings import Recording
 
@@ -67,8 +66,8 @@ _OTHER_SPELLINGS = {
 # Units that may follow a name after an underscore, as in torque_nm.
 _UNIT_SUFFIXES = {unit.lower(): unit for unit in UNITS if unit != "A"}  # phase_a is the first of three
 
-# What to do about an angle of unknown unit: the end of an ArgumentError's template.
-ANGLE_REMEDY = "give {angle_unit:='rad', 'deg' or 'rev'}, or {angle_channel:=False} to leave it out"
+# What to do about an angle of unknown unit.
+ANGLE_REMEDY = "give angle_unit='rad', 'deg' or 'rev', or angle_channel=False to leave it out"
 
 # Deflate, the strongest compression of these files, packs at most 1032:1. A small file that claims more is
 # damaged, or made to fill the memory.
@@ -194,15 +193,14 @@ class Source:
         if not matches and self.by_index and str(wanted).isdecimal() and int(wanted) < len(self.names):
             matches = [int(wanted)]
         if not matches:
-            raise self.argument_error(
-                "{argument: = {wanted!r}} does not exist; {plural} are {listed}", argument, wanted=wanted
+            raise ValueError(
+                f"{self.file}: {argument} = {wanted!r} does not exist; {self.plural} are "
+                f"{self.channel_names()}"
             )
         if len(matches) > 1:
             listed = ", ".join(repr(self.names[i]) for i in matches)
-            raise self.argument_error(
-                "{argument: = {wanted!r}} fits several {plural}: {which}",
-                argument, wanted=wanted, which=f"{matches}; give one index" if self.by_index else listed,
-            )  # fmt: skip
+            which = f"{matches}; give one index" if self.by_index else listed
+            raise ValueError(f"{self.file}: {argument} = {wanted!r} fits several {self.plural}: {which}")
         return matches[0]
 
     def find_torque(
@@ -234,17 +232,17 @@ class Source:
         for only in (usable, [i for i in usable if i in named or self.units[i] in known_units]):
             if len(only) == 1:
                 return self._check_quantity(only[0], sought)
-        raise self.argument_error(
-            "{argument} must be given, to say which {noun} is the {sought}: {listed}",
-            "channel", sought=in_words(quantity) if quantity else "torque",
-        )  # fmt: skip
+        raise ValueError(
+            f"{self.file}: channel= must be given, to say which {self.noun} is the "
+            f"{in_words(quantity) if quantity else 'torque'}: {self.channel_names()}"
+        )
 
     def _only_match(self, argument: str, matches: list[int]) -> int | None:
         """Return the only match, or None without one; raise ``ValueError`` for several."""
         if len(matches) > 1:
             names = ", ".join(repr(self.names[i]) for i in matches)
-            raise self.argument_error(
-                "{argument} must be given, since several {plural} fit: {names}", argument, names=names
+            raise ValueError(
+                f"{self.file}: {argument}= must be given, since several {self.plural} fit: {names}"
             )
         return matches[0] if matches else None
 
@@ -255,12 +253,11 @@ class Source:
             stated = "motor_current"
         if stated in (None, sought):
             return index
-        raise self.argument_error(
-            "{noun} {name!r} holds {stated_words} by its name or unit, not {sought_words}: give "
-            "{quantity:={stated!r}}, or {channel:=} and {quantity:={sought!r}} if the name is wrong",
-            "quantity", name=self.names[index], stated=stated, stated_words=in_words(stated),
-            sought=sought, sought_words=in_words(sought),
-        )  # fmt: skip
+        raise ValueError(
+            f"{self.file}: {self.noun} {self.names[index]!r} holds {in_words(stated)} by its name or unit, "
+            f"not {in_words(sought)}: give quantity={stated!r}, or channel= and quantity={sought!r} if the "
+            "name is wrong"
+        )
 
     def unit_factor(self, index: int, scale: float | None, quantity: str) -> tuple[float, str | None]:
         """Nm or A per unit of a channel, and which of them; None where Nm, or A of a current, is assumed.
@@ -275,11 +272,10 @@ class Source:
         if unit is None:
             return 1.0, None
         if unit not in known:
-            raise self.argument_error(
-                "channel {name!r} is in {unit!r}, known are {known}; give {scale:=} ({usual} per unit)"
-                + (", or {quantity:='motor_current'}" if unit in CURRENT_UNITS else ""),
-                name=self.names[index], unit=unit, known=", ".join(known), usual=usual,
-            )  # fmt: skip
+            raise ValueError(
+                f"{self.file}: channel {self.names[index]!r} is in {unit!r}, known are {', '.join(known)}; "
+                f"give scale= ({usual} per unit)" + ", or quantity='motor_current'" * (unit in CURRENT_UNITS)
+            )
         return known[unit], unit if unit in RELATIVE_UNITS else "Nm" if unit in TORQUE_UNITS else "A"
 
     def angle_factor(self, index: int, angle_unit: str | None) -> tuple[float, bool]:
@@ -287,22 +283,16 @@ class Source:
         stated = self.units[index]
         name = self.names[index]
         if stated in ANGLE_UNITS and angle_unit is not None and stated != angle_unit:
-            raise self.argument_error(
-                "{argument: = {angle_unit!r}} contradicts the {noun} {name!r}, which is in {stated}",
-                "angle_unit", angle_unit=angle_unit, name=name, stated=stated,
-            )  # fmt: skip
+            raise ValueError(
+                f"{self.file}: angle_unit = {angle_unit!r} contradicts the {self.noun} {name!r}, which is in "
+                f"{stated}"
+            )
         unit = angle_unit or stated or self.angle_unit
         if unit not in ANGLE_UNITS:
-            raise self.argument_error(
-                f"{{noun}} {{name!r}} does not state its unit (rad, deg or rev); {ANGLE_REMEDY}", name=name
+            raise ValueError(
+                f"{self.file}: {self.noun} {name!r} does not state its unit (rad, deg or rev); {ANGLE_REMEDY}"
             )
         return ANGLE_UNITS[unit], angle_unit is None and stated is None
-
-    def argument_error(self, template: str, argument: str = "", **details: object) -> ArgumentError:
-        """Error about an argument that does not suit this file."""
-        words = {"file": self.file, "noun": self.noun, "a_noun": self.a_noun, "plural": self.plural}
-        words |= {"listed": self.channel_names(), "argument": argument}
-        return ArgumentError("{file}: " + template, **words, **details)
 
 
 def name_and_unit(name: str) -> tuple[str, str | None]:
@@ -327,23 +317,18 @@ def clean_unit(unit: str | None) -> str | None:
     return _OTHER_SPELLINGS.get(bare.lower(), bare) or None
 
 
-def check_rate(value: Any, place: str | None = None) -> None:
+def check_rate(value: Any, place: str = "sampling_rate") -> None:
     """Raise ``ValueError`` for what is no sampling rate: of the argument, or as ``place`` states it."""
     if not (checks.is_number(value) and 0 < value < math.inf):
-        template = "{argument}" if place is None else "{place}"
-        raise ArgumentError(
-            template + " must be a positive, finite number (Hz), got {value!r}",
-            argument="sampling_rate", place=place, value=value,
-        )  # fmt: skip
+        raise ValueError(f"{place} must be a positive, finite number (Hz), got {value!r}")
 
 
 def check_same_rate(file: str, given: float | None, stated: float, where: str, *, tolerance: float) -> None:
     """Raise ``ValueError`` where two statements of the rate contradict each other."""
     if given is not None and not math.isclose(given, stated, rel_tol=tolerance):
-        raise ArgumentError(
-            "{file}: {argument: = {given:g} Hz} contradicts {where}, which says {stated:g} Hz",
-            file=file, argument="sampling_rate", given=given, where=where, stated=stated,
-        )  # fmt: skip
+        raise ValueError(
+            f"{file}: sampling_rate = {given:g} Hz contradicts {where}, which says {stated:g} Hz"
+        )
 
 
 def check_claim(path: Path, n_bytes: int) -> None:

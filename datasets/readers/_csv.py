@@ -215,12 +215,11 @@ class CsvSource(Source):
             cells = row.count(self.delimiter) + 1 if '"' not in row else len(self._split_cells(row))
             if cells != width or not row.strip():
                 doubled = self.delimiter == "," and cells == 2 * width
-                raise self.argument_error(
-                    "{where} must have {width} columns as the first row has, got {came}"
-                    + ("; are these decimal commas? give {delimiter:=';'}" if doubled else ""),
-                    where=self.sample_place(count - 1), width=width,
-                    came=number_of(cells, "column") if row.strip() else "an empty line",
-                )  # fmt: skip
+                came = number_of(cells, "column") if row.strip() else "an empty line"
+                raise ValueError(
+                    f"{self.file}: {self.sample_place(count - 1)} must have {width} columns as the first row "
+                    f"has, got {came}" + "; are these decimal commas? give delimiter=';'" * doubled
+                )
         return count
 
     def sample_place(self, sample: int) -> str:

@@ -12,7 +12,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.checks import check_type, is_number, one_of, whole
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import QUANTITIES, QUANTITY_UNITS
@@ -79,10 +78,8 @@ class ReadingOptions:
         if self.pulses_per_turn is not None:
             whole("pulses_per_turn", self.pulses_per_turn, 1)
             if self.angle_channel is False or self.angle_unit is not None:
-                raise ArgumentError(
-                    "{pulses_per_turn:=} has no effect with "
-                    + ("{angle_channel:=False}" if self.angle_channel is False else "{angle_unit:=}")
-                )
+                idle_with = "angle_channel=False" if self.angle_channel is False else "angle_unit="
+                raise ValueError(f"pulses_per_turn= has no effect with {idle_with}")
         scale_fits = self.scale is None or (is_number(self.scale) and 0 < abs(self.scale) < math.inf)
         for argument, fits, expected in (
             ("scale", scale_fits, "a finite number other than 0 (Nm per unit)"),
@@ -90,10 +87,7 @@ class ReadingOptions:
             ("delimiter", self.delimiter in (None, ",", ";", "\t", " "), "',', ';', a tab or a space"),
         ):
             if not fits:
-                raise ArgumentError(
-                    "{argument} must be {expected}, got {value!r}",
-                    argument=argument, expected=expected, value=getattr(self, argument),
-                )  # fmt: skip
+                raise ValueError(f"{argument} must be {expected}, got {getattr(self, argument)!r}")
 
 
 _OPTIONS = frozenset(field.name for field in fields(ReadingOptions))
@@ -228,8 +222,8 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
     except TypeError as error:
         raise TypeError(f"{path.name}: {error}") from None
     except ValueError as error:
-        hint = " ({angle_channel:=False} leaves the angle out)" if str(error).startswith("angle must") else ""
-        raise ArgumentError("{file}: {error}" + hint, file=path.name, error=error) from None
+        hint = " (angle_channel=False leaves the angle out)" if str(error).startswith("angle must") else ""
+        raise ValueError(f"{path.name}: {error}{hint}") from None
     if meta.get("angle_unit_assumed"):
         # An angle without a unit may turn as fast as only degrees would.
         assert recording.angle is not None
@@ -241,11 +235,10 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
         # Nearer to the nominal speed as degrees than as rad, on the scale of ratios.
         suits = recording.angle_of == "input" and nominal is not None and hertz * in_degrees > nominal**2
         if hertz > limit or suits:
-            raise ArgumentError(
-                "{file}: angle does not state its unit, and in rad it would turn at {in_rad:.5g} RPM (in deg "
-                "at {in_deg:.5g} RPM); " + ANGLE_REMEDY,
-                file=path.name, in_rad=60 * hertz, in_deg=60 * in_degrees,
-            )  # fmt: skip
+            raise ValueError(
+                f"{path.name}: angle does not state its unit, and in rad it would turn at {60 * hertz:.5g} "
+                f"RPM (in deg at {60 * in_degrees:.5g} RPM); {ANGLE_REMEDY}"
+            )
     return recording
 
 
@@ -336,10 +329,7 @@ def _open_source(path: Path, delimiter: str | None) -> Source:
     if suffix.startswith(".csv"):
         return kind(path, delimiter)
     if delimiter is not None:
-        raise ArgumentError(
-            "{argument} is for CSV files, got {delimiter!r} for {file}",
-            argument="delimiter", delimiter=delimiter, file=path.name,
-        )  # fmt: skip
+        raise ValueError(f"delimiter is for CSV files, got {delimiter!r} for {path.name}")
     return kind(path)
 
 
@@ -353,16 +343,16 @@ def _recording_parameters(source: Source, reading: ReadingOptions) -> dict[str, 
             "angle_channel", reading.angle_channel, PULSE_NAMES if by_pulses else ANGLE_NAMES
         )
         if by_pulses and angle is None:
-            raise source.argument_error(
-                "{angle_channel:=} must be given, to say which {noun} holds the pulses: {listed}"
+            raise ValueError(
+                f"{source.file}: angle_channel= must be given, to say which {source.noun} holds the pulses: "
+                f"{source.channel_names()}"
             )
     labels = source.other_labels if source.labels is None else source.labels
     stated = labels.get("quantity")
     if stated is not None and reading.quantity not in (None, stated):
-        raise source.argument_error(
-            "{quantity: = {given!r}} contradicts the file, which says {stated!r}",
-            given=reading.quantity, stated=stated,
-        )  # fmt: skip
+        raise ValueError(
+            f"{source.file}: quantity = {reading.quantity!r} contradicts the file, which says {stated!r}"
+        )
     sought = reading.quantity or stated
     quantity = sought or QUANTITIES[0]
     torque = source.find_torque(reading.channel, {time, angle}, sought)
@@ -396,19 +386,18 @@ def _recording_parameters(source: Source, reading: ReadingOptions) -> dict[str, 
 
 def _read_angle(source: Source, index: int, reading: ReadingOptions) -> tuple[Float, dict[str, Any]]:
     """Return the angle in rad by a channel, and what was done for it."""
+    by_pulses = reading.pulses_per_turn is not None
     values = source.column_values(index)
+    factor, assumed = (1.0, False) if by_pulses else source.angle_factor(index, reading.angle_unit)
+    meta: dict[str, Any] = {"angle_unit_assumed": True} if assumed else {}
     try:
         if reading.pulses_per_turn is not None:
             return angle_from_pulses(values, reading.pulses_per_turn), {"angle_from": "follows from pulses"}
-        factor, assumed = source.angle_factor(index, reading.angle_unit)
-        meta: dict[str, Any] = {"angle_unit_assumed": True} if assumed else {}
         given = values * factor
         angle = continuous_angle(given)
-    except ArgumentError:
-        raise
     except ValueError as error:
-        raise source.argument_error(
-            "{noun} {name!r}: {error} ({angle_channel:=False} leaves the angle out)",
-            name=source.names[index], error=error,
-        ) from None  # fmt: skip
+        raise ValueError(
+            f"{source.file}: {source.noun} {source.names[index]!r}: {error} (angle_channel=False leaves the "
+            "angle out)"
+        ) from None
     return angle, meta if angle is given else meta | {"angle_from": "was made continuous"}

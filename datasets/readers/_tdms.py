@@ -93,11 +93,10 @@ class TdmsSource(Source):
         properties = self.properties[torque]
         unscaled = properties.get("NI_Scaling_Status") == "unscaled" and not _n_scales(properties)
         if (counts or unscaled) and scale is None:
-            raise self.argument_error(
-                "channel {name!r} holds raw counts ({kind}), and the file states no scale; give {scale:=} "
-                "(Nm per count)",
-                name=self.names[torque], kind=kind,
-            )  # fmt: skip
+            raise ValueError(
+                f"{self.file}: channel {self.names[torque]!r} holds raw counts ({kind}), and the file states "
+                "no scale; give scale= (Nm per count)"
+            )
 
     def _check_scales(self, index: int) -> None:
         for scope in self.scopes[index]:

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.quantities import number_of
 from cyclofeat.datasets.readers._columns import TIME_UNITS, Float, Source, check_same_rate
 
@@ -31,9 +30,9 @@ def rate_of(
             return stated[0], {"rate_from": stated[1]}
     if time is None:
         if given is None:
-            raise source.argument_error(
-                "no sampling rate: give {sampling_rate:=} (Hz), or {time_channel:=} for {a_noun} of times; "
-                "{plural} are {listed}"
+            raise ValueError(
+                f"{source.file}: no sampling rate: give sampling_rate= (Hz), or time_channel= for "
+                f"{source.a_noun} of times; {source.plural} are {source.channel_names()}"
             )
         return float(given), {"rate_from": "argument"}
     name = f"time {source.noun} {source.names[time]!r}"
@@ -107,10 +106,9 @@ def even_rate(called: str, seconds: Float, source: Source) -> tuple[float, float
                 f"at {source.sample_place(worst)} it is {off[worst]:.2g} samples away from {rate:.6g} Hz "
                 "(samples missing, a clock that jitters, or times rounded too coarsely)"
             )
-        raise ArgumentError(
-            "{called} is not evenly spaced: {problem}; if the samples are even, give {sampling_rate:=}",
-            called=called, problem=problem,
-        )  # fmt: skip
+        raise ValueError(
+            f"{called} is not evenly spaced: {problem}; if the samples are even, give sampling_rate="
+        )
     # Rounded times give 25600.0003 Hz: a whole number of Hz within the column's scatter is taken.
     slack = rate * (2 * float(off[worst]) / count + 1e-9)
     if abs(rate - round(rate)) <= slack and round(rate) > 0:

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import wavfile
 
-from cyclofeat._base.arguments import ArgumentError
 from cyclofeat.datasets.readers._columns import Source, explain_damage
 
 
@@ -55,11 +54,10 @@ class WavSource(Source):
 
     def check_torque(self, torque: int, scale: float | None) -> None:
         if scale is None and self.samples.dtype.kind != "f":
-            raise ArgumentError(
-                "{file} holds shares of full scale ({dtype}), which say nothing of Nm; give {scale:=} (Nm at "
-                "full scale)",
-                file=self.file, dtype=self.samples.dtype,
-            )  # fmt: skip
+            raise ValueError(
+                f"{self.file} holds shares of full scale ({self.samples.dtype}), which say nothing of Nm; "
+                "give scale= (Nm at full scale)"
+            )
 
     def raw_values(self, index: int) -> NDArray[Any]:
         samples = self.samples if self.samples.ndim == 1 else self.samples[:, index]

@@ -10,7 +10,7 @@ import pytest
 from cyclofeat._base import progress as progress_module
 from cyclofeat._base.progress import Progress, Steps, erase_progress, progress_hidden
 from cyclofeat.cli import main
-from cyclofeat.cli._printing import note, warn
+from cyclofeat.cli._options import note, warn
 
 ERASE = "\r\x1b[K"
 

@@ -39,9 +39,9 @@ def made(monkeypatch):
 
 @pytest.mark.slow
 def test_the_demonstration_goes_from_recordings_to_pages(made, tmp_path):
-    result = demo.demonstrate(tmp_path, n_jobs=1, training_assemblies=5, file_assemblies=1)
+    arguments = argparse.Namespace(out=tmp_path, n_jobs=1)
+    printed = demo.run(arguments, training_assemblies=5, file_assemblies=1)
     assert made == [5, 1]
-    printed = demo.format_result(argparse.Namespace(), result)
     text = printed.text
     assert "counts right: 1.000" in text
     assert "of 8 recordings" in text

@@ -87,8 +87,16 @@ def test_a_recording_has_the_time_that_its_file_states(model_file, tmp_path, cap
 @pytest.mark.parametrize(
     ("option", "value", "message"),
     [
-        ("--false-alarms-per-month", "0", "--false-alarms-per-month must be positive and finite, got 0"),
-        ("--recordings-per-month", "nan", "--recordings-per-month must be positive and finite, got nan"),
+        (
+            "--false-alarms-per-month",
+            "0",
+            "--false-alarms-per-month: must be a positive, finite number, got '0'",
+        ),
+        (
+            "--recordings-per-month",
+            "nan",
+            "--recordings-per-month: must be a positive, finite number, got 'nan'",
+        ),
         ("--gearbox", "", "--gearbox must be a name, got an empty one"),
     ],
 )
@@ -101,7 +109,7 @@ def test_a_wrong_option_is_an_error_before_anything_is_counted(
     words = ["--model", str(model_file), "--trust", "--history", str(file), option, value]
     assert main([command, *what, *words]) == 2
     output = capsys.readouterr()
-    assert output.err == f"cyclofeat: error: {message}\n"
+    assert message in output.err
     assert not output.out
     assert not file.exists()
 

@@ -219,7 +219,7 @@ def test_what_should_be_known_of_a_count_stands_in_its_line(capsys, tmp_path, mo
         (["absent", "--model", "{m}", "--trust"], "no such folder: absent"),
         (["{m}", "--model", "{m}", "--trust"], "is a file: watch takes a folder"),
         (["{f}", "--model", "{m}"], "can run any code"),
-        (["{f}", "--model", "{m}", "--trust", "--settle", "0"], "--settle must be seconds from 0 to a day"),
+        (["{f}", "--model", "{m}", "--trust", "--settle", "0"], "--settle: must be a positive"),
         (["{f}", "--model", "{m}", "--trust", "--done", "{f}/no/d"], "for --done does not exist"),
         (["{f}", "--model", "{m}", "--trust", "--allow", "all"], "allow must name any of"),
     ],

@@ -76,7 +76,9 @@ def test_a_motor_that_yields_to_the_load_still_fills_its_windows(monkeypatch):
     command = (
         "train --quantity motor_current --speeds 100:1500 --loads 3:40 --windows 1 --jobs 1 --out m.skops"
     )
-    ((recording,), _) = train._simulate(make_parser().parse_args([*command.split(), "--assemblies", "1"]))
+    ((recording,), _) = train._simulated_recordings(
+        make_parser().parse_args([*command.split(), "--assemblies", "1"])
+    )
     windower = lobe_windower(15)
     assert len(windower.windows(recording)) == 1
     as_stated = round(recording.sampling_rate * 15 / recording.input_speed_hz)

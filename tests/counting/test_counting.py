@@ -9,7 +9,6 @@ from scipy.signal import butter, sosfilt
 from sklearn.dummy import DummyClassifier
 from small_model import recording, shaft_model, small_model
 
-from cyclofeat._base.arguments import ArgumentError
 from cyclofeat.counting import (
     LobeModel,
     Protocol,
@@ -300,7 +299,7 @@ def test_the_speed_of_a_worn_disc_need_not_be_stated(model, surrogates):
     assert searched.warnings[0].startswith("neither tachometer nor stated speed: ")
     # A motor's own lines may be taken for a disc's: its current only proposes a speed.
     current = blind.replace(speed_rpm=None, quantity="motor_current")
-    with pytest.raises(ArgumentError, match=r"its motor current allows \d+(\.\d+)? RPM"):
+    with pytest.raises(ValueError, match=r"its motor current allows \d+(\.\d+)? RPM"):
         turning_of(current, 15)
 
 

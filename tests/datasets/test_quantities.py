@@ -55,10 +55,10 @@ def test_names_and_units_select_the_channel(tmp_path, names, quantity, column, f
 @pytest.mark.parametrize(
     ("names", "quantity", "words"),
     [
-        ("left [Nm],right [Nm]", None, r"channel must be given, .* fit: 'left \[Nm\]', 'right \[Nm\]'"),
-        ("torque in,motor torque,n", IN, "channel must be given, .* fit: 'torque in', 'motor torque'"),
-        ("current,motor current", CURRENT, "channel must be given, .* fit: 'current', 'motor current'"),
-        ("a,b", CURRENT, "channel must be given, to say which column is the motor current: 'a', 'b'"),
+        ("left [Nm],right [Nm]", None, r"channel= must be given, .* fit: 'left \[Nm\]', 'right \[Nm\]'"),
+        ("torque in,motor torque,n", IN, "channel= must be given, .* fit: 'torque in', 'motor torque'"),
+        ("current,motor current", CURRENT, "channel= must be given, .* fit: 'current', 'motor current'"),
+        ("a,b", CURRENT, "channel= must be given, to say which column is the motor current: 'a', 'b'"),
         (
             "Torque in (Nm),n",
             None,
@@ -108,7 +108,7 @@ def test_a_current_may_be_a_share_of_the_rated_one(tmp_path, stated, unit):
     assert read_recording(path, sampling_rate=9, quantity=CURRENT).unit == unit
     with pytest.raises(ValueError, match=r"known are Nm"):  # not of a torque
         read_recording(file_with(tmp_path, f"torque [{stated}],n"), sampling_rate=9)
-    with pytest.raises(ValueError, match="channel must be given"):  # nor does it tell a current
+    with pytest.raises(ValueError, match="channel= must be given"):  # nor does it tell a current
         read_recording(file_with(tmp_path, f"load [{stated}],n"), sampling_rate=9, quantity=CURRENT)
 
 

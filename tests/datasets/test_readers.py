@@ -334,12 +334,12 @@ BAD_CSV = {
     "wrong index": ("torque,a\n1,2\n3,4\n", {"channel": 2}, ["channel = 2", "'torque', 'a'"]),
     "negative index": ("torque,a\n1,2\n3,4\n", {"channel": -1}, ["channel = -1", "'torque', 'a'"]),
     "index without names": ("1,2\n3,4\n", {"channel": 2}, ["channel = 2", "0, 1 (no names in the file)"]),
-    "no column chosen": ("a1,a2\n1,2\n3,4\n", {}, ["channel must be given", "'a1', 'a2'"]),
-    "no column chosen, no names": ("1,2\n3,4\n", {}, ["channel must be given", "0, 1 (no names"]),
+    "no column chosen": ("a1,a2\n1,2\n3,4\n", {}, ["channel= must be given", "'a1', 'a2'"]),
+    "no column chosen, no names": ("1,2\n3,4\n", {}, ["channel= must be given", "0, 1 (no names"]),
     "two columns fit": (
         "torque,torque_nm\n1,2\n3,4\n",
         {},
-        ["channel must be given", "'torque', 'torque_nm'"],
+        ["channel= must be given", "'torque', 'torque_nm'"],
     ),
     "a name twice": ("a,a\n1,2\n3,4\n", {"channel": "a"}, ["channel = 'a'", "[0, 1]", "index"]),
     "wrong time column": ("torque\n1\n2\n", {"time_channel": "when"}, ["time_channel = 'when'", "'torque'"]),
@@ -600,7 +600,7 @@ def test_npz_of_others_needs_torque_and_rate_only(tmp_path):
 
 
 BAD_NPZ = {
-    "no torque": ({"x": [1, 2], "y": [3, 4]}, {}, ["channel must be given", "'x', 'y'"]),
+    "no torque": ({"x": [1, 2], "y": [3, 4]}, {}, ["channel= must be given", "'x', 'y'"]),
     "wrong channel": ({"torque": [1, 2]}, {"channel": "x"}, ["channel = 'x'", "'torque'"]),
     "wrong angle": ({"torque": [1, 2]}, {"angle_channel": "phi"}, ["angle_channel = 'phi'", "'torque'"]),
     "no rate": ({"torque": [1, 2]}, {}, ["no sampling rate", "sampling_rate=", "'torque'"]),

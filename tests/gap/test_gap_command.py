@@ -263,7 +263,10 @@ def test_what_a_preparation_needs(
     for arguments, message in (
         (["--prepare", target], "--prepare needs --cache FOLDER"),
         (["--prepare", target, "--cache", __file__], f"--cache must name a folder, {__file__} is a file"),
-        (["--prepare", target, "--cache", tmp_path, "--machines", "0"], "--machines must be at least 1"),
+        (
+            ["--prepare", target, "--cache", tmp_path, "--machines", "0"],
+            "--machines: must be a whole number of at least 1",
+        ),
         (["--prepare", target, "--cache", tmp_path, "--hold-out", "0.4"], "--hold-out has no effect with"),
         (["--prepare", target, "--cache", tmp_path, "--effects", "rust"], "--effects must name different"),
         (["--machines", "8"], "--machines has no effect without --prepare"),

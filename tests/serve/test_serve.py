@@ -69,7 +69,7 @@ def test_other_origins_are_refused(live, origin):
     own = live.address.url.split("/")[2]
     asked = {"command": "simulate"}
     assert live.ask("POST", "jobs", asked, Origin=origin.format(own=own))[0] == 403
-    assert live.session.jobs.jobs == {}
+    assert live.session.jobs == {}
     # the page itself comes through, and is told what is wrong with its request
     assert live.ask("POST", "jobs", {"command": "x"}, Origin=f"http://{own}")[0] == 400
 
@@ -230,11 +230,11 @@ def test_a_model_of_any_rate_is_described(tmp_path):
 def test_what_the_page_may_not_ask_is_refused(live, asked, status, said):
     if "b.csv" not in live.session.store.items:
         live.add("b.csv")
-    before = len(live.session.jobs.jobs)
+    before = len(live.session.jobs)
     answer = live.ask("POST", "jobs", asked)
     assert answer[0] == status
     assert said in answer[1]["error"]
-    assert len(live.session.jobs.jobs) == before
+    assert len(live.session.jobs) == before
 
 
 def test_a_request_is_bounded_and_must_be_an_object(live):
@@ -255,8 +255,8 @@ def test_the_commands_understand_all_that_is_asked(live):
     live.add("p.csv")
     reading = {
         "channel": "torque", "speed": "500", "sampling_rate": "25600", "scale": "2", "time_channel": "t",
-        "angle_channel": "phi", "angle_unit": "deg", "n_lobes": "15", "delimiter": "tab", "no_angle": "yes",
-        "angle_is_absolute": "yes",
+        "angle_channel": "phi", "angle_unit": "deg", "n_lobes": "15", "delimiter": "tab",
+        "angle_absolute": "yes",
     }  # fmt: skip
     live.session.given = ["--model", "m.skops"]
     asked = {
@@ -269,8 +269,12 @@ def test_the_commands_understand_all_that_is_asked(live):
         arguments = vars(make_parser([command]).parse_args(words))
         assert arguments["json"] is True
         for name, value in options.items():
-            name = {"speed": "speed_rpm"}.get(name, name)
+            name = {"speed": "speed_rpm", "hold_out": "by", "angle_absolute": "angle_is_absolute"}.get(
+                name, name
+            )
             assert arguments[name] in (value, True, float(value) if value[0].isdigit() else value), name
+    number = live.start("inspect", "p.csv", no_angle="yes")[1]["number"]
+    assert make_parser(["inspect"]).parse_args(live.job(number).result[0]["words"]).angle_channel is False
     number = live.start("gap", "p.csv", simulated="p.csv")[1]["number"]
     arguments = make_parser(["gap"]).parse_args(live.job(number).result[0]["words"])
     assert (arguments.simulated, arguments.save_simulator) == ("p.csv", None)
@@ -297,7 +301,7 @@ def runs(process):
 def test_a_job_can_be_cancelled_even_if_it_does_not_listen(live, manner):
     live.add("j.csv")
     number = live.start("inspect", "j.csv", channel=manner)[1]["number"]
-    job = live.session.jobs.find_job(number)
+    job = live.session.find_job(number)
     process = process_of(job)
     assert live.ask("GET", "state")[1]["busy"]
     assert live.ask("POST", f"jobs/{number}/cancel", b"")[0] == 200
@@ -336,7 +340,7 @@ def test_few_jobs_run_at_a_time_and_none_survives_the_server(tmp_path):
         status, answer = live.start("inspect", "j.csv")
         assert status == 429
         assert "cancel one" in answer["error"]
-        processes = [process_of(live.session.jobs.find_job(number)) for number in numbers]
+        processes = [process_of(live.session.find_job(number)) for number in numbers]
         root = live.session.store.root
         assert root.exists()
     assert not any(map(runs, processes))
@@ -458,7 +462,7 @@ def test_a_taken_port_and_a_wrong_one_are_errors_of_one_line(capsys):
         assert main(["serve", "--no-browser", "--port", str(port)]) == 2
     assert f"port {port} is taken, perhaps by another cyclofeat serve" in capsys.readouterr().err
     assert main(["serve", "--no-browser", "--port", "65536"]) == 2
-    assert "--port must be from 0 to 65535, got 65536" in capsys.readouterr().err
+    assert "--port: must be a whole number from 0 to 65535, got '65536'" in capsys.readouterr().err
     assert main(["serve", "--no-browser", "--port", "0", "--model", "absent.skops"]) == 2
     assert "absent.skops does not exist" in capsys.readouterr().err
 

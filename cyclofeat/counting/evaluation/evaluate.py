@@ -254,9 +254,9 @@ def folds_of(protocol: Protocol, data: LabelledData, conditions: NDArray[Any] | 
     for label in np.unique(data.y):
         n_assemblies = np.unique(data.groups[data.y == label]).size
         if n_assemblies < least:
-            fewer = f"n_splits={least}" if stratified else f"the 2 that {protocol.hold_out} needs"
+            fewer = f"n_splits = {least}" if stratified else f"the 2 that {protocol.hold_out} needs"
             assemblies = "1 assembly" if n_assemblies == 1 else f"{n_assemblies} assemblies"
-            lower = " or lower n_splits" if stratified and n_assemblies > 1 else ""
+            lower = " or take fewer folds" if stratified and n_assemblies > 1 else ""
             raise ValueError(
                 f"class {label} has {assemblies}, fewer than {fewer}: each fold holds out another; "
                 f"record more{lower}"

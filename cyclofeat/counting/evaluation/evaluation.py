@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base import displays, plots
+from cyclofeat._base import displays, draw_plot
 from cyclofeat._base.checks import one_of
 from cyclofeat._base.displays import data_frame, html_card
 from cyclofeat._base.quantities import number_of
@@ -222,7 +222,7 @@ class Evaluation:
         -------
         cyclofeat.plotting.EvaluationDisplay
         """
-        return plots.draw_plot(self, kind, ax, **options)
+        return draw_plot(self, kind, ax, **options)
 
     def _repr_html_(self) -> str:
         scores = self.to_dict()

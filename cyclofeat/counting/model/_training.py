@@ -11,7 +11,6 @@ import numpy as np
 from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
-from cyclofeat._base.arguments import ArgumentError
 from cyclofeat.counting.calibration.group_calibrated_counter import GroupCalibratedCounter
 from cyclofeat.counting.calibration.training_domain import features_seen
 from cyclofeat.counting.estimators.lobe_counter import LobeCounter
@@ -44,13 +43,11 @@ def samples_per_turn_at(
     """
     per_turn = min(most, int(sampling_rate / (speed_hz * (1 + SPEED_MARGIN))))
     if 2 * lines_held(per_turn, 1.0, n_lobes) < n_lobes:
-        raise ArgumentError(
-            "{argument} of {rate:g} Hz is too low at {rpm:.5g} RPM: {per_turn} samples per input turn do not "
-            "hold lobe lines up to half of the {n_lobes} lobes; record at a higher rate or train on slower "
-            "speeds",
-            argument="sampling_rate", rate=sampling_rate, rpm=60 * speed_hz, per_turn=per_turn,
-            n_lobes=n_lobes,
-        )  # fmt: skip
+        raise ValueError(
+            f"sampling_rate of {sampling_rate:g} Hz is too low at {60 * speed_hz:.5g} RPM: {per_turn} "
+            f"samples per input turn do not hold lobe lines up to half of the {n_lobes} lobes; record at a "
+            "higher rate or train on slower speeds"
+        )
     return per_turn
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base import displays, plots
+from cyclofeat._base import displays, draw_plot
 from cyclofeat._base.displays import data_frame, html_card
 from cyclofeat._base.quantities import from_1, lobes_text, number_of
 from cyclofeat.counting.model._verdicts import most_frequent
@@ -146,7 +146,7 @@ class LobeCount:
         -------
         cyclofeat.plotting.CountDisplay
         """
-        return plots.draw_plot(self, kind, ax, **options)
+        return draw_plot(self, kind, ax, **options)
 
     def _repr_html_(self) -> str:
         answer = number_of(self.defect_count, "worn lobe") if self.defect_count else "No worn lobe"

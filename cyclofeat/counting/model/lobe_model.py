@@ -15,7 +15,6 @@ from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._base import displays
-from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.checks import whole
 from cyclofeat._base.displays import html_card
 from cyclofeat._base.files import MODEL_PACKAGES, package_versions
@@ -458,11 +457,10 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         """Raise ``ValueError`` if the recording's quantity, lobes, sampling rate or speed do not suit."""
         quantity = self.card_.get("quantity", "output_torque")
         if recording.quantity != quantity:
-            raise ArgumentError(
-                "{argument} of the recording is {got}, but the model was trained on {trained}: train a model "
-                "on recordings of that quantity",
-                argument="quantity", got=recording.quantity, trained=quantity,
-            )  # fmt: skip
+            raise ValueError(
+                f"quantity of the recording is {recording.quantity}, but the model was trained on "
+                f"{quantity}: train a model on recordings of that quantity"
+            )
         # 15 is the default of recordings that do not state their lobes.
         if recording.n_lobes not in (15, self.n_lobes_):
             raise ValueError(

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.quantities import in_words
 from cyclofeat.recordings import Recording
 from cyclofeat.recordings.windower import WINDOW_TURNS
@@ -36,7 +35,7 @@ def turning_of(recording: Recording, n_lobes: int, *, by_faint_lines: bool = Tru
     """Return how the shaft turned.
 
     Lines that do not stand out tell the angle where a speed is stated, unless ``by_faint_lines`` is False:
-    the shaft is then taken to turn steadily at that speed. ``ArgumentError`` where the recording has neither
+    the shaft is then taken to turn steadily at that speed. ``ValueError`` where the recording has neither
     an angle nor a nominal speed, and its torque allows none or several.
     """
     rate = recording.sampling_rate
@@ -54,10 +53,9 @@ def turning_of(recording: Recording, n_lobes: int, *, by_faint_lines: bool = Tru
         low, high = (f"{60 * end:,.0f}" for end in SEARCHED_HZ)
         speeds = " or ".join(f"{60 * one.speed_hz:.4g}" for one in found)
         seen = f"allows {speeds} RPM" if found else f"shows none from {low} to {high} RPM"
-        raise ArgumentError(
-            "the recording has neither a tachometer's angle nor a speed, and its {seen}: give {speed_rpm:=} "
-            "(nominal speed of the input in RPM)",
-            seen=f"{in_words(recording.quantity)} {seen}",
+        raise ValueError(
+            f"the recording has neither a tachometer's angle nor a speed, and its "
+            f"{in_words(recording.quantity)} {seen}: give speed_rpm= (nominal speed of the input in RPM)"
         )
     followed = _follow_lines(recording, stated, n_lobes)
     rpm = f"{60 * stated:.5g} RPM"

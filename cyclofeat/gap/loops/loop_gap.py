@@ -15,7 +15,7 @@ from scipy.optimize import differential_evolution
 from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
-from cyclofeat._base.arguments import different_names
+from cyclofeat._base.checks import different_names
 from cyclofeat._base.displays import data_frame
 from cyclofeat._base.sklearn_private import Interval, fit_context
 from cyclofeat.gap.loops.parts import (

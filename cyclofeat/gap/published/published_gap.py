@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from cyclofeat._base.arguments import different_names
-from cyclofeat._base.checks import one_of
+from cyclofeat._base.checks import different_names, one_of
 from cyclofeat._base.displays import data_frame
 from cyclofeat.gap.comparison import Comparison
 from cyclofeat.gap.published.rigs import SET_POINT, PublishedSettings, Set, SimulatedRigs, kind_of
