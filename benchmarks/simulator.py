@@ -134,7 +134,7 @@ def batches() -> list[Row]:
 
 def papers_formulation() -> Row:
     """Per step, against the papers' formulation: a dense 141 x 141 solve per stage."""
-    reference = ReferenceGearbox(worn_lobes=(WORN.worn_lobes, WORN.worn_lobes))
+    reference = ReferenceGearbox(STEEL, WORN)
     start = np.concatenate([reference.rest_angles(0.0), np.zeros(3)])
     driver, load = ramped_driver(), ramped_load()
     slow, fast = in_turn(

@@ -15,13 +15,16 @@ input and a positive load torque resists it. Plane vectors are complex numbers x
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from cyclofeat.simulators.defects import LobeDefects
+from cyclofeat.simulators.gearbox import CycloidalGearbox
 
 Real = NDArray[np.float64]
 Plane = NDArray[np.complex128]
@@ -31,6 +34,7 @@ Load = Callable[[float], float]
 N_INTERNAL = 8
 HOUSING, INPUT, OUTPUT = -1, 0, 1  # indices of bodies; the housing is not a body and comes last
 WHEELS, INTERNAL, EXTERNAL = slice(2, 4), slice(4, 12), slice(12, -1)
+INPUT_SHAFT_MASS, OUTPUT_SHAFT_MASS = 0.2341, 1.6345  # kg (paper B table 2)
 RAMP_DEPTH = 1e-5  # m: stiffness and damping reach their full value there (paper B eq. 12-13)
 ABSURD_FORCE = 1e5  # N, assumption: five times the force in a locked gearbox, so the integration has diverged
 
@@ -66,87 +70,39 @@ class Trajectory(NamedTuple):
     internal_force: Real  #: (n, 2, 8)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class ReferenceGearbox:
     """The multibody gearbox of paper B, solved as written there (eq. 2).
 
     Parameters
     ----------
-    eccentricity : float
-        e in m (paper B table 1).
-    n_pins : int
-        External sleeves z_k; even, so that two equal wheels mesh half a turn apart.
-    shortening : float
-        Short-width coefficient m, 0 < m < 1.
-    pin_radius : float
-        Radius q of the external sleeves in m.
-    internal_pitch_radius, internal_sleeve_radius, clearance : float
-        In m. Assumptions, as is the hole radius: sleeve radius + e + clearance.
-    input_shaft_inertia, output_shaft_inertia, wheel_inertia, sleeve_inertia : float
-        About the body's own centre of mass in kg m2; masses in kg accordingly (paper B table 2).
-    wheel_young, sleeve_young, wheel_poisson, sleeve_poisson : float
-        Young's moduli in Pa and Poisson's ratios.
-    stiffness_scale, contact_damping : float
-        H of paper B eq. 14, and C in N s/m.
-    worn_lobes : tuple of two tuples of int
-        Worn lobes of wheel 0 and of wheel 1, counted from 0: a chord replaces the half from the tip to the
-        next pit (paper B section 2).
-    depth : float
-        Share of the lobe's width that is worn, from 0 to 1 (paper B): weight of the worn outline's force.
-    radial_wear : array-like of shape (2, n_lobes), optional
-        Depth in m of the radial wear of each lobe of each wheel: the square of a raised cosine over part of
-        the angle from tip to pit, by which the path of the sleeves' centres lies deeper.
-    radial_span : tuple of two float
-        Begin and end of that part, from 0 (tip) to 1 (pit).
-    pin_errors : array-like of shape (n_pins, 2), optional
-        Offsets (x, y) of the external sleeves' fixed points in m.
-    wheel_runouts : tuple of two complex
-        Offset of each wheel's profile from its bearing, in the wheel's frame, in m.
+    gearbox : CycloidalGearbox
+        With an even number of pins, so that two equal wheels mesh half a turn apart, 8 internal sleeves and
+        the papers' contact law. Clearance of the pins, errors of lobes and cams, friction and brake are not
+        taken into account.
+    defects : LobeDefects
+        Worn lobes. A chord replaces the half from the tip to the next pit (paper B section 2), with ``depth``
+        as the weight of the worn outline's force; by radial wear the path of the sleeves' centres lies deeper.
     """
 
-    eccentricity: float = 2.8e-3
-    n_pins: int = 16
-    shortening: float = 0.7
-    pin_radius: float = 6e-3
-    internal_pitch_radius: float = 36e-3
-    internal_sleeve_radius: float = 6e-3
-    clearance: float = 0.0
-    input_shaft_mass: float = 0.2341
-    input_shaft_inertia: float = 1.846e-6
-    output_shaft_mass: float = 1.6345
-    output_shaft_inertia: float = 1.373e-4
-    wheel_mass: float = 0.5998
-    wheel_inertia: float = 1.57538e-4
-    sleeve_mass: float = 0.048
-    sleeve_inertia: float = 1.1013e-5
-    wheel_young: float = 200e9
-    wheel_poisson: float = 0.3
-    sleeve_young: float = 200e9
-    sleeve_poisson: float = 0.3
-    stiffness_scale: float = 0.01
-    contact_damping: float = 150.0
-    worn_lobes: tuple[tuple[int, ...], tuple[int, ...]] = ((), ())
-    depth: float = 1.0
-    radial_wear: ArrayLike | None = None
-    radial_span: tuple[float, float] = (0.2, 0.8)
-    pin_errors: ArrayLike | None = None
-    wheel_runouts: tuple[complex, complex] = (0j, 0j)
+    gearbox: CycloidalGearbox = field(default_factory=CycloidalGearbox)
+    defects: LobeDefects = field(default_factory=LobeDefects)
 
     # The wheel in its own frame -----------------------------------------------------------------------------
 
     @property
     def n_lobes(self) -> int:
         """Number of lobes z_s of a wheel."""
-        return self.n_pins - 1
+        return self.gearbox.n_pins - 1
 
     def trochoid(self, t: ArrayLike, derivative: int = 0) -> Plane:
         """Centre (complex, m) of a sleeve that touches the profile at parameter ``t`` (rad), or a derivative.
 
         Paper B eq. 1 without its last term: T(t) = e z_k / m e^{it} + e e^{i z_k t}.
         """
-        t, z = np.asarray(t, dtype=float), self.n_pins
-        ring = z / self.shortening * 1j**derivative * np.exp(1j * t)
-        return np.asarray(self.eccentricity * (ring + (1j * z) ** derivative * np.exp(1j * z * t)))
+        t, z = np.asarray(t, dtype=float), self.gearbox.n_pins
+        ring = z / self.gearbox.shortening * 1j**derivative * np.exp(1j * t)
+        return np.asarray(self.gearbox.eccentricity * (ring + (1j * z) ** derivative * np.exp(1j * z * t)))
 
     def normal(self, t: ArrayLike) -> Plane:
         """Outward unit normal (complex) of trochoid and profile at parameter ``t`` (rad)."""
@@ -155,7 +111,7 @@ class ReferenceGearbox:
 
     def profile(self, t: ArrayLike) -> Plane:
         """Point (complex, m) of the healthy wheel profile at parameter ``t`` (rad): paper B eq. 1."""
-        return self.trochoid(t) - self.pin_radius * self.normal(t)
+        return self.trochoid(t) - self.gearbox.pin_radius * self.normal(t)
 
     def curvature(self, t: ArrayLike) -> Real:
         """Curvature of the trochoid in 1/m, positive where convex, at parameter ``t`` (rad)."""
@@ -191,9 +147,12 @@ class ReferenceGearbox:
         """
         t = self.foot_point(p)
         flank = np.pi / self.n_lobes
-        begin, end = np.array(self.radial_span) * flank
+        centre, half = self.defects.wear_centre, self.defects.wear_share / 2
+        begin, end = (centre - half) * flank, (centre + half) * flank
         frequency = 2 * np.pi / (end - begin)
-        depths = np.zeros((2, self.n_lobes)) if self.radial_wear is None else np.asarray(self.radial_wear)
+        depths = np.zeros((2, self.n_lobes))
+        for wheel in self.defects.wheels:
+            depths[wheel, list(self.defects.worn_lobes)] = 1e-6 * np.asarray(self.defects.wear_um or 0.0)
         for _ in range(60):
             # Wear (m), and its derivative (m/rad).
             lobe, past_tip = np.divmod(t % (2 * np.pi), 2 * flank)
@@ -219,12 +178,13 @@ class ReferenceGearbox:
         ``gap`` (m) is negative in penetration and ``gap_rate`` (m/s) its rate; ``effective_radius`` (m) is
         R_c R_p / (R_c + R_p) with the sign of the wheel's curvature.
         """
-        compliance = (1 - self.wheel_poisson**2) / self.wheel_young
-        compliance += (1 - self.sleeve_poisson**2) / self.sleeve_young
-        stiffness = 4 * self.stiffness_scale / (3 * compliance) * np.sqrt(effective_radius)
+        g = self.gearbox
+        compliance = (1 - g.wheel_poisson_ratio**2) / g.wheel_youngs_modulus
+        compliance += (1 - g.sleeve_poisson_ratio**2) / g.sleeve_youngs_modulus
+        stiffness = 4 * g.stiffness_scale / (3 * compliance) * np.sqrt(effective_radius)
         depth = np.maximum(-gap, 0.0)
         ramp = np.minimum(depth / RAMP_DEPTH, 1.0)
-        return np.asarray(np.maximum(ramp * (stiffness * depth**1.5 - self.contact_damping * gap_rate), 0.0))
+        return np.asarray(np.maximum(ramp * (stiffness * depth**1.5 - g.contact_damping * gap_rate), 0.0))
 
     def _outline_contact(self, p: Plane, rate: Plane) -> tuple[Real, Plane]:
         """Magnitudes and vectors (N, wheel frame) of the external sleeves' forces on the wheels, (2, n_pins).
@@ -232,11 +192,11 @@ class ReferenceGearbox:
         Tangents at tips and pits are perpendicular to the radius: the polar angle says which side a sleeve is
         on. Magnitudes of simultaneous contacts add.
         """
-        q, pitch = self.pin_radius, 2 * np.pi / self.n_lobes
+        q, pitch = self.gearbox.pin_radius, 2 * np.pi / self.n_lobes
         lobe, past_tip = np.divmod(np.angle(p) % (2 * np.pi), pitch)
         lobe %= self.n_lobes  # rounding of an angle of -0
-        on_worn = np.array([np.isin(row, worn) for row, worn in zip(lobe, self.worn_lobes, strict=True)])
-        chord_width = np.where(on_worn, self.depth, 0.0)
+        on_worn = np.isin(lobe, self.defects.worn_lobes) & np.isin([[0], [1]], self.defects.wheels)
+        chord_width = np.where(on_worn, self.defects.depth, 0.0)
         end_width = np.where(past_tip < pitch / 2, chord_width, 0.0)
         # Radial wear leaves the stiffness as it was.
         t, path, along = self.worn_foot(p)
@@ -277,15 +237,15 @@ class ReferenceGearbox:
         facing = self._internal_points * np.exp(-1j * self.rest_angles(0.0)[:2, None])
         arm, hole = at[EXTERNAL] - wheel, turn * facing
         rate = speed[EXTERNAL] - wheel_speed - wheel_spin * arm
-        centre = np.array(self.wheel_runouts)[:, None]
+        centre = np.array(self.gearbox.wheel_runouts or (0j, 0j))[:, None]
         external_force, external_vector = self._outline_contact(arm / turn - centre, rate / turn)
         rate = speed[INTERNAL] - wheel_speed - wheel_spin * hole
         # Magnitudes and vectors (N) of the forces on a wheel; ``offset`` is sleeve minus hole centre (m).
         offset = at[INTERNAL] - wheel - hole
         distance = np.abs(offset)
         outward = offset / np.where(distance > 0, distance, 1.0)
-        play = self.eccentricity + self.clearance
-        radius = self.internal_sleeve_radius * (self.internal_sleeve_radius + play) / play
+        play = self.gearbox.eccentricity + self.gearbox.clearance
+        radius = self.gearbox.internal_sleeve_radius * (self.gearbox.internal_sleeve_radius + play) / play
         force = self.normal_force(play - distance, -_dot_of(rate, outward), radius)
         hole_contact = force, force * outward
         return external_force, external_vector * turn, *hole_contact
@@ -295,7 +255,7 @@ class ReferenceGearbox:
     @property
     def n_bodies(self) -> int:
         """Number of bodies: two shafts, two wheels and all sleeves."""
-        return EXTERNAL.start + self.n_pins
+        return EXTERNAL.start + self.gearbox.n_pins
 
     def rest_angles(self, phi: float) -> Real:
         """theta_1, theta_2, psi (rad) without load at input angle ``phi`` (rad): all contacts just touch."""
@@ -305,27 +265,27 @@ class ReferenceGearbox:
     @cached_property
     def _internal_points(self) -> Plane:
         return np.asarray(
-            self.internal_pitch_radius * np.exp(2j * np.pi * np.arange(N_INTERNAL) / N_INTERNAL)
+            self.gearbox.internal_pitch_radius * np.exp(2j * np.pi * np.arange(N_INTERNAL) / N_INTERNAL)
         )
 
     @cached_property
     def _joint_mounts(self) -> tuple[NDArray[np.intp], Plane]:
         """Parent of every body's joint and mounting point in the parent's frame (complex, m)."""
-        parents = [HOUSING] * 2 + [INPUT] * 2 + [OUTPUT] * N_INTERNAL + [HOUSING] * self.n_pins
-        cams = self.eccentricity * np.array([1.0, -1.0])
-        angle = 2 * np.pi * np.arange(self.n_pins) / self.n_pins
-        pins = self.eccentricity * self.n_pins / self.shortening * np.exp(1j * angle)
-        if self.pin_errors is not None:
-            pins = pins + np.asarray(self.pin_errors, dtype=float) @ np.array([1.0, 1j])
+        g = self.gearbox
+        parents = [HOUSING] * 2 + [INPUT] * 2 + [OUTPUT] * N_INTERNAL + [HOUSING] * g.n_pins
+        cams = g.eccentricity * np.array([1.0, -1.0])
+        angle = 2 * np.pi * np.arange(g.n_pins) / g.n_pins
+        errors = np.asarray(g.pin_radial_errors or 0.0) + 1j * np.asarray(g.pin_tangential_errors or 0.0)
+        pins = (g.eccentricity * g.n_pins / g.shortening + errors) * np.exp(1j * angle)
         return np.array(parents), np.concatenate([[0, 0], cams, self._internal_points, pins])
 
     @cached_property
     def mass_matrix(self) -> Real:
         """M of paper B eq. 2 in kg and kg m2, shape (n_coordinates, n_coordinates)."""
-        count = [1, 1, 2, N_INTERNAL + self.n_pins]
-        mass = [self.input_shaft_mass, self.output_shaft_mass, self.wheel_mass, self.sleeve_mass]
-        shafts = [self.input_shaft_inertia, self.output_shaft_inertia]
-        inertia = [*shafts, self.wheel_inertia, self.sleeve_inertia]
+        g = self.gearbox
+        count = [1, 1, 2, N_INTERNAL + g.n_pins]
+        mass = [INPUT_SHAFT_MASS, OUTPUT_SHAFT_MASS, g.wheel_mass, g.internal_sleeve_mass]
+        inertia = [g.input_shaft_inertia, g.output_shaft_inertia, g.wheel_inertia, g.sleeve_inertia]
         return np.diag(np.repeat(np.column_stack([mass, mass, inertia]), count, axis=0).ravel())
 
     def coordinates(self, phi: float, angles: ArrayLike) -> Real:
@@ -345,7 +305,7 @@ class ReferenceGearbox:
     def _body_angles(self, phi: float, angles: ArrayLike) -> Real:
         """Angle of every body and the housing; sleeves do not turn without friction."""
         theta_1, theta_2, psi = np.asarray(angles, dtype=float)
-        return np.concatenate([[phi, psi, theta_1, theta_2], np.zeros(N_INTERNAL + self.n_pins + 1)])
+        return np.concatenate([[phi, psi, theta_1, theta_2], np.zeros(N_INTERNAL + self.gearbox.n_pins + 1)])
 
     def constraints(self, coordinates: Real, phi: float) -> Real:
         """Phi(u, t), shape (n_constraints,), in m and, for the driver (paper B eq. 3), rad."""

@@ -61,54 +61,21 @@ def random_lobes(rng: np.random.Generator, n_lobes: int = 15) -> tuple[int, ...]
     return tuple(int(lobe) for lobe in np.flatnonzero(rng.random(n_lobes) < 0.5))
 
 
-def random_gearbox(rng: np.random.Generator, **parameters: Any) -> ReferenceGearbox:
-    """A system with worn lobes on both wheels, displaced pins and runout."""
-    return ReferenceGearbox(
-        worn_lobes=(random_lobes(rng), random_lobes(rng)),
-        depth=rng.choice([1.0, rng.uniform()]),
-        pin_errors=rng.normal(0, 2e-5, (16, 2)),
-        wheel_runouts=tuple(rng.normal(0, 1e-5, (2, 2)) @ [1, 1j]),
-        **parameters,
-    )
+def random_gearbox(rng: np.random.Generator) -> ReferenceGearbox:
+    """A system with worn lobes, displaced pins and runout."""
+    radial, tangential = rng.normal(0, 2e-5, (2, 16))
+    gearbox = CycloidalGearbox(
+        pin_radial_errors=radial, pin_tangential_errors=tangential,
+        wheel_runouts=rng.normal(0, 1e-5, (2, 2)) @ [1, 1j],
+    )  # fmt: skip
+    wheels = [(0,), (1,), (0, 1)][rng.integers(3)]
+    depth = float(rng.choice([1.0, rng.uniform()]))
+    return ReferenceGearbox(gearbox, LobeDefects.worn(random_lobes(rng), wheels=wheels, depth=depth))
 
 
 def pose_with_sleeve_0_at(t: float) -> float:
     """Input angle of the rest position that brings sleeve 0 to parameter ``t`` of wheel 0."""
     return 15 * t - math.pi
-
-
-def reference_of(gearbox: CycloidalGearbox, defects: LobeDefects) -> ReferenceGearbox:
-    """The same gearbox as a system of 28 bodies."""
-    angles = 2 * np.pi * np.arange(gearbox.n_pins) / gearbox.n_pins
-    none = np.zeros(gearbox.n_pins)
-    errors = np.asarray(gearbox.pin_radial_errors or none) + 1j * np.asarray(
-        gearbox.pin_tangential_errors or none
-    )
-    errors = errors * np.exp(1j * angles)
-    radial_wear = np.zeros((2, gearbox.n_lobes))
-    for wheel in defects.wheels:
-        radial_wear[wheel, list(defects.worn_lobes)] = 1e-6 * np.asarray(defects.wear_um or 0.0)
-    centre, half = defects.wear_centre, defects.wear_share / 2
-    worn_0, worn_1 = (defects.worn_lobes if wheel in defects.wheels else () for wheel in (0, 1))
-    return ReferenceGearbox(
-        eccentricity=gearbox.eccentricity,
-        n_pins=gearbox.n_pins,
-        shortening=gearbox.shortening,
-        pin_radius=gearbox.pin_radius,
-        internal_pitch_radius=gearbox.internal_pitch_radius,
-        internal_sleeve_radius=gearbox.internal_sleeve_radius,
-        clearance=gearbox.clearance,
-        wheel_young=gearbox.wheel_youngs_modulus,
-        wheel_poisson=gearbox.wheel_poisson_ratio,
-        stiffness_scale=gearbox.stiffness_scale,
-        contact_damping=gearbox.contact_damping,
-        worn_lobes=(worn_0, worn_1),
-        depth=defects.depth,
-        radial_wear=radial_wear,
-        radial_span=(centre - half, centre + half),
-        pin_errors=np.column_stack([errors.real, errors.imag]),
-        wheel_runouts=tuple(gearbox.wheel_runouts) or (0j, 0j),
-    )
 
 
 def kernel_state(reference: ReferenceGearbox, state: State) -> np.ndarray:

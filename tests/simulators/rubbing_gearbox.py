@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -28,45 +27,20 @@ class RubbingSolution(NamedTuple):
     bearing_power: float  #: of the shafts' bearings in W
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class RubbingGearbox(ReferenceGearbox):
-    """A :class:`~cyclofeat.simulators.reference.ReferenceGearbox` with friction.
+    """A :class:`~cyclofeat.simulators.reference.ReferenceGearbox` with the friction of its gearbox.
 
-    Parameters
-    ----------
-    sleeve_friction, static_friction : float
-        Coefficients of Coulomb friction between sleeve and wheel, sliding and at rest.
-    stribeck_speed : float
-        Speed in m/s over which the coefficient changes.
-    viscous_friction : float
-        In Ns/m, at every closed contact.
-    journal_friction : float
-        Coefficient on a sleeve's axle times the ratio of axle to sleeve radius; the load is the resulting
-        force of both wheels on the sleeve.
-    transition_speed, bearing_transition : float
-        Speeds in m/s and rad/s below which Coulomb friction is proportional to the speed (tanh).
-    input_coulomb, input_viscous, output_coulomb, output_viscous : float
-        Bearings of the shafts, in Nm and Nms/rad.
+    The load on an axle is the resulting force of both wheels on the sleeve.
     """
-
-    sleeve_friction: float = 0.0
-    static_friction: float = 0.0
-    stribeck_speed: float = 0.05
-    viscous_friction: float = 0.0
-    journal_friction: float = 0.0
-    transition_speed: float = 0.02
-    bearing_transition: float = 0.3
-    input_coulomb: float = 0.0
-    input_viscous: float = 0.0
-    output_coulomb: float = 0.0
-    output_viscous: float = 0.0
 
     def _friction(self, slip: Real, force: Real) -> Real:
         """Force in N along ``slip`` (m/s) of contacts pressed with ``force`` (N)."""
-        fall = np.exp(-((slip / self.stribeck_speed) ** 2))
-        coefficient = self.sleeve_friction + (self.static_friction - self.sleeve_friction) * fall
-        dry = coefficient * force * np.tanh(slip / self.transition_speed)
-        return np.asarray(dry + self.viscous_friction * slip * (force > 0))
+        g = self.gearbox
+        fall = np.exp(-((slip / g.stribeck_speed) ** 2))
+        static = g.sleeve_static_friction or g.sleeve_friction
+        coefficient = g.sleeve_friction + (static - g.sleeve_friction) * fall
+        dry = coefficient * force * np.tanh(slip / g.friction_transition_speed)
+        return np.asarray(dry + g.sleeve_viscous_friction * slip * (force > 0))
 
     def rubbing_accelerations(
         self, phi: float, omega: float, alpha: float, angles: ArrayLike, rates: ArrayLike, load_torque: float
@@ -77,7 +51,7 @@ class RubbingGearbox(ReferenceGearbox):
         the sleeves' angular speeds in rad/s after those of wheels and output, external, then internal.
         """
         u = self.coordinates(phi, angles)
-        shafts, external, internal = np.split(np.asarray(rates, dtype=float), [3, 3 + self.n_pins])
+        shafts, external, internal = np.split(np.asarray(rates, dtype=float), [3, 3 + self.gearbox.n_pins])
         v = self.velocities(u, omega, shafts)
         rate = v.reshape(-1, 3)[:, 2]  # a view
         rate[bodies.EXTERNAL.start :], rate[bodies.INTERNAL] = external, internal
@@ -96,8 +70,8 @@ class RubbingGearbox(ReferenceGearbox):
             theta_acceleration=acceleration[bodies.WHEELS],
             psi_acceleration=psi,
             spin_acceleration=np.append(acceleration[bodies.EXTERNAL.start :], acceleration[bodies.INTERNAL]),
-            input_torque=driver - self.input_shaft_inertia * alpha,
-            output_torque=load_torque - self.output_inertia * psi,
+            input_torque=driver - self.gearbox.input_shaft_inertia * alpha,
+            output_torque=load_torque - self.gearbox.output_inertia * psi,
             sleeve_power=float(rubbing @ v),
             journal_power=float(journals @ v),
             bearing_power=float(bearings @ v),
@@ -114,7 +88,9 @@ class RubbingGearbox(ReferenceGearbox):
         for sleeves, vector in zip((bodies.EXTERNAL, bodies.INTERNAL), pressing, strict=True):
             size = np.abs(vector)
             toward = np.where(size > 0, vector, 1.0) / np.where(size > 0, size, 1.0)  # from sleeve to wheel
-            radius = self.pin_radius if sleeves == bodies.EXTERNAL else self.internal_sleeve_radius
+            radius = (
+                self.gearbox.pin_radius if sleeves == bodies.EXTERNAL else self.gearbox.internal_sleeve_radius
+            )
             point = at[sleeves] + radius * toward
             of_wheel = speed[bodies.WHEELS, None] + 1j * spin[bodies.WHEELS, None] * (
                 point - at[bodies.WHEELS, None]
@@ -133,12 +109,12 @@ class RubbingGearbox(ReferenceGearbox):
         """Moments of the sleeves' axles; external ones belong to the housing, internal ones to the output."""
         moment = np.zeros(spin.size)
         for sleeves, parent, radius in (
-            (bodies.EXTERNAL, bodies.HOUSING, self.pin_radius),
-            (bodies.INTERNAL, bodies.OUTPUT, self.internal_sleeve_radius),
+            (bodies.EXTERNAL, bodies.HOUSING, self.gearbox.pin_radius),
+            (bodies.INTERNAL, bodies.OUTPUT, self.gearbox.internal_sleeve_radius),
         ):
             turning = spin[sleeves] - spin[parent]
-            couple = self.journal_friction * radius * np.abs(pressed[sleeves])
-            couple = couple * np.tanh(turning * radius / self.transition_speed)
+            couple = self.gearbox.journal_friction * radius * np.abs(pressed[sleeves])
+            couple = couple * np.tanh(turning * radius / self.gearbox.friction_transition_speed)
             moment[sleeves] -= couple
             moment[parent] += couple.sum()
         return _moments(moment)
@@ -147,19 +123,12 @@ class RubbingGearbox(ReferenceGearbox):
         """Moments of the shafts' bearings."""
         moment = np.zeros(spin.size)
         for shaft, coulomb, viscous in (
-            (bodies.INPUT, self.input_coulomb, self.input_viscous),
-            (bodies.OUTPUT, self.output_coulomb, self.output_viscous),
+            (bodies.INPUT, self.gearbox.input_bearing_torque, self.gearbox.input_bearing_viscosity),
+            (bodies.OUTPUT, self.gearbox.output_bearing_torque, self.gearbox.output_bearing_viscosity),
         ):
-            moment[shaft] -= coulomb * np.tanh(spin[shaft] / self.bearing_transition)
+            moment[shaft] -= coulomb * np.tanh(spin[shaft] / self.gearbox.bearing_transition_speed)
             moment[shaft] -= viscous * spin[shaft]
         return _moments(moment)
-
-    @property
-    def output_inertia(self) -> float:
-        """Inertia of output shaft and internal sleeves' centres about the origin, in kg m2."""
-        return (
-            self.output_shaft_inertia + bodies.N_INTERNAL * self.sleeve_mass * self.internal_pitch_radius**2
-        )
 
 
 def _moments(moment: Real) -> Real:

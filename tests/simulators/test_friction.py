@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reference_tools import SPEED, Kernel, State, kernel_state, random_lobes, reference_of, simulate_with
+from reference_tools import SPEED, Kernel, State, kernel_state, random_lobes, simulate_with
 from rubbing_gearbox import RubbingGearbox
 
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, SimulationRun, Solver, simulate
+from cyclofeat.simulators.reference import ReferenceGearbox
 from cyclofeat.simulators.simulation import GearboxLocked, friction_rates
 
 STEEL = CycloidalGearbox.steel()
@@ -44,29 +45,10 @@ def rubbing(rng: np.random.Generator) -> CycloidalGearbox:
     )
 
 
-def oracle_of(gearbox: CycloidalGearbox, defects: LobeDefects) -> RubbingGearbox:
-    frictionless = reference_of(gearbox, defects)
-    fields = {name: getattr(frictionless, name) for name in type(frictionless).__dataclass_fields__}
-    return RubbingGearbox(
-        **fields,
-        sleeve_friction=gearbox.sleeve_friction,
-        static_friction=gearbox.sleeve_static_friction or gearbox.sleeve_friction,
-        stribeck_speed=gearbox.stribeck_speed,
-        viscous_friction=gearbox.sleeve_viscous_friction,
-        journal_friction=gearbox.journal_friction,
-        transition_speed=gearbox.friction_transition_speed,
-        bearing_transition=gearbox.bearing_transition_speed,
-        input_coulomb=gearbox.input_bearing_torque,
-        input_viscous=gearbox.input_bearing_viscosity,
-        output_coulomb=gearbox.output_bearing_torque,
-        output_viscous=gearbox.output_bearing_viscosity,
-    )
-
-
 def random_operation(rng: np.random.Generator) -> tuple[State, np.ndarray]:
     """Near the deflections under 22 Nm, either way round, with sleeves that spin at random."""
     phi, omega = rng.uniform(-50, 50), rng.choice([-1, 1]) * SPEED
-    angles = reference_of(STEEL, HEALTHY).rest_angles(phi) + LOADED + rng.normal(0, 3e-4, 3)
+    angles = ReferenceGearbox().rest_angles(phi) + LOADED + rng.normal(0, 3e-4, 3)
     rates = -omega / 15 + rng.normal(0, 1, 3)
     state = State(phi, omega, rng.normal(0, 260), angles, rates, rng.normal(0, 22))
     return state, rng.normal(0, 60, N_SLEEVES)
@@ -98,7 +80,7 @@ def test_kernel_agrees_with_rubbing_bodies() -> None:
     loaded = 0
     for _ in range(100):
         gearbox, defects, state, spins = drawn(rng)
-        oracle = oracle_of(gearbox, defects)
+        oracle = RubbingGearbox(gearbox, defects)
         expected = oracle.rubbing_accelerations(*state[:4], np.append(state.rates, spins), state.load)
         got = at_state(Kernel(gearbox, defects), full_state(oracle, state, spins), state)
         force = max(got["external_force"].max(), got["internal_force"].max(), 1.0)
@@ -214,9 +196,9 @@ def test_damping_rates_are_those_of_the_kernel() -> None:
         gearbox = rubbing(rng).replace(
             contact_damping=0.0, cam_errors=rng.normal(0, 2e-5, 2) + 1j * rng.normal(0, 2e-5, 2)
         )
-        angles = reference_of(STEEL, HEALTHY).rest_angles(1.0) + LOADED + rng.normal(0, 3e-4, 3)
+        angles = ReferenceGearbox().rest_angles(1.0) + LOADED + rng.normal(0, 3e-4, 3)
         at = State(1.0, 0.0, 0.0, angles, np.zeros(3), 22.0)
-        state = full_state(oracle_of(gearbox, HEALTHY), at, np.zeros(N_SLEEVES))
+        state = full_state(RubbingGearbox(gearbox, HEALTHY), at, np.zeros(N_SLEEVES))
         kernel = Kernel(gearbox, HEALTHY)
         moving = [4, 5, 6, *range(8, state.size)]
         jacobian = np.zeros((len(moving), len(moving)))

@@ -11,7 +11,6 @@ import pytest
 
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects
 from cyclofeat.simulators.defects import machine
-from cyclofeat.simulators.gearbox import CycloidalProfile
 from cyclofeat.simulators.reference import ReferenceGearbox
 from cyclofeat.simulators.tables import joint_effective_radius, kernel_input, stiffness_factor
 
@@ -198,11 +197,7 @@ def test_presets_are_the_papers() -> None:
 def test_contact_parameters_are_those_of_the_papers_system() -> None:
     """Paper B eq. 14-16, and the effective radius of a sleeve in a hole that is wider by e."""
     for gearbox in (STEEL, CycloidalGearbox.abs()):
-        reference = ReferenceGearbox(
-            wheel_young=gearbox.wheel_youngs_modulus,
-            wheel_poisson=gearbox.wheel_poisson_ratio,
-            stiffness_scale=gearbox.stiffness_scale,
-        )
+        reference = ReferenceGearbox(gearbox)
         for radius in (3e-3, 6e-3):
             force = stiffness_factor(gearbox) * radius**0.5 * 1e-4**1.5
             found = reference.normal_force(np.array(-1e-4), np.array(0.0), radius)
@@ -211,13 +206,11 @@ def test_contact_parameters_are_those_of_the_papers_system() -> None:
 
 
 def test_profile_is_that_of_the_papers_system() -> None:
-    for profile, reference in (
-        (STEEL.profile, ReferenceGearbox()),
-        (
-            CycloidalProfile(1.5e-3, 14, 0.6, 3.5e-3),
-            ReferenceGearbox(eccentricity=1.5e-3, n_pins=14, shortening=0.6, pin_radius=3.5e-3),
-        ),
+    for gearbox in (
+        STEEL,
+        CycloidalGearbox(eccentricity=1.5e-3, n_pins=14, shortening=0.6, pin_radius=3.5e-3),
     ):
+        profile, reference = gearbox.profile, ReferenceGearbox(gearbox)
         t = np.linspace(0, 7, 300)
         assert np.abs(profile.trochoid(t) - reference.trochoid(t)).max() < 1e-16
         assert np.abs(profile.point(t) - reference.profile(t)).max() < 1e-16

@@ -21,7 +21,6 @@ from reference_tools import (
     kernels,
     random_lobes,
     random_state,
-    reference_of,
 )
 
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects
@@ -128,7 +127,7 @@ def test_kernel_agrees_with_the_papers_system(
     for _ in range(60):
         drawn = displaced(gearbox, rng) if with_pins else gearbox
         defects = worn(gearbox, rng) if with_wear else HEALTHY
-        reference = reference_of(drawn, defects)
+        reference = ReferenceGearbox(drawn, defects)
         away, force = errors(reference, Kernel(drawn, defects), state_of(reference, rng))
         for name, error in away.items():
             assert error < 1e-9, name
@@ -141,7 +140,7 @@ def test_kernel_agrees_with_the_papers_system(
 def test_kernel_agrees_all_along_a_worn_lobe(push: float, depth: float) -> None:
     """Vertex, chord, chord with the flank's end, chord with the flank: in steps of 0.1 degrees."""
     defects = LobeDefects.worn((3,), wheels=(1,), depth=depth)
-    reference, kernel = reference_of(STEEL, defects), Kernel(STEEL, defects)
+    reference, kernel = ReferenceGearbox(STEEL, defects), Kernel(STEEL, defects)
     touched = 0
     for degrees in np.arange(-1.0, 25.0, 0.1):
         # Sleeve 8 touches wheel 1 at t = pi - theta_2.
@@ -171,7 +170,7 @@ def run_both(
         np.arange(n_steps), motion, external, internal, np.zeros((2, 16, 3)), np.zeros((2, 8, 3)),
     )  # fmt: skip
     assert finished == n_steps
-    reference = reference_of(gearbox, defects)
+    reference = ReferenceGearbox(gearbox, defects)
     start = np.append(reference.rest_angles(phi) + offset, [-SPEED / 15] * 3)
     path = reference.integrate(
         0.0, n_steps * dt, dt, start, lambda t: (phi + SPEED * t, SPEED, 0.0), lambda t: 22.0

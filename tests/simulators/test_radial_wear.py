@@ -13,13 +13,13 @@ from reference_tools import (
     State,
     kernel_state,
     pose_with_sleeve_0_at,
-    reference_of,
 )
 from scipy.spatial import cKDTree
 
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.simulators import Campaign, CycloidalGearbox, LobeDefects, simulate, simulate_many
 from cyclofeat.simulators.campaign import _run
+from cyclofeat.simulators.reference import ReferenceGearbox
 
 STEEL = CycloidalGearbox.steel()
 LOADED = np.array([1.7e-3, 1.7e-3, 4.1e-3, 0, 0, 0, 0, 0])
@@ -74,7 +74,7 @@ def test_gap_is_that_of_the_nearest_point_of_the_worn_outline(defects: LobeDefec
 )
 def test_kernel_agrees_with_the_papers_system(defects: LobeDefects) -> None:
     """The 28 bodies find the nearest point of the path in another way."""
-    reference, kernel = reference_of(STEEL, defects), Kernel(STEEL, defects)
+    reference, kernel = ReferenceGearbox(STEEL, defects), Kernel(STEEL, defects)
     healthy = Kernel(STEEL, LobeDefects.healthy())
     differs = 0
     for degrees in np.arange(-1.0, 14.0, 0.5):

@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 from reference_tools import PIT, pose_with_sleeve_0_at
 
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects
 from cyclofeat.simulators.reference import ReferenceGearbox
+
+WORN = LobeDefects.worn(1, wheels=(0,))
 
 
 def test_normal_force_law() -> None:
@@ -40,7 +43,7 @@ def forces_on_sleeve_0(
 
 
 def test_chord_carries_from_9_2_to_13_3_degrees_in_the_rest_position() -> None:
-    gearbox = ReferenceGearbox(worn_lobes=((0,), ()))
+    gearbox = ReferenceGearbox(defects=WORN)
     degrees = np.array([0.5, 3.0, 9.2, 9.3, 12.0, 13.3, 13.4, 20.0])
     magnitudes, _ = forces_on_sleeve_0(gearbox, np.deg2rad(degrees), 0.0)
     assert (magnitudes > 1e-3).tolist() == ((degrees > 9.25) & (degrees < 13.33)).tolist()
@@ -48,7 +51,7 @@ def test_chord_carries_from_9_2_to_13_3_degrees_in_the_rest_position() -> None:
 
 def test_flank_carries_with_the_chord_past_the_pit() -> None:
     """Pressed towards the flank, a sleeve past the pit has two contacts, whose magnitudes add up."""
-    worn, healthy = ReferenceGearbox(worn_lobes=((0,), ())), ReferenceGearbox()
+    worn, healthy = ReferenceGearbox(defects=WORN), ReferenceGearbox()
     t = np.deg2rad([12.5, 13.0])
     push = -2e-3
     both, both_vector = forces_on_sleeve_0(worn, t, push)
@@ -61,7 +64,7 @@ def test_flank_carries_with_the_chord_past_the_pit() -> None:
 @pytest.mark.parametrize(("wheel", "lobe"), [(0, 0), (0, 7), (1, 0), (1, 14)])
 def test_worn_wheels_and_lobes_are_the_ones_asked_for(wheel: int, lobe: int) -> None:
     """Equal lobes of the two wheels act at the same moment, on opposite sleeves."""
-    gearbox = ReferenceGearbox(worn_lobes=((lobe,), ()) if wheel == 0 else ((), (lobe,)))
+    gearbox = ReferenceGearbox(defects=LobeDefects.worn((lobe,), wheels=(wheel,)))
     phi = pose_with_sleeve_0_at((2 * lobe + 0.9) * PIT)
     u = gearbox.coordinates(phi, gearbox.rest_angles(phi))
     force, _, _, _ = gearbox.contact_forces(u, np.zeros_like(u))
@@ -70,8 +73,8 @@ def test_worn_wheels_and_lobes_are_the_ones_asked_for(wheel: int, lobe: int) -> 
 
 def test_flank_ends_in_a_point_before_the_pit() -> None:
     """Pressed inwards, a sleeve that has not reached the pit touches chord and flank's end."""
-    errors = np.outer(np.arange(16) == 0, [-5e-5, 0.0])
-    worn = ReferenceGearbox(worn_lobes=((0,), ()), pin_errors=errors)
+    errors = -5e-5 * (np.arange(16) == 0)
+    worn = ReferenceGearbox(CycloidalGearbox(pin_radial_errors=errors), WORN)
     (magnitude,), _ = forces_on_sleeve_0(worn, np.array([PIT - 1e-3]), 0.0)
     phi = pose_with_sleeve_0_at(PIT - 1e-3)
     angles = worn.rest_angles(phi)
@@ -90,7 +93,9 @@ def test_flank_ends_in_a_point_before_the_pit() -> None:
 def test_depth_mixes_the_healthy_and_the_worn_outline() -> None:
     t = np.deg2rad([2.0, 9.5, 11.5, 12.5, 15.0])
     healthy, half, worn = (
-        forces_on_sleeve_0(ReferenceGearbox(worn_lobes=((0,), ()), depth=depth), t, -1e-3)[1]
+        forces_on_sleeve_0(ReferenceGearbox(defects=LobeDefects.worn(1, wheels=(0,), depth=depth)), t, -1e-3)[
+            1
+        ]
         for depth in (0.0, 0.25, 1.0)
     )
     assert np.abs(half - (0.75 * healthy + 0.25 * worn)).max() < 1e-9
@@ -104,7 +109,7 @@ def test_runout_moves_the_profile_of_its_wheel_only() -> None:
     for wheel in (0, 1):
         runouts = [0j, 0j]
         runouts[wheel] = 2e-5 * np.exp(1j * math.pi / 15 + 1j * math.pi * wheel)
-        gearbox = ReferenceGearbox(wheel_runouts=tuple(runouts))
+        gearbox = ReferenceGearbox(CycloidalGearbox(wheel_runouts=tuple(runouts)))
         force, _, hole_force, _ = gearbox.contact_forces(u, np.zeros_like(u))
         assert force[wheel].max() > 1
         assert force[1 - wheel].max() < 1e-6

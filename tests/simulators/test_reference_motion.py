@@ -9,10 +9,8 @@ import pytest
 from reference_tools import SPEED, random_gearbox, random_state
 from scipy.optimize import root
 
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects
 from cyclofeat.simulators.reference import ReferenceGearbox, ramped_driver, ramped_load
-
-CONSECUTIVE = tuple(range(7))
-
 
 # Balance ----------------------------------------------------------------------------------------------------
 
@@ -28,10 +26,10 @@ def static_equilibrium(gearbox: ReferenceGearbox, phi: float, load: float) -> np
     return gearbox.rest_angles(phi) + 1e-3 * found.x
 
 
-@pytest.mark.parametrize("worn", [((), ()), (CONSECUTIVE, ()), (CONSECUTIVE, CONSECUTIVE)])
+@pytest.mark.parametrize("defects", [LobeDefects(), LobeDefects.worn(7, wheels=(0,)), LobeDefects.worn(7)])
 @pytest.mark.parametrize("phi", [0.1, 1.4])
-def test_statics(worn: tuple[tuple[int, ...], tuple[int, ...]], phi: float) -> None:
-    gearbox = ReferenceGearbox(worn_lobes=worn)
+def test_statics(defects: LobeDefects, phi: float) -> None:
+    gearbox = ReferenceGearbox(defects=defects)
     load = 22.0
     angles = static_equilibrium(gearbox, phi, load)
     assert angles[2] > gearbox.rest_angles(phi)[2]  # the load turns the output its own way
@@ -114,7 +112,7 @@ def test_start_from_rest_with_the_papers_ramps() -> None:
 
 
 def test_divergence_is_reported_with_time_contact_and_advice() -> None:
-    gearbox = ReferenceGearbox(stiffness_scale=1.0)
+    gearbox = ReferenceGearbox(CycloidalGearbox(stiffness_scale=1.0))
     state = np.append(gearbox.rest_angles(0.3) + np.array([0.0, 0.0, 0.02]), np.zeros(3))
     with pytest.raises(FloatingPointError, match=r"t = .* N between .* smaller dt"):
         gearbox.integrate(0.0, 1e-3, 1e-4, state, steady(0.3), lambda t: 22.0)
