@@ -275,7 +275,7 @@ class LobeDefects:
         return len(self.worn_lobes) + len(self.removed_lobes)
 
 
-def machine(
+def check_machine(
     gearbox: CycloidalGearbox | None, defects: LobeDefects | None
 ) -> tuple[CycloidalGearbox, LobeDefects]:
     """Return the checked gearbox and defects; defaults: steel, healthy."""

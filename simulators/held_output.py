@@ -11,7 +11,7 @@ from scipy.integrate import trapezoid
 
 from cyclofeat._base.checks import number, positive, whole
 from cyclofeat.simulators._kernels import integrate_held, new_memory
-from cyclofeat.simulators.defects import LobeDefects, machine
+from cyclofeat.simulators.defects import LobeDefects, check_machine
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.simulation import ABSURD_TORQUE, LARGEST_N_STEPS, SimulationDiverged
 from cyclofeat.simulators.tables import kernel_input, rest_state
@@ -136,7 +136,7 @@ def torque_deflection(
     >>> loop.lost_motion() > 1e-3, loop.hysteresis() > 0
     (True, True)
     """
-    gearbox, defects = machine(gearbox, defects)
+    gearbox, defects = check_machine(gearbox, defects)
     for name, value in (("peak_torque", peak_torque), ("period", period), ("dt", dt)):
         positive(name, value)
     number("input_angle", input_angle)

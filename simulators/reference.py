@@ -82,7 +82,7 @@ class ReferenceGearbox:
         taken into account.
     defects : LobeDefects
         Worn lobes. A chord replaces the half from the tip to the next pit (paper B section 2), with ``depth``
-        as the weight of the worn outline's force; by radial wear the path of the sleeves' centres lies deeper.
+        as the weight of the worn outline's force. Radial wear sinks the path of the sleeves' centres.
     """
 
     gearbox: CycloidalGearbox = field(default_factory=CycloidalGearbox)

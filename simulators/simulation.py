@@ -17,7 +17,7 @@ from cyclofeat._base.checks import check_type, number, one_of, positive
 from cyclofeat.simulators import _kernels
 from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.courses import MARGIN, Courses, DriveAndLoad, on_grid
-from cyclofeat.simulators.defects import LobeDefects, machine
+from cyclofeat.simulators.defects import LobeDefects, check_machine
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.tables import (
     KernelInput,
@@ -263,7 +263,7 @@ def simulate(
     >>> run.torque_out.shape
     (7680,)
     """
-    gearbox, defects = machine(gearbox, defects)
+    gearbox, defects = check_machine(gearbox, defects)
     if simulator is not None:
         n, steady = round(duration * sampling_rate), gearbox.replace(ramp_time=0.0)
         course = DriveAndLoad(steady, n, 1 / sampling_rate, sampling_rate, start_angle, courses).piece()

@@ -18,7 +18,7 @@ from cyclofeat.simulators.batch._kernel import decimate_row, fill_drive, integra
 from cyclofeat.simulators.batch._tables import aligned_zeros, batch_tables, read_states, write_states
 from cyclofeat.simulators.batch._vectors import Lanes
 from cyclofeat.simulators.courses import Courses, DriveAndLoad, on_grid
-from cyclofeat.simulators.defects import LobeDefects, machine
+from cyclofeat.simulators.defects import LobeDefects, check_machine
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.simulation import STAGES, Integration, Sampling, SimulationRun, Solver
 from cyclofeat.simulators.tables import KernelInput, kernel_input, rest_state
@@ -56,7 +56,7 @@ class Request:
     @classmethod
     def from_arguments(cls, arguments: Mapping[str, Any]) -> Request:
         """Return the request of one run's arguments; raise as ``simulate`` does."""
-        gearbox, defects = machine(arguments.get("gearbox"), arguments.get("defects"))
+        gearbox, defects = check_machine(arguments.get("gearbox"), arguments.get("defects"))
         given = {name: value for name, value in arguments.items() if name in _OPTIONS}
         given["solver"] = solver = given.get("solver") or Solver()
         given["start_angle"] = number("start_angle", given.get("start_angle", 0.0))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects
-from cyclofeat.simulators.defects import machine
+from cyclofeat.simulators.defects import check_machine
 from cyclofeat.simulators.reference import ReferenceGearbox
 from cyclofeat.simulators.tables import joint_effective_radius, kernel_input, stiffness_factor
 
@@ -80,7 +80,7 @@ def test_defects_cannot_change() -> None:
             "length_mm must be at most 5.41 about wear_centre, got 8",
         ),
         (
-            lambda: machine(STEEL, LobeDefects.pitted(1, wear_um=20, length_mm=1)),
+            lambda: check_machine(STEEL, LobeDefects.pitted(1, wear_um=20, length_mm=1)),
             "wear_um must be at most 12.6 with wear_share=0.112 .* a pin reaches no deeper .* got 20",
         ),
         (
@@ -88,7 +88,7 @@ def test_defects_cannot_change() -> None:
             r"worn_lobes and removed_lobes must not overlap, both hold \[2\]",
         ),
         (
-            lambda: machine(STEEL, LobeDefects.removed((3, 15))),
+            lambda: check_machine(STEEL, LobeDefects.removed((3, 15))),
             r"defects name lobe 15 \(from 0\), but the wheel has 15 lobes",
         ),
     ],
