@@ -179,11 +179,11 @@ def false_alarms(n: int) -> tuple[int, str]:
     sets = [comparison.measured(X[8 * k : 8 * k + 8], y=counts) for k in range(n)]
     located = locate(comparison, sets[0], n_permutations=_N_PERMUTATIONS)
     # All sets use one bank: they are compared as in locate, without a new bank for each.
-    simulated = located.centred(located.simulated, located.bank.counts)
+    simulated = located.centre_on_counts(located.simulated, located.bank.counts)
     random = np.random.default_rng(0)
     alarms = 0
     for one in sets:
-        measured = located.centred(one.values, one.counts)
+        measured = located.centre_on_counts(one.values, one.counts)
         p = family_p(measured, simulated, one.cells, _N_PERMUTATIONS, random)
         alarms += min(p.values()) <= located.alpha
     return alarms, located.verdict

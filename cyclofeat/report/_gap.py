@@ -202,7 +202,7 @@ def _draw_overlays(result: GapResult, label: str) -> list[dict[str, Any]]:
 def _summarise_where(where: Where, label: str) -> dict[str, Any]:
     """Return where recordings, which pictures name by the label, and model differ at one condition."""
     display = GapDisplay(where, label=label)
-    flagged = where.flagged
+    flagged = where.flagged_rows
     levels = where.means("spectrum")
     pictures = {}
     for name, (kind, phase, alt) in _PICTURES.items():

@@ -257,7 +257,7 @@ def test_simulated_recordings_in_the_place_of_measured_ones_rarely_disagree(
     comparison: Comparison, simulations: Path
 ) -> None:
     located = compared(comparison, recordings([], 6, 101, simulations))
-    values = located.centred(located.simulated, located.bank.counts)
+    values = located.centre_on_counts(located.simulated, located.bank.counts)
     random = np.random.default_rng(1)
     alarms = 0
     for _ in range(40):

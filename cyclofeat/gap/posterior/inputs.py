@@ -96,7 +96,7 @@ class Reference(BaseEstimator):
             ]
         )
 
-    def scaled(self, conditions: Float) -> Float:
+    def scale_conditions(self, conditions: Float) -> Float:
         """Return speed and load on a scale from -1 to 1 over what was learned, and the direction."""
         (slow, fast), (light, heavy) = self.speed_, self.load_
         speed, load, direction = np.moveaxis(conditions, -1, 0)
@@ -106,7 +106,7 @@ class Reference(BaseEstimator):
         )  # fmt: skip
 
     def _regression_inputs(self, conditions: Float, counts: NDArray[np.int64] | None) -> Float:
-        speed, load, _ = self.scaled(conditions).T
+        speed, load, _ = self.scale_conditions(conditions).T
         waves = np.arange(1, _WAVES + 1) * np.pi / 2 * speed[:, None]
         of_speed = np.column_stack([speed, speed**2, np.sin(waves), np.cos(waves)])
         columns = [
@@ -243,7 +243,7 @@ def assemble_inputs(
 ) -> Inputs:
     """Return the inputs of sessions of which some recordings are shown, with counts and tachometer or not."""
     known, turned = with_counts[:, None, None], tachometer[:, None, None]
-    at = reference.scaled(made.conditions)
+    at = reference.scale_conditions(made.conditions)
     counts = (made.counts[:, :, None] == reference.counts_) & known
     speeds = np.where(turned, made.speeds, 0.0)
     flags = np.broadcast_to(np.concatenate([known, turned], axis=2), (*shown.shape, 2))

@@ -182,11 +182,11 @@ def _compiled_steps(
         fixed, inputs, present, sizes, there = batch
         keys = iter(jax.random.split(key, 4))
 
-        def blurred(pools: Any) -> Any:
+        def add_noise(pools: Any) -> Any:
             return pools + _BLURRED * jax.random.normal(next(keys), pools.shape)
 
         thinned = make_dropout(_DROPPED, keys)
-        outputs = network_outputs(jnp, weights | fixed, **inputs, blurred=blurred, thinned=thinned)
+        outputs = network_outputs(jnp, weights | fixed, **inputs, blurred=add_noise, thinned=thinned)
         logits, mean, spread = split_outputs(jnp, outputs, n_effects)
         of_presence = optax.sigmoid_binary_cross_entropy(logits, present).sum(1).mean()
         squares = 0.5 * ((sizes - mean) * jnp.exp(-spread)) ** 2

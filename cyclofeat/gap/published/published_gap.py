@@ -243,7 +243,7 @@ def find_published_gap(
     search = Search(rigs, measured, library, settings)
     discs = tuple(range(n))
     named, steps, dropped = search.name(discs)
-    dense, weights = search.fitted(named), search.weights(named, discs)
+    dense, weights = search.weighted_rigs(named), search.weights(named, discs)
     best = dense.theta[int(np.argmax(weights))]
     effects = rigs.effects(named, best)
     parameters = []
@@ -267,7 +267,7 @@ def find_published_gap(
         discrepancies=_locate_statistics(measured, rigs.table(()).values.mean(axis=(0, 1))),
         ranking=search.ranking(discs),
         steps=steps,
-        rejected=search.rejected(named, discs),
+        rejected=search.rejected_effects(named, discs),
         dropped=dropped,
         effects=effects,
         parameters=tuple(parameters),
@@ -296,7 +296,7 @@ def predict_statistics(search: Search, disc: int, entropies: Float | None = None
         columns[name] = tuple(np.exp(part[:, k]) for part in parts)
     columns["range"] = tuple(np.exp(part[:, 2:]).sum(axis=1) for part in parts)
     if entropies is not None:
-        near = search.fitted(named).nearest[of_rig]
+        near = search.weighted_rigs(named).nearest[of_rig]
         simulated, alone = rigs.entropies(named)[near, :, disc], rigs.entropies(())[:, :, disc]
         columns["entropy"] = (entropies[[disc]], simulated.ravel(), alone.ravel(), entropies[list(others)])
     rows = []

@@ -366,11 +366,11 @@ def interpolate_rigs(table: RigTable, bounds: Sequence[tuple[float, float, bool]
         warnings.simplefilter("ignore", ConvergenceWarning)
         process.fit(at, scaled)
 
-    def expected(places: Float) -> Float:
+    def expected_values(places: Float) -> Float:
         found = np.asarray(process.predict(places)) * spread + means.mean(axis=0)
         return np.asarray(found.reshape(len(places), n_counts, n_statistics))
 
-    left = (values - expected(at)[:, np.newaxis]).reshape(n, n_replicates * n_counts, n_statistics)
+    left = (values - expected_values(at)[:, np.newaxis]).reshape(n, n_replicates * n_counts, n_statistics)
     # Within the simulated values: nothing is extrapolated.
     low, high = at.min(axis=0), at.max(axis=0)
     shares = qmc.Sobol(at.shape[1], seed=seed).random(_DENSE)
@@ -382,4 +382,6 @@ def interpolate_rigs(table: RigTable, bounds: Sequence[tuple[float, float, bool]
             for x, (a, b, log) in zip(places.T, bounds, strict=True)
         ]
     )
-    return DenseRigs(theta, expected(places), left[nearest].reshape(_DENSE, -1, n_statistics), nearest, none)
+    return DenseRigs(
+        theta, expected_values(places), left[nearest].reshape(_DENSE, -1, n_statistics), nearest, none
+    )

@@ -117,7 +117,7 @@ class Search:
         rows = (Tried(name, float(values.mean())) for name, values in scores.items())
         return tuple(sorted(rows, key=lambda row: row.score))
 
-    def rejected(self, named: Set, discs: tuple[int, ...]) -> tuple[Tried, ...]:
+    def rejected_effects(self, named: Set, discs: tuple[int, ...]) -> tuple[Tried, ...]:
         """Return the effects that were not added, best first."""
         if len(named) >= self.settings.max_effects:
             return ()
@@ -137,7 +137,7 @@ class Search:
             self._scores[key, discs] = np.array(scores)
         return self._scores[key, discs]
 
-    def fitted(self, key: Set) -> DenseRigs:
+    def weighted_rigs(self, key: Set) -> DenseRigs:
         """Return the interpolated rigs, with their weights by each disc."""
         if key not in self._fits:
             dense = interpolate_rigs(self.rigs.table(key), self.rigs.bounds(key), self.random_state)
@@ -148,13 +148,13 @@ class Search:
 
     def weights(self, key: Set, discs: Sequence[int]) -> Float:
         """Return the weights of the rigs by some of the discs; their sum is 1."""
-        total = self.fitted(key).log_weight[:, list(discs)].sum(axis=1)
+        total = self.weighted_rigs(key).log_weight[:, list(discs)].sum(axis=1)
         weights = np.exp(total - total.max())
         return np.asarray(weights / weights.sum())
 
     def sample(self, key: Set, discs: Sequence[int], disc: int) -> tuple[Float, NDArray[np.intp]]:
         """Predictions of one disc by the rigs weighted with others, (n, 4), and the rig of each."""
-        dense = self.fitted(key)
+        dense = self.weighted_rigs(key)
         random = np.random.default_rng([self.random_state, disc])
         # Systematic sampling: the number of samples of a rig is its weight times n, rounded.
         at = (np.arange(_SAMPLES) + random.random()) / _SAMPLES

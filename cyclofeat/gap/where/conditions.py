@@ -132,7 +132,7 @@ class Where:
         return min(self.family_p.values())
 
     @property
-    def flagged(self) -> list[WhereRow]:
+    def flagged_rows(self) -> list[WhereRow]:
         """Rows that differ, the clearest first."""
         return sorted((row for row in self.rows if row.p <= self.alpha), key=lambda row: -row.clarity)
 

@@ -145,17 +145,17 @@ class LocatedGap:
         kinematics = self.comparison.kinematics
         return phase_maps(self.measured.windows, self.bank.X, kinematics, self.alpha, speeds)
 
-    def centred(self, values: Float, counts: NDArray[Any] | None) -> Float:
+    def centre_on_counts(self, values: Float, counts: NDArray[Any] | None) -> Float:
         """Summaries less the simulated mean of their count; unchanged where counts are not known."""
         if self.measured.counts is None or counts is None:
             return values
         return less_class_means(values, counts, class_means(self.simulated, self.bank.counts))
 
     def centred_sets(self) -> tuple[Float, Float]:
-        """Measured and simulated summaries by :meth:`centred`."""
+        """Measured and simulated summaries by :meth:`centre_on_counts`."""
         return (
-            self.centred(self.measured.values, self.measured.counts),
-            self.centred(self.simulated, self.bank.counts),
+            self.centre_on_counts(self.measured.values, self.measured.counts),
+            self.centre_on_counts(self.simulated, self.bank.counts),
         )
 
 
@@ -236,7 +236,7 @@ def locate(
     if comparison.one_assembly:
         counts = sorted(set(bank.counts.tolist()))
         of_assemblies = comparison.bank(_ASSEMBLIES * _PER_ASSEMBLY, counts, n_assemblies=_ASSEMBLIES)
-        values = blank.centred(comparison.summaries(of_assemblies), of_assemblies.counts)
+        values = blank.centre_on_counts(comparison.summaries(of_assemblies), of_assemblies.counts)
         shared = intraclass_correlation(trend.without(values), of_assemblies.assemblies)
     compared = trend.without(of_measured), trend.without(of_simulated)
     table, family_p = _test_cells(dataclasses.replace(blank, shared_variance=shared), compared)
