@@ -108,7 +108,7 @@ def find_gap(
             "measured"
         )
     return GapResult(
-        where=tuple(where_of(one, pictures=settings.pictures) for one in located),
+        where=tuple(where_of(gap, pictures=settings.pictures) for gap in located),
         rig=corrected,
         quantity=rig.quantity,
         posterior_rig=model.corrected_rig(variants=variants).replace(gearbox=gearbox),
@@ -131,7 +131,7 @@ def _found_effects(
     quantiles |= dict(zip(confirmed.names, confirmed.quantiles, strict=True))
     limits = posterior.visible_from()
     visible = dict(zip(posterior.names_, posterior.predict_visible([session])[0].tolist(), strict=True))
-    found = []
+    effects = []
     for effect in posterior.world.effects or ():
         name = effect.effect_id
         if not np.isfinite(presence[name]):
@@ -147,13 +147,13 @@ def _found_effects(
             sizes.append(Size(key, effect.parameters[key].unit, middle, low, high))
         others = [other for group in look_alikes() if name in group for other in group if other != name]
         ties = tuple(other for other in others if presence.get(other, 0.0) > ABSENT)
-        found.append(
+        effects.append(
             FoundEffect(
                 name, p, answer_of(p), tuple(sizes), ties if p > ABSENT else (),
                 visible[name], seen_from,
             )
         )  # fmt: skip
-    return tuple(sorted(found, key=lambda one: -one.probability))
+    return tuple(sorted(effects, key=lambda one: -one.probability))
 
 
 def _remainder_of_result(world: World, confirmed: Confirmed) -> Remainder:
@@ -170,12 +170,12 @@ def _draw_overlays(
     located: Sequence[LocatedGap], settings: GapSettings, corrected: Rig | None = None
 ) -> tuple[Overlay, ...]:
     overlays: list[Overlay] = []
-    for one in located if settings.pictures else ():
+    for gap in located if settings.pictures else ():
         after = None
         if corrected is not None:
-            rig = Condition.of(one.comparison).set_on(corrected)
-            after = one.comparison.replace(rig=rig, n_bank=settings.n_after).bank_like(one.measured).X
-        overlays += summarise_overlays(one.comparison, one.measured.windows, one.bank.X, after)
+            rig = Condition.of(gap.comparison).set_on(corrected)
+            after = gap.comparison.replace(rig=rig, n_bank=settings.n_after).bank_like(gap.measured).X
+        overlays += summarise_overlays(gap.comparison, gap.measured.windows, gap.bank.X, after)
     return tuple(overlays)
 
 
@@ -233,11 +233,11 @@ def compare_recordings(
     parts = both.part(numbers[: len(measured)]), both.part(numbers[len(measured) :])
     located = locate_all(parts[0], World(rig=rig), settings, simulated=parts[1])
     warnings = [*both.warnings, *parts[0].doubts]
-    compared = [Condition.of(one.comparison) for one in located]
+    compared = [Condition.of(gap.comparison) for gap in located]
     left_out = [condition.text for condition in parts[0].conditions if condition not in compared]
     if left_out:
         warnings.append(f"not compared, as each set needs two recordings there: {'; '.join(left_out)}")
-    fewest = min(len(one.bank.X) for one in located)
+    fewest = min(len(gap.bank.X) for gap in located)
     if fewest < _FEW_SIMULATED:
         warnings.append(
             f"{fewest} simulated recordings of a condition: with fewer than {_FEW_SIMULATED} differences "
@@ -248,7 +248,7 @@ def compare_recordings(
             "all recordings of a condition are of one assembly: what is peculiar to it counts as a difference"
         )
     return GapResult(
-        where=tuple(where_of(one, pictures=settings.pictures) for one in located),
+        where=tuple(where_of(gap, pictures=settings.pictures) for gap in located),
         rig=rig,
         quantity=both.quantity,
         overlays=_draw_overlays(located, settings),

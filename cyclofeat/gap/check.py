@@ -111,15 +111,15 @@ class GapCheck(EffectRows[CheckedEffect]):
                 {
                     "format": _FORMAT,
                     "recordings": len(self.conditions),
-                    "conditions": [asdict(one) for one in dict.fromkeys(self.conditions)],
+                    "conditions": [asdict(row) for row in dict.fromkeys(self.conditions)],
                     "rigs": self.score.n_rigs,
                     "sets_right": self.score.sets_right,
                     "sets_right_with_ties": self.score.sets_right_with_ties,
                     "precision": self.score.precision,
                     "recall": self.score.recall,
                     "wrong": self.wrong,
-                    "effects": [asdict(one) for one in self.effects],
-                    "next_measurements": [asdict(one) for one in self.next_measurements],
+                    "effects": [asdict(row) for row in self.effects],
+                    "next_measurements": [asdict(row) for row in self.next_measurements],
                     "seconds": round(self.seconds, 1),
                 }
             )
@@ -133,24 +133,24 @@ class GapCheck(EffectRows[CheckedEffect]):
         ImportError
             If pandas is not installed.
         """
-        return data_frame([asdict(one) for one in self.effects])
+        return data_frame([asdict(row) for row in self.effects])
 
     def _repr_html_(self) -> str:
-        asked = sorted((one for one in self.effects if one.n), key=lambda one: -one.recall)
-        rarely = [one.effect for one in asked if one.recall < _HALF]
+        asked = sorted((row for row in self.effects if row.n), key=lambda row: -row.recall)
+        rarely = [row.effect for row in asked if row.recall < _HALF]
         rows = {
             "recordings": f"{len(self.conditions)} at "
-            + "; ".join(dict.fromkeys(one.text for one in self.conditions)),
+            + "; ".join(dict.fromkeys(row.text for row in self.conditions)),
             "simulated rigs": self.score.n_rigs,
             "sets named exactly": f"{self.score.sets_right:.0%}",
             "the same but for look-alikes": f"{self.score.sets_right_with_ties:.0%}",
             "names that are right": f"{self.score.precision:.0%}",
             "found in less than half": ", ".join(rarely),
-            "would help": "; ".join(f"{one.what} ({one.gain:.2g} bits)" for one in self.next_measurements),
+            "would help": "; ".join(f"{row.what} ({row.gain:.2g} bits)" for row in self.next_measurements),
         }
-        names = [one.effect for one in asked]
+        names = [row.effect for row in asked]
         text = "Share of the rigs with an effect in which it is found, effect by effect"
-        drawn = displays.draw_columns([one.recall for one in asked], names, text, marked=names)
+        drawn = displays.draw_columns([row.recall for row in asked], names, text, marked=names)
         return html_card(
             f"Check: {self.score.recall:.0%} of the effects found", rows, pictures=[drawn],
             code="check.to_frame()",
@@ -258,12 +258,12 @@ def _planned_session(recordings: tuple[Any, ...], world: World) -> Session:
     if not recordings or isinstance(recordings[0], Recording):
         rig = MeasuredRig.of(recordings, world.rig, world.sampling_rate, quantity=world.quantity)
         return rig.session()
-    for one in recordings:
-        check_type("recordings", one, Condition)
+    for condition in recordings:
+        check_type("recordings", condition, Condition)
     n = len(recordings)
     return Session(
         np.zeros((n, len(world.cells))),
-        np.array([dataclasses.astuple(one) for one in recordings], dtype=float),
+        np.array([dataclasses.astuple(condition) for condition in recordings], dtype=float),
         counts=np.resize(np.array(world.defect_counts), n),
     )
 
@@ -271,15 +271,15 @@ def _planned_session(recordings: tuple[Any, ...], world: World) -> Session:
 def _check_effect(column: int, p: Float, rigs: Rigs, world: World) -> CheckedEffect:
     """Return how well an effect is found, given the probabilities of all in each rig."""
     effect: Effect = (world.effects or ())[column]
-    there, found = rigs.present[:, column], p[:, column] > _NAMED
+    having, found = rigs.present[:, column], p[:, column] > _NAMED
     name = effect.main_parameter
     parameter = effect.parameters[name]
-    sizes = rigs.sizes[there, world.size_names.index(f"{effect.effect_id}.{name}")]
+    sizes = rigs.sizes[having, world.size_names.index(f"{effect.effect_id}.{name}")]
     strengths = strengths_of(parameter, sizes)
     half, most = (
-        visible_ends(parameter, detection_limit(strengths, found[there], share)) for share in (_HALF, _MOST)
+        visible_ends(parameter, detection_limit(strengths, found[having], share)) for share in (_HALF, _MOST)
     )
-    missed, without = there & ~found, ~there
+    missed, without = having & ~found, ~having
     rises: dict[str, float] = {}
     for k, other in enumerate(rigs.names if missed.sum() >= _FEWEST else ()):
         absent = ~rigs.present[:, k]
@@ -288,6 +288,6 @@ def _check_effect(column: int, p: Float, rigs: Rigs, world: World) -> CheckedEff
     # Absent effects whose probability is higher where the effect is missed than without it.
     confused = sorted((other for other in rises if rises[other] > _CONFUSED), key=lambda other: -rises[other])
     return CheckedEffect(
-        effect.effect_id, int(there.sum()), float(np.mean(found[there])) if there.any() else np.nan,
+        effect.effect_id, int(having.sum()), float(np.mean(found[having])) if having.any() else np.nan,
         name, parameter.unit, *half, *most, tuple(confused[:_MOST_NAMES]),
     )  # fmt: skip

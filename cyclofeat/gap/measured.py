@@ -225,7 +225,9 @@ class MeasuredRig:
     def at(self, condition: Condition) -> tuple[Recording, ...]:
         """Return the recordings of a condition."""
         return tuple(
-            one for one, at in zip(self.recordings, self.of_recording, strict=True) if at == condition
+            recording
+            for recording, at in zip(self.recordings, self.of_recording, strict=True)
+            if at == condition
         )
 
     def of_one_assembly(self, condition: Condition) -> bool:
@@ -275,7 +277,7 @@ class MeasuredRig:
         speeds, loads = (
             np.array([getattr(at, name) for at in self.conditions]) for name in ("speed_rpm", "load_nm")
         )
-        counts = [*world.defect_counts, *(one.defect_count or 0 for one in self.recordings)]
+        counts = [*world.defect_counts, *(recording.defect_count or 0 for recording in self.recordings)]
         return dataclasses.replace(
             world,
             quantity=self.quantity,
@@ -327,13 +329,13 @@ class MeasuredRig:
         With ``one_assembly`` all are of one. Default: as they state; an assembly each where one states none.
         """
         needed = []
-        for i, (one, at) in enumerate(zip(self.recordings, self.of_recording, strict=True)):
+        for i, (recording, at) in enumerate(zip(self.recordings, self.of_recording, strict=True)):
             needed.append(turn_samples(Kinematics(self.sampling_rate, at.speed_rpm / 60, self.n_lobes)))
-            if one.n_samples < needed[-1]:
+            if recording.n_samples < needed[-1]:
                 raise ValueError(
-                    f"{recording_label(i, one)} is too short: an output turn and 3 % "
+                    f"{recording_label(i, recording)} is too short: an output turn and 3 % "
                     f"more, {needed[-1] / self.sampling_rate:.4g} s at {at.speed_rpm:.4g} RPM, is needed, "
-                    f"got {one.duration:.4g} s"
+                    f"got {recording.duration:.4g} s"
                 )
         speeds = None
         if self.has_tachometer:
@@ -341,10 +343,12 @@ class MeasuredRig:
             turned = [mean_speed(a[:n], self.sampling_rate) for a, n in zip(angles, needed, strict=True)]
             speeds = 60 * np.array(turned)
         return Session.of(
-            [one.torque for one in self.recordings],
+            [recording.torque for recording in self.recordings],
             self.sampling_rate,
             [(at.speed_rpm, at.load_nm, at.direction) for at in self.of_recording],
-            counts=[one.defect_count or 0 for one in self.recordings] if self.has_counts else None,
+            counts=[recording.defect_count or 0 for recording in self.recordings]
+            if self.has_counts
+            else None,
             speeds_rpm=speeds,
             assemblies=[0] * len(self.recordings) if one_assembly else _assembly_numbers(self.recordings),
             n_lobes=self.n_lobes,
@@ -367,12 +371,13 @@ def _bring_to_one_rate(
             f"recordings must have {rate:g} Hz or more, the rate of the posterior's world, got "
             f"{rates[0]:g} Hz: prepare a posterior for that rate"
         )
-    faster = [one for one in rates if one > rate * (1 + _SAME_RATE)]
+    faster = [other for other in rates if other > rate * (1 + _SAME_RATE)]
     if not faster:
         return recordings
     n = sum(recording.sampling_rate in faster for recording in recordings)
+    higher = ", ".join(f"{other:g}" for other in faster)
     warnings.append(
-        f"{n} of {len(recordings)} recordings were resampled from {', '.join(f'{one:g}' for one in faster)} "
+        f"{n} of {len(recordings)} recordings were resampled from {higher} "
         f"to {rate:g} Hz: what lies above {rate / 2:g} Hz and the steps of their converter are not compared"
     )
     at_one_rate = []
@@ -409,11 +414,11 @@ def _sort_by_condition(
             f"model's, {load_nm:g} Nm"
         )
     at = zip(set_points(speeds, SAME_SPEED), set_points(np.abs(loads), SAME_LOAD), recordings, strict=True)
-    found = (
+    at_set_points = (
         Condition(round(float(speed), 6), float(load), -1 if recording.torque.mean() < 0 else 1)
         for speed, load, recording in at
     )
-    return tuple(next(filter(one.is_near, known), one) for one in found)
+    return tuple(next(filter(condition.is_near, known), condition) for condition in at_set_points)
 
 
 def set_points(values: Sequence[float] | Float, share: float) -> Float:
@@ -429,5 +434,8 @@ def set_points(values: Sequence[float] | Float, share: float) -> Float:
 
 def _assembly_numbers(recordings: Sequence[Recording]) -> NDArray[np.int64]:
     """Return numbers of assemblies; a recording that states none has one of its own."""
-    names = [f"\n{i}" if one.assembly is None else str(one.assembly) for i, one in enumerate(recordings)]
+    names = [
+        f"\n{i}" if recording.assembly is None else str(recording.assembly)
+        for i, recording in enumerate(recordings)
+    ]
     return np.unique(names, return_inverse=True)[1].astype(np.int64)

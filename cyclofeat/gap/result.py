@@ -250,12 +250,12 @@ class GapResult(EffectRows[FoundEffect]):
     @property
     def p(self) -> float:
         """Smallest adjusted p of all conditions, adjusted for their number too (Bonferroni)."""
-        return min(1.0, len(self.where) * min(one.p for one in self.where))
+        return min(1.0, len(self.where) * min(where.p for where in self.where))
 
     @property
     def verdict(self) -> str:
         """``"disagree"`` if one condition does, ``"equivalent"`` if all are, else ``"unresolved"``."""
-        verdicts = {one.verdict for one in self.where}
+        verdicts = {where.verdict for where in self.where}
         if "disagree" in verdicts:
             return "disagree"
         return "equivalent" if verdicts == {"equivalent"} else "unresolved"
@@ -372,9 +372,9 @@ class GapResult(EffectRows[FoundEffect]):
             "recordings against model": f"{self.verdict} (p = {self.p:.2g})",
         }
         for effect in self.named:
-            found = self.effect(effect.effect_id)
-            numbers = [f"probability {found.probability:.3g}", *map(str, found.sizes)]
-            rows[f"missing: {found.effect}"] = "; ".join(numbers)
+            row = self.effect(effect.effect_id)
+            numbers = [f"probability {row.probability:.3g}", *map(str, row.sizes)]
+            rows[f"missing: {row.effect}"] = "; ".join(numbers)
         if self.remainder is not None:
             rows["left unexplained"] = f"{_LEFT[self.remainder.cause]} (p = {self.remainder.p:.2g})"
         for proof in self.proof:

@@ -166,7 +166,7 @@ def lies_farther(observed: Float, simulated: Float, other: Float) -> bool:
     """
     spread = np.hypot(np.sqrt((simulated.var(axis=0) + other.var(axis=0)) / 2), SMALLEST)
     far, near = (
-        float(np.mean(((observed - some.mean(axis=0)) / spread) ** 2)) for some in (simulated, other)
+        float(np.mean(((observed - values.mean(axis=0)) / spread) ** 2)) for values in (simulated, other)
     )
     return far > _CLEARLY * near
 

@@ -41,7 +41,7 @@ class Possible:
     @property
     def sessions(self) -> list[Session]:
         """The sessions without the further recordings."""
-        return [part_of(one, np.arange(self.further.n_before)) for one in self.simulated]
+        return [part_of(session, np.arange(self.further.n_before)) for session in self.simulated]
 
     def next_measurements(self, posterior: EffectPosterior) -> tuple[NextMeasurement, ...]:
         """Rank further recordings by the information that they are expected to give; empty if none does."""
@@ -137,7 +137,7 @@ class FurtherRecordings:
 
         as_before = np.arange(self.n_before)
         before = information_bits(as_before)
-        found: list[tuple[float, NextMeasurement]] = []
+        ranked: list[tuple[float, NextMeasurement]] = []
         for k, what in enumerate(self._what):
             added = self.n_before + k * _PER_CANDIDATE + np.arange(_PER_CANDIDATE)
             rises = information_bits(np.r_[as_before, added]) - before
@@ -145,5 +145,5 @@ class FurtherRecordings:
             settles = tuple(name for name, gain in zip(self._names, gains, strict=True) if gain > _SEPARATED)
             gain = float(gains.sum())
             if gain > max(_SEPARATED, n_errors * error):
-                found.append((gain, NextMeasurement(what, settles, gain)))
-        return tuple(one for _, one in sorted(found, key=lambda one: -one[0]))
+                ranked.append((gain, NextMeasurement(what, settles, gain)))
+        return tuple(one for _, one in sorted(ranked, key=lambda one: -one[0]))

@@ -121,12 +121,12 @@ def simulate_prior(
         name: np.concatenate([part[name] for part in parts])[:n_rigs] for name in parts[0]
     }
     numbers = np.arange(n_rigs)
-    made = Rigs(
+    rigs = Rigs(
         world.names, world.size_names, world.logarithmic, world.cells, numbers,
         numbers // _RIGS_PER_MACHINE, world=world.to_dict(), **columns,
     )  # fmt: skip
-    n_made = np.isfinite(made.values[:, :, 0]).sum(axis=1)
-    usable = made.of(n_made >= min(FEWEST_RECORDINGS, len(template.values)))
+    n_made = np.isfinite(rigs.values[:, :, 0]).sum(axis=1)
+    usable = rigs.of(n_made >= min(FEWEST_RECORDINGS, len(template.values)))
     if not len(usable):
         raise SimulationFailed(f"none of {n_rigs} simulated rigs gave enough recordings")
     return usable
@@ -170,7 +170,7 @@ def _simulate_machines(
 def at_most(session: Session, most: int) -> Session:
     """Return no more than so many recordings of a session, its conditions in turn."""
     _, of_condition = np.unique(session.conditions, axis=0, return_inverse=True)
-    earlier = np.array([np.sum(of_condition[:k] == one) for k, one in enumerate(of_condition)])
+    earlier = np.array([np.sum(of_condition[:k] == condition) for k, condition in enumerate(of_condition)])
     return part_of(session, np.sort(np.argsort(earlier, kind="stable")[:most]))
 
 

@@ -86,9 +86,9 @@ def size_posterior(
     before = np.linalg.inv(prior.covariance)
     covariance = np.linalg.inv(weighted @ slopes.T + before)
 
-    def mean(some: Float) -> Float:
-        found = (some - coefficients[0]) / scale @ weighted.T + before @ prior.mean
-        return np.asarray(found @ covariance)
+    def mean(values: Float) -> Float:
+        weighted_mean = (values - coefficients[0]) / scale @ weighted.T + before @ prior.mean
+        return np.asarray(weighted_mean @ covariance)
 
     def fit(features: Float, estimates: Float) -> Float:
         own = regression.predict(features).reshape(len(features), -1)
@@ -141,8 +141,8 @@ def judge_remainder(
     inputs = np.column_stack([np.ones(len(sizes)), sizes])
     coefficients, *_ = np.linalg.lstsq(inputs, simulated, rcond=None)
 
-    def fit_residuals(some: Float, at: Float) -> Float:
-        return np.asarray(some - np.column_stack([np.ones(len(at)), at]) @ coefficients)
+    def fit_residuals(summaries: Float, at: Float) -> Float:
+        return np.asarray(summaries - np.column_stack([np.ones(len(at)), at]) @ coefficients)
 
     left, of_observed = fit_residuals(simulated, fitted), fit_residuals(observed[None], size[None])
     of_others = np.empty((0, left.shape[1])) if others is None else fit_residuals(*others)

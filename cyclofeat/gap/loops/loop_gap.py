@@ -166,11 +166,11 @@ class LoopModel(RegressorMixin, BaseEstimator):
 
         if parameters:
             ends = [(math.log(low), math.log(high)) for _, (low, high) in parameters]
-            found = differential_evolution(
+            search = differential_evolution(
                 error, ends, maxiter=self.max_iter, popsize=12, tol=1e-4, seed=self.random_state,
                 init="sobol", vectorized=True, updating="deferred", polish=False,
             )  # fmt: skip
-            best, self.loss_ = found.x, float(found.fun)
+            best, self.loss_ = search.x, float(search.fun)
         else:
             best, self.loss_ = np.zeros(0), float(error(np.zeros(0)))
         self.theta_ = {name: math.exp(v) for (name, _), v in zip(parameters, best, strict=True)}
@@ -280,9 +280,9 @@ class LoopGap:
             If pandas is not installed.
         """
         rows = [
-            {"effects": ", ".join(one.effects), "error": one.error}
-            | {f"error of transfer {k}": error for k, error in enumerate(one.errors)}
-            for one in self.subsets
+            {"effects": ", ".join(subset.effects), "error": subset.error}
+            | {f"error of transfer {k}": error for k, error in enumerate(subset.errors)}
+            for subset in self.subsets
         ]
         return data_frame(rows)
 
@@ -340,7 +340,7 @@ def find_loop_gap(
             models[effects] = [
                 clone(plain).set_params(effects=effects).fit(fitted) for fitted, _ in transfers
             ]
-            scores = [one.score(held) for one, (_, held) in zip(models[effects], transfers, strict=True)]
+            scores = [fit.score(held) for fit, (_, held) in zip(models[effects], transfers, strict=True)]
             errors[effects] = -np.array(scores)
     subsets = sorted(
         (Subset(k, float(v.mean()), tuple(v.tolist())) for k, v in errors.items()),

@@ -95,12 +95,12 @@ def elastic_torque(torque: ArrayLike, coulomb: ArrayLike, load_share: ArrayLike)
     rolled = np.roll(t, -top)
     friction, share = (np.asarray(x, dtype=np.float64)[..., np.newaxis] for x in (coulomb, load_share))
     low, high = _slipping_torque(rolled, friction, share), -_slipping_torque(-rolled, friction, share)
-    found = np.empty_like(low)
+    elastic = np.empty_like(low)
     state = low[..., 0]
     for k in range(t.size):
         state = np.minimum(np.maximum(state, low[..., k]), high[..., k])
-        found[..., k] = state
-    return np.roll(found, top, axis=-1)
+        elastic[..., k] = state
+    return np.roll(elastic, top, axis=-1)
 
 
 def _slipping_torque(torque: Float, coulomb: Float, load_share: Float) -> Float:

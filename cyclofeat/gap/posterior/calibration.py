@@ -62,7 +62,7 @@ def gain_and_offset(mean_torque: Float, conditions: Float, shown: Flags) -> Floa
     return np.concatenate(
         [
             np.arcsinh(np.concatenate([alone, fitted / _SMALL, fitted / errors], axis=1)),
-            np.log(errors), *(np.log(some / n + 0.1) for some in squares),
+            np.log(errors), *(np.log(square / n + 0.1) for square in squares),
         ],
         axis=1,
     )  # fmt: skip
@@ -91,8 +91,8 @@ def cause_logits(mean_torque: Float, conditions: Float, shown: Flags) -> Float:
         occam = np.linalg.slogdet(information)[1] / 2 + np.log(spreads[chosen]).sum()
         prior = np.log(np.where(chosen, chances, 1 - chances)).sum()
         evidence.append(prior - occam - freedom / 2 * np.log1p(left / _FREEDOM))
-    there = softmax(np.transpose(evidence), axis=1) @ sets
-    return np.asarray(np.clip(logit(np.minimum(there, 1.0)), -_SUREST, _SUREST))
+    probabilities = softmax(np.transpose(evidence), axis=1) @ sets
+    return np.asarray(np.clip(logit(np.minimum(probabilities, 1.0)), -_SUREST, _SUREST))
 
 
 FEWEST_LEARNED = 20  # machines with an effect, or rigs, from which something is learned of it
@@ -136,15 +136,15 @@ def mean_coefficients(told: Float, present: NDArray[np.bool_], names: Sequence[s
 
     NaN for effects that do not change the mean alone, and for those that fewer than 100 rigs have or lack.
     """
-    found = np.full((len(names), told.shape[1] + 1), np.nan)
+    coefficients = np.full((len(names), told.shape[1] + 1), np.nan)
     centre, spread = told.mean(axis=0), told.std(axis=0) + 1e-9
     of_mean_alone = {name for name, effect in known_effects().items() if effect.shows_as == _MEAN}
     for k, (name, with_it) in enumerate(zip(names, present.T, strict=True)):
         if name in of_mean_alone and min(with_it.sum(), (~with_it).sum()) >= _MANY:
             line = LogisticRegression(max_iter=1000).fit((told - centre) / spread, with_it)
             weights = line.coef_[0] / spread
-            found[k] = np.r_[weights, line.intercept_ - centre @ weights]
-    return found
+            coefficients[k] = np.r_[weights, line.intercept_ - centre @ weights]
+    return coefficients
 
 
 def spread_power(errors: Float, spreads: Float) -> float:
@@ -173,11 +173,11 @@ def quantiles_of(residuals: Float) -> Float:
 
     Their expected coverage is nominal also for few residuals; NaN are left out.
     """
-    found = np.tile(_error_quantiles(residuals), (residuals.shape[1], 1))
+    quantiles = np.tile(_error_quantiles(residuals), (residuals.shape[1], 1))
     for size, z in enumerate(residuals.T):
         if np.isfinite(z).sum() >= FEWEST_LEARNED:
-            found[size] = _error_quantiles(z)
-    return found
+            quantiles[size] = _error_quantiles(z)
+    return quantiles
 
 
 def _error_quantiles(residuals: Float) -> Float:

@@ -173,7 +173,7 @@ class EffectPosterior(BaseEstimator):
         if start is not None:
             begun[:] = self._started_networks(start, random)
             self.n_rigs_ += start.n_rigs_
-        made = recordings_of_rigs(rigs, self.reference_)
+        recordings = recordings_of_rigs(rigs, self.reference_)
         sizes = (rigs.sizes - self.size_mean_) / self.size_spread_
         rows = np.flatnonzero(~held)
 
@@ -184,7 +184,7 @@ class EffectPosterior(BaseEstimator):
 
         self.networks_ = [
             train_network(
-                made.of(rows), Targets(rigs.present[rows], sizes[rows]), self.reference_, epochs=epochs,
+                recordings.of(rows), Targets(rigs.present[rows], sizes[rows]), self.reference_, epochs=epochs,
                 learning_rate=rate, random_state=self.random_state + k, start=begun[k],
                 progress=epoch_progress(k),
             )
@@ -192,11 +192,11 @@ class EffectPosterior(BaseEstimator):
         ]  # fmt: skip
         rows = np.flatnonzero(held)
         self.spread_power_ = 1.0
-        inputs = random_inputs(made.of(rows), self.reference_, random)
+        inputs = random_inputs(recordings.of(rows), self.reference_, random)
         logits, mean, spread = self._network_outputs(inputs)
         self.slopes_ = slopes_of(logits, rigs.present[rows])
-        told = mean_predictors(logits, inputs.causes, self.names_)
-        self.mean_coefficients_ = mean_coefficients(told, rigs.present[rows], self.names_)
+        predictors = mean_predictors(logits, inputs.causes, self.names_)
+        self.mean_coefficients_ = mean_coefficients(predictors, rigs.present[rows], self.names_)
         errors = sizes[rows] - mean
         self.spread_power_ = spread_power(errors, spread)
         self.size_quantiles_ = quantiles_of(errors / spread**self.spread_power_)
@@ -214,12 +214,12 @@ class EffectPosterior(BaseEstimator):
         """Column of each effect, column of its main parameter, and this parameter."""
         if not self.world_:
             return []
-        found = []
+        rows = []
         for effect in self.world.effects or ():
             name = effect.main_parameter
             column = self.size_names_.index(f"{effect.effect_id}.{name}")
-            found.append((self.names_.index(effect.effect_id), column, effect.parameters[name]))
-        return found
+            rows.append((self.names_.index(effect.effect_id), column, effect.parameters[name]))
+        return rows
 
     def _started_networks(self, start: EffectPosterior, random: np.random.Generator) -> list[Trained]:
         """Return the networks of another posterior, with the outputs of this one; take over its scales."""
@@ -249,8 +249,8 @@ class EffectPosterior(BaseEstimator):
             for flags in (present, ~present)
         )
         self.learned_ = (n_with >= FEWEST_LEARNED) & (n_without >= FEWEST_LEARNED)
-        there = np.isfinite(rigs.sizes)
-        sums = np.maximum(there.sum(axis=0), 1)
+        has_size = np.isfinite(rigs.sizes)
+        sums = np.maximum(has_size.sum(axis=0), 1)
         self.size_mean_ = np.nansum(rigs.sizes, axis=0) / sums
         self.size_spread_ = np.sqrt(np.nansum((rigs.sizes - self.size_mean_) ** 2, axis=0) / sums) + 1e-9
         owners = np.array([name.partition(".")[0] for name in self.size_names_])
@@ -338,9 +338,9 @@ class EffectPosterior(BaseEstimator):
         """
         _, mean, spread = self._network_outputs(self._network_inputs(sessions))
         standardised = mean[:, :, None] + spread[:, :, None] * self.size_quantiles_
-        found = standardised * self.size_spread_[:, None] + self.size_mean_[:, None]
+        sizes = standardised * self.size_spread_[:, None] + self.size_mean_[:, None]
         logarithmic = np.array(self.logarithmic_)[:, None]
-        quantiles = np.where(logarithmic, np.exp(np.where(logarithmic, found, 0.0)), found)
+        quantiles = np.where(logarithmic, np.exp(np.where(logarithmic, sizes, 0.0)), sizes)
         return np.where(self.sizes_learned_[:, None], quantiles, np.nan)
 
     def standardised_sizes(self, sessions: Sequence[Session]) -> Float:

@@ -153,7 +153,7 @@ def train_network(
     fixed = {name: jnp.asarray(weights.pop(name)) for name in FIXED}
     n, n_effects = targets.present.shape
     present = targets.present.astype(np.float32)
-    sizes, there = np.nan_to_num(targets.sizes).astype(np.float32), np.isfinite(targets.sizes)
+    sizes, has_size = np.nan_to_num(targets.sizes).astype(np.float32), np.isfinite(targets.sizes)
     per_epoch = max(n // _BATCH, 1)
     rate = learning_rate or (_RATE if start is None else _RATE_ON)
     first_state, step = _compiled_steps(n_effects, epochs * per_epoch, rate)
@@ -163,7 +163,7 @@ def train_network(
             rows = rows[: n // per_epoch]  # batches of one size are compiled once
             key, dropping = jax.random.split(key)
             inputs = random_inputs(made.of(rows), reference, random)
-            batch = (fixed, inputs.of_network, present[rows], sizes[rows], there[rows])
+            batch = (fixed, inputs.of_network, present[rows], sizes[rows], has_size[rows])
             weights, state = step(weights, state, batch, dropping)
         if progress is not None:
             progress(epoch + 1, epochs)
@@ -179,7 +179,7 @@ def _compiled_steps(
     jax, jnp, optax = import_jax()
 
     def loss(weights: Any, batch: tuple[Any, ...], key: Any) -> Any:
-        fixed, inputs, present, sizes, there = batch
+        fixed, inputs, present, sizes, has_size = batch
         keys = iter(jax.random.split(key, 4))
 
         def add_noise(pools: Any) -> Any:
@@ -190,7 +190,7 @@ def _compiled_steps(
         logits, mean, spread = split_outputs(jnp, outputs, n_effects)
         of_presence = optax.sigmoid_binary_cross_entropy(logits, present).sum(1).mean()
         squares = 0.5 * ((sizes - mean) * jnp.exp(-spread)) ** 2
-        return of_presence + _OF_SIZES * (there * (spread + squares)).sum(1).mean()
+        return of_presence + _OF_SIZES * (has_size * (spread + squares)).sum(1).mean()
 
     return make_descent(loss, n_steps, rate, _DECAY)
 

@@ -272,20 +272,20 @@ def score_alternatives(
     for condition, inside in conditions.items():
         if not inside.any():
             continue
-        some = Sample(measured.values[inside], counts[inside])
+        part = Sample(measured.values[inside], counts[inside])
         drawn = chances[:, inside] / chances[:, inside].sum(axis=1, keepdims=True)
         estimates, draws = {}, {}
         for name, simulated in alternatives.items():
-            single = distance.family_distances(some, simulated, scale)[0]
-            many = distance.family_distances(some, simulated, scale, drawn).mean(axis=1)
+            single = distance.family_distances(part, simulated, scale)[0]
+            many = distance.family_distances(part, simulated, scale, drawn).mean(axis=1)
             estimates[name] = float(single.mean())
             draws[name] = distance.centre_draws(many, estimates[name])
             of_families += _distance_rows(name, condition, families, single)
         reason = _too_few(int(inside.sum()), len(counts), replicates.n_free)
         floor, floor_draws = np.nan, np.full(_DRAWS, np.nan)
         if not reason:
-            of_bank = distance.bank_error(some.counts, before, scale)
-            by_family = distance.family_floors(replicates, scale, some.counts, of_bank, _SPLITS, random)
+            of_bank = distance.bank_error(part.counts, before, scale)
+            by_family = distance.family_floors(replicates, scale, part.counts, of_bank, _SPLITS, random)
             of_families += _distance_rows(FLOOR, condition, families, by_family)
             floor = float(by_family.mean())
             moved = distance.floor_draws(replicates, scale, by_family, chances).mean(axis=1)

@@ -232,7 +232,7 @@ class SimulatedRigs:
         populations = [
             dataclasses.replace(self.population, rig=self.rig(self.effects(gear, row))) for row in theta
         ]
-        made = joblib.Parallel(n_jobs=self.comparison.n_jobs)(
+        torques = joblib.Parallel(n_jobs=self.comparison.n_jobs)(
             joblib.delayed(_simulate_torque)(
                 populations[job[0]],
                 int(self.counts[job[2]]),
@@ -241,15 +241,15 @@ class SimulatedRigs:
             for job in jobs
         )
         shape = (n, _REPLICATES, len(self.counts), self.population.n_samples)
-        failed = np.array([torque is None for torque in made]).reshape(shape[:3])
-        self.n_simulated += len(made)
+        failed = np.array([torque is None for torque in torques]).reshape(shape[:3])
+        self.n_simulated += len(torques)
         self.n_failed += int(failed.sum())
         good = np.flatnonzero(~failed.any(axis=(1, 2)))
         if good.size == 0:
             raise ValueError(f"library must hold effects that can be simulated: {' + '.join(gear)} cannot")
         rows = good[np.searchsorted(good, np.arange(n)).clip(max=good.size - 1)]
         nothing = np.zeros(shape[-1], np.float32)
-        records = np.array([nothing if torque is None else torque for torque in made]).reshape(shape)
+        records = np.array([nothing if torque is None else torque for torque in torques]).reshape(shape)
         return (records if good.size == n else records[rows]), rows
 
     def save(self, path: Path) -> None:
@@ -367,8 +367,8 @@ def interpolate_rigs(table: RigTable, bounds: Sequence[tuple[float, float, bool]
         process.fit(at, scaled)
 
     def expected_values(places: Float) -> Float:
-        found = np.asarray(process.predict(places)) * spread + means.mean(axis=0)
-        return np.asarray(found.reshape(len(places), n_counts, n_statistics))
+        predicted = np.asarray(process.predict(places)) * spread + means.mean(axis=0)
+        return np.asarray(predicted.reshape(len(places), n_counts, n_statistics))
 
     left = (values - expected_values(at)[:, np.newaxis]).reshape(n, n_replicates * n_counts, n_statistics)
     # Within the simulated values: nothing is extrapolated.

@@ -102,8 +102,8 @@ def statistics_by_family(cells: list[Cell]) -> dict[str, NDArray[np.intp]]:
     raise the threshold for means.
     """
     names = np.array([cell.family for cell in cells])
-    found = {family: np.flatnonzero(names == family) for family in FAMILIES if np.any(names == family)}
-    return found | {
+    of_means = {family: np.flatnonzero(names == family) for family in FAMILIES if np.any(names == family)}
+    return of_means | {
         SPREADS: np.arange(len(cells), 2 * len(cells)),
         TOGETHER.family: np.array([2 * len(cells)]),
     }

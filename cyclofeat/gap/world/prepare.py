@@ -127,13 +127,15 @@ def _rig_columns(
                 if not isinstance(run, MachineRun):
                     continue
                 try:
-                    made = record(run, chain, int(session.directions[i]))
+                    recording = record(run, chain, int(session.directions[i]))
                 except NO_SUCH_RIG:
                     continue
-                if np.all(np.isfinite(made.torque)) and made.torque.size == turn_samples(conditions):
+                if np.all(np.isfinite(recording.torque)) and recording.torque.size == turn_samples(
+                    conditions
+                ):
                     places.append((j, i))
-                    torques.append(made.torque)
-                    speeds[j, i] = made.speed * 60
+                    torques.append(recording.torque)
+                    speeds[j, i] = recording.speed * 60
         if places:
             values[tuple(np.array(places).T)] = recording_cells(np.array(torques), conditions)[0]
     every = [(*machine.effects, *chain) for chain in chains]
