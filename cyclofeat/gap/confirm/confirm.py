@@ -42,7 +42,6 @@ class Confirmed:
     names, sizes : tuple of str, Gaussian
         Their sizes as in :attr:`World.size_names`, and the joint distribution on the scale of their fit.
     remainder : Unexplained
-        What they leave.
     accepted : bool
         Whether chance explains what they leave. If not, something else is missing too, and the sizes are
         those of the posterior, which allow for it: fitted ones would make up for what is missing.

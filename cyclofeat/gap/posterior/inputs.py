@@ -29,15 +29,8 @@ class Reference(BaseEstimator):
 
     Ridge regressions on speed, load and count, once with the count and once without it.
 
-    Attributes
-    ----------
-    spread_, overall_ : ndarray, shape (n_cells,)
-        Over such recordings, and over all rigs.
-    uncorrelating_ : ndarray, shape (n_cells, n_cells)
-        Matrix that makes the deviations of such recordings uncorrelated: combinations of summaries that
-        hardly vary show what no summary shows alone.
-    known_, unknown_ : ndarray, shape (n_inputs, n_cells)
-        Coefficients with the count and without it.
+    The matrix ``uncorrelating_`` makes the deviations of such recordings uncorrelated: combinations of
+    summaries that hardly vary show what no summary shows alone.
     """
 
     def fit(self, rigs: Rigs) -> Reference:

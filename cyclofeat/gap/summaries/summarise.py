@@ -49,16 +49,9 @@ _SMALLEST_SPREAD = {"dB": 0.1, "Nm": 0.01, "%": 0.02, "bit": 0.01, "1": 0.02}
 class Cell:
     """Number that is compared.
 
-    Parameters
-    ----------
-    family : str
-        One of ``FAMILIES``.
-    name : str
-        What it is, unique within the family.
-    unit : str
-        ``"dB"``, ``"Nm"``, ``"bit"`` or ``"1"``.
-    low_hz, high_hz : float
-        Band that it describes, in Hz; NaN where it has none. Orders are stated at the nominal speed.
+    The name is unique within the family, one of ``FAMILIES``; the unit ``"dB"``, ``"Nm"``, ``"bit"`` or
+    ``"1"``. ``low_hz`` and ``high_hz`` limit the band that it describes; NaN where it has none. Orders are
+    stated at the nominal speed.
     """
 
     family: str

@@ -44,7 +44,6 @@ class Row:
 
     Attributes
     ----------
-    cell : Cell
     of : {"mean", "spread"}
         Compared quantity: the mean over recordings, or the spread of single recordings.
     difference : float

@@ -27,10 +27,8 @@ class Session:
     values : ndarray, shape (n_recordings, n_cells)
     conditions : ndarray, shape (n_recordings, 3)
         Set-points: speed of the input in RPM, load in Nm, direction (1 or -1).
-    counts : ndarray of int, shape (n_recordings,), or None
-        Worn lobes, where they are known.
-    speeds_rpm : ndarray, shape (n_recordings,), or None
-        Mean speed of the input by a tachometer.
+    counts, speeds_rpm : ndarray, shape (n_recordings,), or None
+        Worn lobes, and mean speed of the input by a tachometer, where they are known.
     assemblies : ndarray of int, shape (n_recordings,), or None
         Recordings with equal numbers are of one assembly; None stands for an assembly each.
     """
