@@ -342,7 +342,6 @@ def score_answers(answers: Answers, protocol: Protocol, conditions: NDArray[Any]
     labels, predictions, classes = answers.data.y, answers.predictions, answers.classes
     groups, member = np.unique(answers.data.groups, return_inverse=True)
     drawn = bootstrap_weights(groups.size, protocol.random_state)
-
     scores: dict[str, Any] = {}
 
     def add_score(name: str, function: Callable[[Float], Float], sums: Float, n: int | None = None) -> None:
@@ -394,16 +393,8 @@ def score_answers(answers: Answers, protocol: Protocol, conditions: NDArray[Any]
         cells.reshape(groups.size, -1).astype(float), groups.size,
     )  # fmt: skip
     return Evaluation(
-        **scores,
-        confusion=cells.sum(axis=0),
-        confusion_interval=confusion_interval(cells, drawn, protocol.confidence),
-        classes=classes,
-        groups=groups,
-        group_accuracy=np.bincount(member, right) / np.bincount(member),
-        predictions=predictions,
-        labels=labels,
-        assemblies=answers.data.groups,
-        confidence=protocol.confidence,
-        folds=answers.folds,
-        protocol=protocol.hold_out,
-    )
+        **scores, confusion=cells.sum(axis=0), classes=classes, groups=groups, predictions=predictions,
+        confusion_interval=confusion_interval(cells, drawn, protocol.confidence), labels=labels,
+        group_accuracy=np.bincount(member, right) / np.bincount(member), assemblies=answers.data.groups,
+        confidence=protocol.confidence, folds=answers.folds, protocol=protocol.hold_out,
+    )  # fmt: skip
