@@ -86,11 +86,6 @@ class EntropyLadder(Counter):
         Returns
         -------
         self
-
-        Raises
-        ------
-        ValueError
-            If there is one class only, or no such column.
         """
         values, labels, rank = self._labelled(X, y)
         self.feature_ = None if self.feature is None else clone(self.feature).fit(values, labels)

@@ -306,12 +306,8 @@ class LobeCounter(Counter):
         Returns
         -------
         ndarray, shape (n_windows, n_lobes)
-            Those of a network add up to the expected count.
-
-        Raises
-        ------
-        ValueError
-            If training had no counts, or no worn and sound lobes, from which lobes could be learned.
+            Those of a network add up to the expected count. ``ValueError`` if training had no counts, or no
+            worn and sound lobes, from which lobes could be learned (``locates``).
         """
         return self.lobe_proba_of_lines(self._lines(X), passage)
 

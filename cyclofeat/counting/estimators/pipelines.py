@@ -61,11 +61,6 @@ def make_lobe_counter(
         Unfitted. The steps of the pipelines are ``"lobe_map"`` and ``"trees"``; ``"features"`` and
         ``"trees"``; ``"entropy"`` and ``"ladder"``.
 
-    Raises
-    ------
-    ValueError
-        If there is no such kind.
-
     Examples
     --------
     >>> counter = make_lobe_counter(sampling_rate=25_600)

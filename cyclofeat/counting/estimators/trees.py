@@ -87,25 +87,15 @@ class CountingTrees(PoorOnArbitraryData, ExtraTreesClassifier):
 
 @dataclass(frozen=True)
 class TreeTable:
-    """All nodes of all trees in one table; a leaf is its own child.
+    """All nodes of all trees in one table; a leaf is its own child."""
 
-    Attributes
-    ----------
-    roots : ndarray of int, shape (n_trees,)
-    feature : ndarray of int, shape (n_nodes,)
-    threshold : ndarray of float32, shape (n_nodes,)
-        Rounded down, so that float32 features fall on the side on which they fall in double precision.
-    lower, upper : ndarray of int, shape (n_nodes,)
-        Children for values up to the threshold, and above it.
-    share : ndarray of float32, shape (n_nodes, n_classes)
-    """
-
-    roots: NDArray[np.int32]
-    feature: NDArray[np.int32]
+    roots: NDArray[np.int32]  # (n_trees,)
+    feature: NDArray[np.int32]  # (n_nodes,)
+    # Rounded down, so that float32 features fall on the side on which they fall in double precision.
     threshold: NDArray[np.float32]
-    lower: NDArray[np.int32]
-    upper: NDArray[np.int32]
-    share: NDArray[np.float64]
+    lower: NDArray[np.int32]  # children for values up to the threshold
+    upper: NDArray[np.int32]  # and above it
+    share: NDArray[np.float64]  # (n_nodes, n_classes)
 
     @classmethod
     def of(cls, forest: ExtraTreesClassifier) -> TreeTable:

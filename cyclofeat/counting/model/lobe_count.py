@@ -26,28 +26,14 @@ OUTSIDE = "outside the training data"
 
 @dataclass(frozen=True)
 class WindowCount:
-    """Answer of a model for one window of a recording.
+    """Answer of a model for one window of a recording."""
 
-    Attributes
-    ----------
-    start_s, stop_s : float
-        The window in s from the recording's first sample.
-    defect_count : int
-        Most probable number of worn lobes in this window alone.
-    probability : float
-        Its probability.
-    distance : float
-        Distance from the training windows, in units of the largest inside; NaN where the model has no domain.
-    reason : str
-        Why the window is refused, else empty.
-    """
-
-    start_s: float
+    start_s: float  # the window in s from the recording's first sample
     stop_s: float
-    defect_count: int
-    probability: float
-    distance: float
-    reason: str
+    defect_count: int  # most probable number of worn lobes in this window alone
+    probability: float  # of that count
+    distance: float  # from the training windows, in units of the largest inside; NaN without a domain
+    reason: str  # why the window is refused, else empty
 
     def to_dict(self) -> dict[str, Any]:
         """Return the answer in plain types, for JSON; ``distance`` is None where there is none."""
