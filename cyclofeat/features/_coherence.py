@@ -169,11 +169,11 @@ class CoherenceToReference(WindowTransformer):
         if not others.any():
             return np.zeros(len(references.bands))
         kept = slice(None) if others.all() else others
-        found = coherence_of_transforms(
+        coherence = coherence_of_transforms(
             transforms[:, : references.last],
             without_rounding(power[np.newaxis])[0, : references.last],
             references.transforms[kept],
             references.powers[kept],
         )
-        means = [found[:, band].mean(axis=1) for band in references.bands]
+        means = [coherence[:, band].mean(axis=1) for band in references.bands]
         return np.asarray(np.median(means, axis=1))

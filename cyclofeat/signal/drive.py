@@ -84,19 +84,20 @@ def follow_motor(current: Float, sampling_rate: float, nominal_hz: float, n_lobe
     The mean of the current drives the shaft. Arguments and errors are those of
     ``cyclofeat.signal.speed.follow_speed``.
     """
-    found = _follow_current(current, sampling_rate, nominal_hz, n_lobes, _ATTEMPTS)
-    if not found.fits or found.reaches:
-        return found
+    followed = _follow_current(current, sampling_rate, nominal_hz, n_lobes, _ATTEMPTS)
+    if not followed.fits or followed.reaches:
+        return followed
     shaft = (n_lobes + 1) / n_lobes
-    own = _follow_current(current, sampling_rate, found.speed_hz, n_lobes, _ATTEMPTS[:1]).evidence
+    speed_hz = followed.speed_hz
+    own = _follow_current(current, sampling_rate, speed_hz, n_lobes, _ATTEMPTS[:1]).evidence
     for multiple in (1 / 4, 1 / 3, 1 / 2, shaft / 2, 2 / shaft, 2, 3):
         try:
-            other = _follow_current(current, sampling_rate, multiple * found.speed_hz, n_lobes, _ATTEMPTS[:1])
+            other = _follow_current(current, sampling_rate, multiple * speed_hz, n_lobes, _ATTEMPTS[:1])
         except ValueError:  # the record does not hold that speed
             continue
         if other.evidence > _CLEARLY * own:
-            return dataclasses.replace(found, margin=-found.margin)
-    return found
+            return dataclasses.replace(followed, margin=-followed.margin)
+    return followed
 
 
 def _follow_current(

@@ -154,8 +154,8 @@ def _follow_attempts(
     torque: Float, sampling_rate: float, nominal_hz: float, n_lobes: int, attempts: Sequence[_Attempt]
 ) -> FollowedSpeed:
     lines, thinned, rate = _reduce_record(torque, sampling_rate, nominal_hz, n_lobes)
-    found = _follow_until_fit(thinned, rate, nominal_hz, lines, attempts)
-    return _at_samples(found, rate, torque.size, sampling_rate)
+    followed = _follow_until_fit(thinned, rate, nominal_hz, lines, attempts)
+    return _at_samples(followed, rate, torque.size, sampling_rate)
 
 
 def _reduce_record(
@@ -181,13 +181,13 @@ def _reduce_record(
     return lines, thinned, rate
 
 
-def _at_samples(found: FollowedSpeed, rate: float, n_samples: int, sampling_rate: float) -> FollowedSpeed:
+def _at_samples(followed: FollowedSpeed, rate: float, n_samples: int, sampling_rate: float) -> FollowedSpeed:
     """Return what was found with the angle at all samples, from that at those that were kept."""
-    step, kept = sampling_rate / rate, found.angle - found.angle[0]
+    step, kept = sampling_rate / rate, followed.angle - followed.angle[0]
     # To the last samples, behind the last of those that were kept, the shaft turns on.
     marks = np.append(kept, 2 * kept[-1] - kept[-2])
     angle = at_every_sample(n_samples, step * np.arange(marks.size), marks)
-    return replace(found, angle=angle, speed_hz=float(mean_speed(angle, sampling_rate)))
+    return replace(followed, angle=angle, speed_hz=float(mean_speed(angle, sampling_rate)))
 
 
 def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list[FollowedSpeed]:
@@ -271,18 +271,18 @@ def _follow_passes(
     angle = 2 * np.pi * cumulative_trapezoid(at, dx=1 / sampling_rate, initial=0)
     for one in finer:
         angle, evidence = _refine_angle(torque, sampling_rate, angle, one, lines)
-    found = _followed_speed(torque, sampling_rate, angle, evidence, lines)
+    followed = _followed_speed(torque, sampling_rate, angle, evidence, lines)
     beside = passes[0].tolerance - passes[0].step
-    if abs(found.speed_hz / nominal_hz - 1) > beside:
-        found = replace(found, margin=-math.inf)  # the lines may be those of a speed beyond
+    if abs(followed.speed_hz / nominal_hz - 1) > beside:
+        followed = replace(followed, margin=-math.inf)  # the lines may be those of a speed beyond
     # A sound disc's shaft lines may be followed as lobe lines, at 15/16 of the speed for 15 lobes.
     shaft = (lines.n_lobes + 1) / lines.n_lobes
-    if found.fits or not finer or shaft * found.speed_hz > (1 + beside) * nominal_hz:
-        return found
+    if followed.fits or not finer or shaft * followed.speed_hz > (1 + beside) * nominal_hz:
+        return followed
     other = _followed_speed(
         torque, sampling_rate, *_refine_angle(torque, sampling_rate, shaft * angle, finer[-1], lines), lines
     )
-    return other if other.margin > _SECOND else found
+    return other if other.margin > _SECOND else followed
 
 
 def _refine_angle(

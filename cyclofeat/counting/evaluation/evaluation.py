@@ -121,9 +121,9 @@ class Evaluation:
         member = np.unique(self.assemblies, return_inverse=True)[1]
         right = self.labels == self.predictions
         sums = calibration_sums(self.certainty, right, window_weights(member), member).sum(axis=0)
-        said, was, weight = sums.reshape(3, N_BINS)
+        stated, was, weight = sums.reshape(3, N_BINS)
         used = weight > 0
-        return said[used] / weight[used], was[used] / weight[used], weight[used] / weight.sum()
+        return stated[used] / weight[used], was[used] / weight[used], weight[used] / weight.sum()
 
     def refusal_counts(self) -> dict[str, int]:
         """Return how many recordings are refused for each reason, the most frequent first.
@@ -190,7 +190,7 @@ class Evaluation:
         """Return a row for each true count: its windows, recall with its interval, precision (NaN: none)."""
         rows = []
         for k, count in enumerate(self.classes.tolist()):
-            tested, said = int(self.confusion[k].sum()), int(self.confusion[:, k].sum())
+            tested, predicted = int(self.confusion[k].sum()), int(self.confusion[:, k].sum())
             n_assemblies = int(np.unique(self.assemblies[self.labels == count]).size)
             recall, low, high = math.nan, math.nan, math.nan
             if tested:
@@ -200,7 +200,7 @@ class Evaluation:
             rows.append({
                 "defect_count": count, "n_windows": tested, "n_assemblies": n_assemblies, "recall": recall,
                 "recall_low": low, "recall_high": high,
-                "precision": float(self.confusion[k, k] / said) if said else math.nan,
+                "precision": float(self.confusion[k, k] / predicted) if predicted else math.nan,
             })  # fmt: skip
         return rows
 

@@ -56,8 +56,8 @@ def common_samples_per_turn(
 ) -> int:
     """Return the samples per input turn that all recordings hold, at most ``most``."""
     held = [
-        one.sampling_rate / (turning.speed_hz * (1 + SPEED_MARGIN))
-        for one, turning in zip(recordings, turnings, strict=True)
+        recording.sampling_rate / (turning.speed_hz * (1 + SPEED_MARGIN))
+        for recording, turning in zip(recordings, turnings, strict=True)
     ]
     fewest = int(np.argmin(held))
     per_turn = samples_per_turn_at(recordings[fewest].sampling_rate, turnings[fewest].speed_hz, n_lobes, most)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
+from itertools import pairwise
 from typing import Any, Self
 
 import numpy as np
@@ -445,13 +446,13 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         parts = [f"of {quantity} at {_range_text(self.card_['speeds_rpm'])} RPM"]
         if self.card_["loads_nm"]:
             parts.append(f"{_range_text(self.card_['loads_nm'])} Nm")
-        made = " and ".join(parts)
+        text = " and ".join(parts)
         least = self
         while least.coarser_ is not None:
             least = least.coarser_
         if least.samples_per_turn_ != SAMPLES_PER_TURN:
-            made += f", with at least {least.samples_per_turn_} samples per input turn"
-        return made
+            text += f", with at least {least.samples_per_turn_} samples per input turn"
+        return text
 
     def check_recording(self, recording: Recording) -> None:
         """Raise ``ValueError`` if the recording's quantity, lobes, sampling rate or speed do not suit."""
@@ -588,8 +589,8 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
     def _count_prepared(self, batch: Sequence[PreparedWindows]) -> list[LobeCount]:
         """Count recordings, their windows together."""
         return [
-            self._count_of(answered, one.doubt, one.notes, absolute=one.absolute)
-            for one, answered in zip(batch, self._answer_windows(batch), strict=True)
+            self._count_of(answered, prepared.doubt, prepared.notes, absolute=prepared.absolute)
+            for prepared, answered in zip(batch, self._answer_windows(batch), strict=True)
         ]
 
     def _count_of(
@@ -663,7 +664,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         """Answer for the windows of several recordings together."""
         if not batch:
             return []
-        X = np.concatenate([one.windows.X for one in batch])
+        X = np.concatenate([prepared.windows.X for prepared in batch])
         # Lobe lines and features take most of the time: locator and domain reuse those of the counter.
         counter, lines, features = self.counter_, None, None
         if isinstance(counter, LobeCounter):
@@ -679,22 +680,22 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         distances = np.full(len(X), np.nan)
         if self.domain_ is not None and features is not None:
             distances = self.domain_.distance(features)
-        ends = np.cumsum([len(one.windows) for one in batch])
-        rows = [slice(end - len(one.windows), end) for end, one in zip(ends.tolist(), batch, strict=True)]
+        ends = [0, *np.cumsum([len(prepared.windows) for prepared in batch]).tolist()]
+        rows = [slice(start, stop) for start, stop in pairwise(ends)]
         located: Sequence[Float | None] = [None] * len(batch)
         if lines is not None and self.locator_ is not None:
             located = self._lobe_proba(self.locator_, batch, lines, rows, proba)
         return [
             AnsweredWindows(
-                one.windows.start_s,
-                one.stop_s,
+                prepared.windows.start_s,
+                prepared.stop_s,
                 proba[row],
                 distances[row],
-                one.faults,
+                prepared.faults,
                 lobes,
-                None if self.wear_ is None else self.wear_.answers(one.windows.X, one.faults),
+                None if self.wear_ is None else self.wear_.answers(prepared.windows.X, prepared.faults),
             )
-            for one, row, lobes in zip(batch, rows, located, strict=True)
+            for prepared, row, lobes in zip(batch, rows, located, strict=True)
         ]
 
     @property
@@ -722,13 +723,13 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         Each of shape (n_places, n_windows, n_lobes), see :class:`AnsweredWindows`.
         """
         begins: list[Float] = []
-        for one, row in zip(batch, rows, strict=True):
-            windows = one.windows
-            if one.absolute:
+        for prepared, row in zip(batch, rows, strict=True):
+            windows = prepared.windows
+            if prepared.absolute:
                 begins.append(passage_of_lobe_zero(windows.start_angle, self.n_lobes_)[np.newaxis])
                 continue
             # Windows are aligned by the input turns between them.
-            turned = (windows.start_angle - one.first_angle) / (2 * np.pi)
+            turned = (windows.start_angle - prepared.first_angle) / (2 * np.pi)
             if not np.isfinite(windows.start_angle).all():
                 turned = cumulative_trapezoid(lines.input_speed_hz[row], windows.start_s, initial=0)
             places = np.arange(_BEGINNINGS)[:, np.newaxis] / (_BEGINNINGS * self.n_lobes_)

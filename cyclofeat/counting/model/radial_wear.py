@@ -194,12 +194,12 @@ class RadialWear:
     def made_for(self) -> str:
         """Return in words which depths the model was trained for and which it sees."""
         low, high = self.range_um
-        made = f"{low:g} to {high:g} um in {number_of(self.n_windows, 'output turn')}"
+        text = f"{low:g} to {high:g} um in {number_of(self.n_windows, 'output turn')}"
         if self.limit_um is not None:
-            made += f", seen in 9 of 10 assemblies from {self.limit_um:.3g} um on"
+            text += f", seen in 9 of 10 assemblies from {self.limit_um:.3g} um on"
         if self.false_alarms is not None:
-            made += f"; {100 * self.false_alarms:.2g} % of the healthy ones are taken for worn"
-        return made
+            text += f"; {100 * self.false_alarms:.2g} % of the healthy ones are taken for worn"
+        return text
 
     def summary(self) -> dict[str, Any]:
         """Return what the training says of depths and counts, for the card of a model."""
@@ -299,9 +299,9 @@ def wear_features(runs: Float, n_lobes: int, samples_per_turn: int = SAMPLES_PER
 def lobe_lines_nm(runs: Float, n_lobes: int, samples_per_turn: int = SAMPLES_PER_TURN) -> LobeLines:
     """Return the lobe lines of runs, as for :func:`wear_features`, in Nm and with the resonance."""
     comb = LobeComb(n_lobes, _n_lines(n_lobes, samples_per_turn), ar_order=0, speed_tolerance=0.0)
-    found = lobe_lines(np.asarray(runs, dtype=np.float64), samples_per_turn, 1.0, comb)
+    lines = lobe_lines(np.asarray(runs, dtype=np.float64), samples_per_turn, 1.0, comb)
     scale = runs.std(axis=1, keepdims=True)
-    return LobeLines(found.input_speed_hz, found.lines * scale, found.floor * scale**2)
+    return LobeLines(lines.input_speed_hz, lines.lines * scale, lines.floor * scale**2)
 
 
 def _n_lines(n_lobes: int, samples_per_turn: int) -> int:

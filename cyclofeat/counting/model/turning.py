@@ -44,15 +44,15 @@ def turning_of(recording: Recording, n_lobes: int, *, by_faint_lines: bool = Tru
         return Turning(angle, float(mean_speed(angle, rate)))
     stated = recording.input_speed_hz
     if stated is None:
-        found = search_speed(recording.torque, rate, n_lobes)
+        possible = search_speed(recording.torque, rate, n_lobes)
         # A motor's own lines may look like a disc's at another speed: its current proposes speeds only.
-        if len(found) == 1 and recording.quantity != "motor_current":
-            rpm = f"{60 * found[0].speed_hz:.5g} RPM"
+        if len(possible) == 1 and recording.quantity != "motor_current":
+            rpm = f"{60 * possible[0].speed_hz:.5g} RPM"
             note = f"neither tachometer nor stated speed: {rpm} found in the torque"
-            return Turning(found[0].angle, found[0].speed_hz, note)
+            return Turning(possible[0].angle, possible[0].speed_hz, note)
         low, high = (f"{60 * end:,.0f}" for end in SEARCHED_HZ)
-        speeds = " or ".join(f"{60 * one.speed_hz:.4g}" for one in found)
-        seen = f"allows {speeds} RPM" if found else f"shows none from {low} to {high} RPM"
+        speeds = " or ".join(f"{60 * other.speed_hz:.4g}" for other in possible)
+        seen = f"allows {speeds} RPM" if possible else f"shows none from {low} to {high} RPM"
         raise ValueError(
             f"the recording has neither a tachometer's angle nor a speed, and its "
             f"{in_words(recording.quantity)} {seen}: give speed_rpm= (nominal speed of the input in RPM)"
