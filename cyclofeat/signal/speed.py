@@ -286,11 +286,11 @@ def _follow_passes(
 
 
 def _refine_angle(
-    torque: Float, sampling_rate: float, angle: Float, one: _Pass, lines: _Lines
+    torque: Float, sampling_rate: float, angle: Float, refining: _Pass, lines: _Lines
 ) -> tuple[Float, float]:
     """Return the angle by a pass on the torque over one that is nearly right, and the evidence per turn."""
     even, grid = resample_by_angle(torque, angle, _SAMPLES_PER_TURN, sampling_rate)
-    (position, factor), evidence = _speed_course(even, _SAMPLES_PER_TURN, 1.0, one, lines)
+    (position, factor), evidence = _speed_course(even, _SAMPLES_PER_TURN, 1.0, refining, lines)
     smooth = PchipInterpolator(position + grid[0] / (2 * np.pi), factor, extrapolate=False)
     low, high = smooth.x[0], smooth.x[-1]
     factors = smooth(np.clip(angle / (2 * np.pi), low, high))
@@ -327,8 +327,8 @@ def _fit_discs(torque: Float, sampling_rate: float, angle: Float, lines: _Lines)
     one, every = np.ones(1), np.concatenate(numbers)
     power = np.concatenate(
         [
-            comb_prominence(some, _SAMPLES_PER_TURN, 1.0, one, every, n_lobes)[:, 0]
-            for some in _in_batches(windows, length)
+            comb_prominence(batch, _SAMPLES_PER_TURN, 1.0, one, every, n_lobes)[:, 0]
+            for batch in _in_batches(windows, length)
         ]
     )
     ends = np.cumsum([part.size for part in numbers])[:-1]
@@ -383,26 +383,26 @@ def _sum_to_last_line(ratios: Float) -> float:
 
 
 def _speed_course(
-    torque: Float, rate: float, speed: float, one: _Pass, lines: _Lines
+    torque: Float, rate: float, speed: float, search: _Pass, lines: _Lines
 ) -> tuple[tuple[Float, Float], float]:
     """Return times (in 1/rate samples per unit) and factors of the speed, and the evidence per turn."""
-    length = min(round(one.turns / speed * rate), torque.size)
-    hop = one.hop / speed * rate
+    length = min(round(search.turns / speed * rate), torque.size)
+    hop = search.hop / speed * rate
     n_blocks = max(1, math.floor((torque.size - length) / hop) + 1)
     starts = np.linspace(0, torque.size - length, n_blocks).round().astype(int)
-    factors = np.arange(1 - one.tolerance, 1 + one.tolerance + one.step / 2, one.step)
+    factors = np.arange(1 - search.tolerance, 1 + search.tolerance + search.step / 2, search.step)
     every = np.lib.stride_tricks.sliding_window_view(torque, length)
     votes = np.concatenate(
         [
-            _speed_votes(every[some], rate, speed, factors, lines, one.apart)
-            for some in _in_batches(starts, length)
+            _speed_votes(every[batch], rate, speed, factors, lines, search.apart)
+            for batch in _in_batches(starts, length)
         ]
     )
     # Overlapping blocks repeat the same evidence.
-    votes *= min(1.0, one.hop / one.turns)
+    votes *= min(1.0, search.hop / search.turns)
     # The most probable path through the votes (Viterbi), with changes in steps of the grid.
     steps = np.arange(factors.size)
-    cost = 0.5 * ((steps[:, np.newaxis] - steps) / (one.change / one.step)) ** 2
+    cost = 0.5 * ((steps[:, np.newaxis] - steps) / (search.change / search.step)) ** 2
     best, back = votes[0].copy(), np.zeros(votes.shape, dtype=int)
     for k in range(1, n_blocks):
         reached = best[np.newaxis, :] - cost
