@@ -187,7 +187,7 @@ class LabelledData:
         lobes: tuple[ArrayLike, ArrayLike] | None = None,
     ) -> LabelledData:
         recordings: list[Any] = []
-        if isinstance(X, (list, tuple, np.ndarray)) and all(isinstance(row, Recording) for row in X):
+        if isinstance(X, (list, tuple, np.ndarray)) and len(X) and all(isinstance(x, Recording) for x in X):
             recordings = list(X)
             if y is None:
                 y = np.array([recording.defect_count for recording in recordings])
