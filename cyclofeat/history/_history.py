@@ -115,13 +115,6 @@ class History:
     create : bool, default=True
         False: ``FileNotFoundError`` where it does not exist, ``ValueError`` where it is empty.
 
-    Raises
-    ------
-    OSError
-        If the file cannot be opened.
-    ValueError
-        If it is no history, damaged, or of a newer version.
-
     Examples
     --------
     >>> import pathlib, tempfile
@@ -265,11 +258,6 @@ class History:
             One row per recording in the order of time: ``time`` (UTC), ``file``, ``model``, ``defect_count``
             (missing where refused), ``wear_um`` (missing where none was seen or stated), ``reason``,
             ``mean``, ``deviation``, ``unit``.
-
-        Raises
-        ------
-        ImportError
-            If pandas is not installed.
         """
         rows = [vars(row) | {"wear_um": row.answer.get("wear_um")} for row in self.rows(gearbox)]
         names = ("file", "model", "defect_count", "wear_um", "reason", "mean", "deviation", "unit")
@@ -289,11 +277,6 @@ class History:
             From which the rule of the alarm follows, see :func:`choose_rule`.
         recordings_per_month : float, optional
             Default: as frequent as they were, if they span at least an hour.
-
-        Raises
-        ------
-        ValueError
-            If there is no recording of this gearbox, or a number is not positive.
         """
         model = self._select_rows(
             "SELECT m.id, m.scores FROM recording r JOIN model m ON m.id = r.model WHERE r.gearbox = ? "

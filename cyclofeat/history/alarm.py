@@ -125,11 +125,6 @@ def choose_rule(
     depth_error : float
         Probability that the interval of an unchanged depth lies above; it adds to the error rate.
 
-    Raises
-    ------
-    ValueError
-        If no rule of up to ten counts is so rarely wrong, or no count can exceed the baseline.
-
     Examples
     --------
     >>> scores = {"classes": [0, 1], "confusion": [[98, 2], [5, 95]], "n_windows": 200, "n_assemblies": 100}

@@ -226,11 +226,6 @@ def load_default_model(quantity: str = "output_torque") -> LobeModel:
     cyclofeat.counting.LobeModel
         The fitted model.
 
-    Raises
-    ------
-    ValueError
-        If there is no such quantity.
-
     Examples
     --------
     >>> model = load_default_model("motor_current")

@@ -196,11 +196,6 @@ class Recording:
             counts them too; ``worn_lobes`` is then None, since removed lobes are not worn ones, and ``meta``
             holds both as ``"worn_lobes_from_1"`` and ``"removed_lobes_from_1"``, as files do.
 
-        Raises
-        ------
-        ValueError
-            If the quantity is unknown, or the run does not hold it.
-
         Examples
         --------
         >>> from types import SimpleNamespace
@@ -286,11 +281,6 @@ class Recording:
     def part(self, start_s: float = 0.0, stop_s: float | None = None) -> Recording:
         """Return the part from ``start_s`` to ``stop_s`` (default: the end), in s, with all labels.
 
-        Raises
-        ------
-        ValueError
-            If the part lies outside the recording or holds fewer than two samples.
-
         Examples
         --------
         >>> import numpy as np
@@ -333,13 +323,6 @@ class Recording:
         -------
         TorqueDisplay, SpectrumDisplay, OrderDisplay or LobeMapDisplay
             Of :mod:`cyclofeat.plotting`; with the axes ``ax_`` and the ``figure_``.
-
-        Raises
-        ------
-        ImportError
-            If matplotlib is not installed.
-        ValueError
-            If there is no such kind, or it needs a speed and the recording states none.
         """
         return draw_plot(self, kind, ax, **options)
 

@@ -247,15 +247,6 @@ class Windower:
         Returns
         -------
         WindowSet
-
-        Raises
-        ------
-        TypeError
-            If something else than recordings is given, or assemblies are partly text, partly numbers.
-        ValueError
-            If there is no recording; one is shorter than a window, constant over a window, or lacks the
-            angle, nominal speed or samples per turn that are needed; discs have different numbers of lobes;
-            recordings are of different quantities; or rates or speeds are mixed in windows of native samples.
         """
         records = _as_list(recordings)
         common_quantity(records)

@@ -98,14 +98,6 @@ def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recordin
     list of Recording
         In the manifest's order.
 
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such folder.
-    ValueError
-        If the manifest or a recording is not as described. The message names the wrong lines (the first
-        ten) and what would be right.
-
     Warns
     -----
     UserWarning
