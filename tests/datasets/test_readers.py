@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import pickle
+import re
 import zipfile
 
 import numpy as np
@@ -327,105 +328,93 @@ def test_what_was_assumed_is_stated(tmp_path):
 BAD_CSV = {
     "no rate": (
         "torque\n1\n2\n",
+        "no sampling rate ... sampling_rate= ... time_channel=",
         {"sampling_rate": None},
-        ["no sampling rate", "sampling_rate=", "time_channel="],
     ),
-    "wrong column": ("torque,a\n1,2\n3,4\n", {"channel": "tork"}, ["channel = 'tork'", "'torque', 'a'"]),
-    "wrong index": ("torque,a\n1,2\n3,4\n", {"channel": 2}, ["channel = 2", "'torque', 'a'"]),
-    "negative index": ("torque,a\n1,2\n3,4\n", {"channel": -1}, ["channel = -1", "'torque', 'a'"]),
-    "index without names": ("1,2\n3,4\n", {"channel": 2}, ["channel = 2", "0, 1 (no names in the file)"]),
-    "no column chosen": ("a1,a2\n1,2\n3,4\n", {}, ["channel= must be given", "'a1', 'a2'"]),
-    "no column chosen, no names": ("1,2\n3,4\n", {}, ["channel= must be given", "0, 1 (no names"]),
-    "two columns fit": (
-        "torque,torque_nm\n1,2\n3,4\n",
-        {},
-        ["channel= must be given", "'torque', 'torque_nm'"],
-    ),
-    "a name twice": ("a,a\n1,2\n3,4\n", {"channel": "a"}, ["channel = 'a'", "[0, 1]", "index"]),
-    "wrong time column": ("torque\n1\n2\n", {"time_channel": "when"}, ["time_channel = 'when'", "'torque'"]),
-    "wrong angle column": ("torque\n1\n2\n", {"angle_channel": "phi"}, ["angle_channel = 'phi'", "'torque'"]),
-    "NaN": ("torque\n1\n2\nnan\nnan\n", {}, ["line 4", "'torque'", "nan", "finite"]),
-    "infinity": ("# a\n# b\ntorque\n1\n-inf\n3\n", {}, ["line 5", "-inf", "finite"]),
+    "wrong column": ("torque,a\n1,2\n3,4\n", "channel = 'tork' ... 'torque', 'a'", {"channel": "tork"}),
+    "wrong index": ("torque,a\n1,2\n3,4\n", "channel = 2 ... 'torque', 'a'", {"channel": 2}),
+    "negative index": ("torque,a\n1,2\n3,4\n", "channel = -1 ... 'torque', 'a'", {"channel": -1}),
+    "index without names": ("1,2\n3,4\n", "channel = 2 ... 0, 1 (no names in the file)", {"channel": 2}),
+    "no column chosen": ("a1,a2\n1,2\n3,4\n", "channel= must be given ... 'a1', 'a2'"),
+    "no column chosen, no names": ("1,2\n3,4\n", "channel= must be given ... 0, 1 (no names"),
+    "two columns fit": ("torque,torque_nm\n1,2\n3,4\n", "channel= must be given ... 'torque', 'torque_nm'"),
+    "a name twice": ("a,a\n1,2\n3,4\n", "channel = 'a' ... [0, 1] ... index", {"channel": "a"}),
+    "wrong time column": ("torque\n1\n2\n", "time_channel = 'when' ... 'torque'", {"time_channel": "when"}),
+    "wrong angle column": ("torque\n1\n2\n", "angle_channel = 'phi' ... 'torque'", {"angle_channel": "phi"}),
+    "NaN": ("torque\n1\n2\nnan\nnan\n", "'torque' ... finite ... nan ... line 4"),
+    "infinity": ("# a\n# b\ntorque\n1\n-inf\n3\n", "finite ... -inf ... line 5"),
     "text in a cell": (
         "a,torque\n1,2\n1,two\n1,2\n",
-        {},
-        ["line 3", "column 'torque'", "'two', which is not a number"],
+        "line 3 ... column 'torque' ... 'two', which is not a number",
     ),
-    "an empty cell": ("a,torque\n1,2\n1,\n1,2\n", {}, ["line 3", "column 'torque'", "nothing"]),
-    "text without names": ("1.5\n2.5\nthree\n", {}, ["line 3", "column '0'", "'three'"]),
-    "words below names": ("time;torque\na;b\n0;1\n1;2\n", {}, ["line 2", "column 'torque'", "'b'"]),
-    "thousands": ("torque;a\n1,234.5;1\n2;1\n", {}, ["line 2", "'1,234.5', which is not a number"]),
+    "an empty cell": ("a,torque\n1,2\n1,\n1,2\n", "line 3 ... column 'torque' ... nothing"),
+    "text without names": ("1.5\n2.5\nthree\n", "line 3 ... column '0' ... 'three'"),
+    "words below names": ("time;torque\na;b\n0;1\n1;2\n", "line 2 ... column 'torque' ... 'b'"),
+    "thousands": ("torque;a\n1,234.5;1\n2;1\n", "line 2 ... '1,234.5', which is not a number"),
     "a point beside decimal commas": (
         "angle;torque [Nmm]\n0,1;2\n0,2;24.768\n",
-        {},
-        ["line 3", "column 'torque [Nmm]' holds '24.768'", "thousands, or decimals?"],
+        "line 3 ... column 'torque [Nmm]' holds '24.768' ... thousands, or decimals?",
     ),
     "a point below decimal commas": (
         "angle;torque\n0;24,5\n1;1.024\n2;24,7\n",
-        {},
-        ["line 3", "column 'torque' holds '1.024'", "thousands, or decimals?"],
+        "line 3 ... column 'torque' holds '1.024' ... thousands, or decimals?",
     ),
     "a date beside decimal commas": (
         "torque;angle\n01.02.2026;1,5\n01.02.2026;1,6\n",
-        {},
-        ["line 2", "'01.02.2026', which is not a number"],
+        "line 2 ... '01.02.2026', which is not a number",
     ),
-    "a short row with decimal commas": ("angle;torque\n0,1;2\n0,2.5\n0,3;4\n", {}, ["line 3", "2 columns"]),
-    "an underscore": ("torque\n1_000\n2\n", {}, ["column 'torque'"]),
-    "a short row": ("a,torque\n1,2\n1\n1,2\n", {}, ["line 3", "2 columns", "got 1 column"]),
-    "a long row": ("a,torque\n1,2\n1,2,3\n1,2\n", {}, ["line 3", "2 columns", "got 3 columns"]),
-    "an empty line": ("torque\n1\n\n2\n", {}, ["line 3", "1 columns", "an empty line"]),
-    "decimal commas": ("torque\n22,5\n22,6\n", {}, ["line 2", "decimal commas?", "delimiter=';'"]),
-    "one sample": ("torque\n1\n", {}, ["at least 2 samples", "got 1"]),
-    "names only": ("torque,a\n", {}, ["column names, but no row of data"]),
-    "comments only": ("# a\n# b\n", {}, ["no row of data"]),
-    "blank": ("\n \n", {}, ["no row of data"]),
+    "a short row with decimal commas": ("angle;torque\n0,1;2\n0,2.5\n0,3;4\n", "line 3 ... 2 columns"),
+    "an underscore": ("torque\n1_000\n2\n", "column 'torque'"),
+    "a short row": ("a,torque\n1,2\n1\n1,2\n", "line 3 ... 2 columns ... got 1 column"),
+    "a long row": ("a,torque\n1,2\n1,2,3\n1,2\n", "line 3 ... 2 columns ... got 3 columns"),
+    "an empty line": ("torque\n1\n\n2\n", "line 3 ... 1 columns ... an empty line"),
+    "decimal commas": ("torque\n22,5\n22,6\n", "line 2 ... decimal commas? ... delimiter=';'"),
+    "one sample": ("torque\n1\n", "at least 2 samples ... got 1"),
+    "names only": ("torque,a\n", "column names, but no row of data"),
+    "comments only": ("# a\n# b\n", "no row of data"),
+    "blank": ("\n \n", "no row of data"),
     "times that stand": (
         "time,torque\n1,1\n1,2\n",
+        "time column 'time' must rise ... by 0 s",
         {"sampling_rate": None},
-        ["time column 'time' must rise", "by 0 s"],
     ),
-    "times in hours": ("time [h],torque\n1,1\n2,2\n", {}, ["'time [h]'", "s, ms, us", "'h'"]),
+    "times in hours": ("time [h],torque\n1,1\n2,2\n", "'time [h]' ... s, ms, us ... 'h'"),
     "a damaged header": (
         "# cyclofeat recording: 1\n# run: x\ntorque\n1\n2\n",
-        {},
-        ["label 'run'", "not JSON", "'x'"],
+        "label 'run' ... not JSON ... 'x'",
     ),
     "a header without rate": (
         "# cyclofeat recording: 1\ntorque\n1\n2\n",
-        {},
-        ["sampling_rate", "header", "None"],
+        "sampling_rate ... header ... None",
     ),
-    "a later format": ("# cyclofeat recording: 3\ntorque\n1\n2\n", {}, ["format 3", "update"]),
-    "a huge number": ("torque\n1\n-1e300\n", {}, ["torque must lie within +-1e+100", "-1e+300 at sample 1"]),
+    "a later format": ("# cyclofeat recording: 3\ntorque\n1\n2\n", "format 3 ... update"),
+    "a huge number": ("torque\n1\n-1e300\n", "torque must lie within +-1e+100 ... -1e+300 at sample 1"),
     "lobes from nowhere": (
         "# cyclofeat recording: 2\n# sampling_rate: 9\n# worn_lobes: [0, 4]\ntorque\n1\n2\n",
-        {},
-        ["worn_lobes does not say whether lobes count from 0 or from 1", "worn_lobes_from_1"],
+        "worn_lobes does not say whether lobes count from 0 or from 1 ... worn_lobes_from_1",
     ),
     "lobes from 0": (
         "# cyclofeat recording: 2\n# sampling_rate: 9\n# worn_lobes_from_1: [0, 4]\ntorque\n1\n2\n",
-        {},
-        ["worn_lobes_from_1 must be lobes counted from 1, like [1, 5], got [0, 4]"],
+        "worn_lobes_from_1 must be lobes counted from 1, like [1, 5], got [0, 4]",
     ),
-    "a strange label": ("# cyclofeat recording: 1\n# hue: 1\ntorque\n1\n2\n", {}, ["unknown label 'hue'"]),
-    "a bad label": ("torque\n1\n2\n", {"speed_rpm": -1}, ["speed_rpm must be positive"]),
+    "a strange label": ("# cyclofeat recording: 1\n# hue: 1\ntorque\n1\n2\n", "unknown label 'hue'"),
+    "a bad label": ("torque\n1\n2\n", "speed_rpm must be positive", {"speed_rpm": -1}),
 }
 
 
-def check_error(path, arguments, words):
+def check_error(path, words, arguments=(), **defaults):
+    """Reading gives an error of one line that holds these words in their order."""
     with pytest.raises(ValueError, match=path.name) as caught:
-        read_recording(path, **arguments)
+        read_recording(path, **(defaults | dict(arguments)))
     message = str(caught.value)
     assert "\n" not in message
-    for word in words:
-        assert word in message
+    assert re.search(".*".join(map(re.escape, words.split(" ... "))), message), message
 
 
 @pytest.mark.parametrize("case", BAD_CSV)
 def test_each_bad_csv_gives_its_one_clear_line(tmp_path, case):
-    text, arguments, words = BAD_CSV[case]
-    check_error(write(tmp_path / "rig.csv", text), {"sampling_rate": 1_000, **arguments}, words)
+    text, words, *arguments = BAD_CSV[case]
+    check_error(write(tmp_path / "rig.csv", text), words, *arguments, sampling_rate=1_000)
 
 
 def test_files_that_are_no_text(tmp_path):
@@ -600,49 +589,40 @@ def test_npz_of_others_needs_torque_and_rate_only(tmp_path):
 
 
 BAD_NPZ = {
-    "no torque": ({"x": [1, 2], "y": [3, 4]}, {}, ["channel= must be given", "'x', 'y'"]),
-    "wrong channel": ({"torque": [1, 2]}, {"channel": "x"}, ["channel = 'x'", "'torque'"]),
-    "wrong angle": ({"torque": [1, 2]}, {"angle_channel": "phi"}, ["angle_channel = 'phi'", "'torque'"]),
-    "no rate": ({"torque": [1, 2]}, {}, ["no sampling rate", "sampling_rate=", "'torque'"]),
-    "own format without rate": (
-        {"torque": [1, 2], "cyclofeat_recording": 2},
-        {},
-        ["add an array 'sampling_rate'"],
-    ),
+    "no torque": ({"x": [1, 2], "y": [3, 4]}, "channel= must be given ... 'x', 'y'"),
+    "wrong channel": ({"torque": [1, 2]}, "channel = 'x' ... 'torque'", {"channel": "x"}),
+    "wrong angle": ({"torque": [1, 2]}, "angle_channel = 'phi' ... 'torque'", {"angle_channel": "phi"}),
+    "no rate": ({"torque": [1, 2]}, "no sampling rate ... sampling_rate= ... 'torque'"),
+    "own format without rate": ({"torque": [1, 2], "cyclofeat_recording": 2}, "add an array 'sampling_rate'"),
     "unit of the angle": (
         {"torque": [1, 2], "sampling_rate": 3, "angle": [1, 2], "angle_unit": "turns"},
-        {},
-        ["'angle_unit'", "'rad' or 'deg'", "'turns'"],
+        "'angle_unit' ... 'rad' or 'deg' ... 'turns'",
     ),
     "rate twice": (
         {"torque": [1, 2], "sampling_rate": 3},
+        "4 Hz ... contradicts ... 3 Hz",
         {"sampling_rate": 4},
-        ["4 Hz", "contradicts", "3 Hz"],
     ),
-    "many rates": ({"torque": [1, 2], "sampling_rate": [3, 4]}, {}, ["'sampling_rate'", "one number"]),
-    "negative rate": ({"torque": [1, 2], "sampling_rate": -3}, {}, ["'sampling_rate'", "positive", "-3"]),
-    "a matrix": ({"torque": [[1], [2]], "sampling_rate": 3}, {}, ["'torque'", "1-D", "(2, 1)"]),
-    "text": ({"torque": ["a", "b"], "sampling_rate": 3}, {}, ["'torque'", "real numbers", "<U1"]),
-    "complex": ({"torque": [1j, 2], "sampling_rate": 3}, {}, ["'torque'", "real numbers", "complex128"]),
-    "NaN": ({"torque": [1, np.nan], "sampling_rate": 3}, {}, ["torque", "finite", "nan at sample 1"]),
-    "one sample": ({"torque": [1], "sampling_rate": 3}, {}, ["at least 2 samples", "got 1"]),
-    "short angle": ({"torque": [1, 2], "sampling_rate": 3, "angle": [1]}, {}, ["angle", "at least 2"]),
-    "bad meta": ({"torque": [1, 2], "sampling_rate": 3, "meta": "[1]"}, {}, ["'meta'", "JSON object", "[1]"]),
-    "a CSV's argument": ({"torque": [1, 2], "sampling_rate": 3}, {"delimiter": ";"}, ["delimiter", "CSV"]),
-    "lobes from nowhere": (
-        {"torque": [1, 2], "sampling_rate": 3, "worn_lobes": [0, 4]},
-        {},
-        ["from 0 or from 1"],
-    ),
-    "a later format": ({"torque": [1, 2], "sampling_rate": 3, "cyclofeat_recording": 3}, {}, ["format 3"]),
+    "many rates": ({"torque": [1, 2], "sampling_rate": [3, 4]}, "'sampling_rate' ... one number"),
+    "negative rate": ({"torque": [1, 2], "sampling_rate": -3}, "'sampling_rate' ... positive ... -3"),
+    "a matrix": ({"torque": [[1], [2]], "sampling_rate": 3}, "'torque' ... 1-D ... (2, 1)"),
+    "text": ({"torque": ["a", "b"], "sampling_rate": 3}, "'torque' ... real numbers ... <U1"),
+    "complex": ({"torque": [1j, 2], "sampling_rate": 3}, "'torque' ... real numbers ... complex128"),
+    "NaN": ({"torque": [1, np.nan], "sampling_rate": 3}, "torque ... finite ... nan at sample 1"),
+    "one sample": ({"torque": [1], "sampling_rate": 3}, "at least 2 samples ... got 1"),
+    "short angle": ({"torque": [1, 2], "sampling_rate": 3, "angle": [1]}, "angle ... at least 2"),
+    "bad meta": ({"torque": [1, 2], "sampling_rate": 3, "meta": "[1]"}, "'meta' ... JSON object ... [1]"),
+    "a CSV's argument": ({"torque": [1, 2], "sampling_rate": 3}, "delimiter ... CSV", {"delimiter": ";"}),
+    "lobes from nowhere": ({"torque": [1, 2], "sampling_rate": 3, "worn_lobes": [0, 4]}, "from 0 or from 1"),
+    "a later format": ({"torque": [1, 2], "sampling_rate": 3, "cyclofeat_recording": 3}, "format 3"),
 }
 
 
 @pytest.mark.parametrize("case", BAD_NPZ)
 def test_each_bad_npz_gives_its_one_clear_line(tmp_path, case):
-    content, arguments, words = BAD_NPZ[case]
+    content, words, *arguments = BAD_NPZ[case]
     np.savez(tmp_path / "rig.npz", **content)
-    check_error(tmp_path / "rig.npz", arguments, words)
+    check_error(tmp_path / "rig.npz", words, *arguments)
 
 
 def test_an_npz_channel_is_a_name(tmp_path):

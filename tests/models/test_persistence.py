@@ -230,6 +230,8 @@ def test_a_file_runs_nothing_unless_it_is_trusted(stored, tmp_path):
 
 
 def test_a_pickle_that_calls_itself_skops_runs_nothing(stored, tmp_path):
+    with zipfile.ZipFile(stored["skops"]) as archive:  # data only
+        assert {name.rsplit(".", 1)[-1] for name in archive.namelist()} <= {"json", "npy"}
     joblib.dump(Evil(str(tmp_path / "ran")), stored["skops"])
     restate(stored["skops"])
     for trusted in (False, True):
@@ -238,39 +240,30 @@ def test_a_pickle_that_calls_itself_skops_runs_nothing(stored, tmp_path):
     assert not (tmp_path / "ran").exists()
 
 
-def with_a_function(counter):
-    counter.function = os.path.basename
-    return counter
-
-
-def with_a_tree(counter):
-    counter.index = KDTree(np.eye(5))  # compiled: it holds indices that a file could set to anything
-    return counter
-
-
 @pytest.mark.parametrize(
-    ("change", "kind"),
+    ("part", "kind"),
     [
-        (with_a_function, "posixpath.basename"),
-        (with_a_tree, "sklearn.neighbors._kd_tree.KDTree"),
-        (
-            lambda counter: KNeighborsClassifier().fit(np.eye(5), range(5)),
-            "sklearn.neighbors._classification.K",
-        ),
-        (lambda counter: np.random.default_rng(0), "numpy.random._generator.Generator"),
-        (lambda counter: Path("folder"), "pathlib.PosixPath"),
+        (os.path.basename, "posixpath.basename"),
+        (KDTree(np.eye(5)), "sklearn.neighbors._kd_tree.KDTree"),  # compiled: its indices could be anything
+        (KNeighborsClassifier().fit(np.eye(5), range(5)), "sklearn.neighbors._classification.K"),
+        (np.random.default_rng(0), "numpy.random._generator.Generator"),
+        (Path("folder"), "pathlib.PosixPath"),
     ],
 )
-def test_skops_with_another_type_is_refused_in_writing_and_reading(counters, stored, tmp_path, change, kind):
-    strange = change(copy.deepcopy(counters["ladder"]))
-    if hasattr(strange, "predict_proba"):
+def test_skops_with_another_type_is_refused_in_writing_and_reading(counters, stored, tmp_path, part, kind):
+    strange = copy.deepcopy(counters["ladder"])
+    strange.part = part
+    for counter in (strange, part) if hasattr(part, "predict_proba") else (strange,):
         with pytest.raises(ValueError, match=f"counter holds {kind}.*write .joblib"):
-            save_model(tmp_path / "strange.skops", strange, sampling_rate=RATE)
+            save_model(tmp_path / "strange.skops", counter, sampling_rate=RATE)
         assert not (tmp_path / "strange.skops").exists()
-    file = smuggled(strange, stored["skops"])
-    for trusted in (False, True):
-        with pytest.raises(ModelFileError, match=f"holds {kind}.*, which no counter needs: it is not loaded"):
-            load_model(file, trusted=trusted)
+    for counter in (strange, part):
+        file = smuggled(counter, stored["skops"])
+        for trusted in (False, True):
+            with pytest.raises(
+                ModelFileError, match=f"holds {kind}.*, which no counter needs: it is not load"
+            ):
+                load_model(file, trusted=trusted)
 
 
 @pytest.mark.parametrize(
@@ -391,7 +384,7 @@ def test_other_versions_are_refused_unless_named(stored, name):
     load_model(file, allow=(name,))
 
 
-def test_the_usual_name_of_scikit_learn_is_understood(stored):
+def test_names_of_allowed_differences(stored):
     versions = read_card(stored["joblib"])["versions"]
     change_card(stored["joblib"], versions=versions | {"scikit-learn": "0.1", "python": "3.1.0"})
     with pytest.raises(ModelFileError, match="--allow scikit-learn --allow python"):
@@ -399,13 +392,10 @@ def test_the_usual_name_of_scikit_learn_is_understood(stored):
     load_model(stored["joblib"], trusted=True, allow=("sklearn", "python"))
     with pytest.raises(ValueError, match="allow must name any of cyclofeat, .* got 'numba'"):
         load_model(stored["joblib"], trusted=True, allow=("numba",))
-
-
-def test_bug_fixes_of_numpy_and_python_are_no_difference(stored):
-    versions = read_card(stored["skops"])["versions"]
+    # Bug fixes of these are no difference.
     later = {name: ".".join([*versions[name].split(".")[:2], "99"]) for name in ("python", "numpy", "scipy")}
-    change_card(stored["skops"], versions=versions | later)
-    load_model(stored["skops"])
+    change_card(stored["joblib"], versions=versions | later)
+    load_model(stored["joblib"], trusted=True)
 
 
 def test_another_definition_of_a_feature_is_refused_unless_allowed(stored):
@@ -424,12 +414,6 @@ def test_another_definition_of_a_feature_is_refused_unless_allowed(stored):
 def test_a_counter_of_windows_is_no_model_of_recordings(stored):
     with pytest.raises(ValueError, match="must count recordings, got .* which counts windows: train it with"):
         as_lobe_model(load_model(stored["skops"]))
-
-
-def test_the_file_of_a_model_is_data(stored):
-    """A .skops file is a zip of JSON and arrays: nothing in it is a pickle."""
-    with zipfile.ZipFile(stored["skops"]) as archive:
-        assert {name.rsplit(".", 1)[-1] for name in archive.namelist()} <= {"json", "npy"}
 
 
 def test_writing_says_what_is_wrong(counters, tmp_path):
