@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import functools
 import hashlib
 import importlib.metadata
 import os
@@ -12,6 +13,9 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
+
+# The metadata of a package are parsed once: the card of each model names six versions.
+_installed_version = functools.cache(importlib.metadata.version)
 
 
 def check_parent(path: Path, of: str = "") -> None:
@@ -74,8 +78,7 @@ def package_versions(*names: str) -> dict[str, str]:
     ['python', 'numpy']
     """
     return {
-        name: platform.python_version() if name == "python" else importlib.metadata.version(name)
-        for name in names
+        name: platform.python_version() if name == "python" else _installed_version(name) for name in names
     }
 
 
