@@ -1,6 +1,5 @@
 """Displays: what they compute, what they draw, what they refuse."""
 
-import sys
 from types import SimpleNamespace
 
 import matplotlib
@@ -55,13 +54,6 @@ def test_plot_returns_the_display_and_draws_where_it_is_told(display_class, reco
     assert own is not ax
     assert display.figure_ is figure
     figure.canvas.draw()
-
-
-def test_missing_matplotlib_is_named_with_its_remedy(recording, monkeypatch):
-    display = TorqueDisplay.from_recording(recording)
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    with pytest.raises(ImportError, match="pip install matplotlib"):
-        display.plot()
 
 
 # -- torque

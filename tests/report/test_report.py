@@ -40,17 +40,6 @@ def test_the_same_values_give_the_same_file(content, tmp_path):
     assert first.read_bytes() == again.read_bytes()
 
 
-@pytest.mark.usefixtures("_no_pictures")
-def test_a_failure_leaves_the_old_report_alone(content, tmp_path, monkeypatch):
-    path = tmp_path / "report.html"
-    path.write_text("old", encoding="utf-8")
-    monkeypatch.setattr("pathlib.Path.replace", lambda *_: (_ for _ in ()).throw(OSError("disk")))
-    with pytest.raises(OSError, match="disk"):
-        write_evaluation_report(content, path)
-    assert path.read_text(encoding="utf-8") == "old"
-    assert [file.name for file in tmp_path.iterdir()] == ["report.html"]
-
-
 @pytest.mark.parametrize("module", ["jinja2", "matplotlib.figure"])
 def test_missing_packages_are_named_with_their_remedy(content, module, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, module, None)
