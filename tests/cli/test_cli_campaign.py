@@ -1,9 +1,7 @@
 """``cyclofeat campaign``: from an example design to a folder of torque, and every mistake on the way."""
 
-import errno
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -148,42 +146,6 @@ def test_failed_runs_are_told_and_none_that_ended_is_an_error(capsys, tmp_path):
     assert (code, err) == (2, "")
     assert "8 runs of 512 samples (8 diverged)" in text
     assert "first that failed, run 0 (counted from 0): simulation diverged at t = " in text
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(shutil.which("unshare") is None, reason="no unshare: no small file system of one's own")
-def test_a_disk_that_is_really_full(tmp_path):
-    # A file system of 320 kB in a mount namespace of its own. One too small for the campaign is found out
-    # before; this one is filled by somebody else when the first shard is there.
-    disk, design = tmp_path / "disk", tmp_path / "design.json"
-    disk.mkdir()
-    campaign = SMALL.replace(repeats=16, runs_per_shard=4)
-    campaign.to_json(design)
-    code = (
-        "import os, sys\n"
-        "from cyclofeat.simulators import Campaign, run_campaign\n"
-        "def fill(done, total):\n"
-        "    if done == 6: open(sys.argv[2] + '/other', 'wb').write(bytes(200_000))\n"
-        "try: run_campaign(Campaign.from_json(sys.argv[1]), sys.argv[2] + '/out', progress=fill)\n"
-        "except OSError as error: print(error.errno, error)\n"
-        "else: print('no error')\n"
-        "print(*sorted(os.listdir(sys.argv[2] + '/out')))\n"
-        "os.remove(sys.argv[2] + '/other')\n"
-        "print(len(run_campaign(Campaign.from_json(sys.argv[1]), sys.argv[2] + '/out').y))"
-    )
-    inside = 'mount -t tmpfs -o size=320k none "$1" && exec "$2" -c "$3" "$4" "$1"'
-    shell = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c", inside]
-    done = subprocess.run([*shell, "sh", disk, sys.executable, code, design], capture_output=True, text=True)
-    if done.returncode and "Traceback" not in done.stderr:
-        pytest.skip(f"no mount namespace to be had here: {done.stderr.strip()}")
-    assert done.returncode == 0, done.stderr
-    error, files, n_runs = done.stdout.splitlines()
-    assert error.startswith(f"{errno.ENOSPC} ")
-    assert "the disk is full" in error
-    assert "shards are finished and kept" in error
-    assert "shard-00000.sha256" in files
-    assert ".part" not in files
-    assert n_runs == "32"
 
 
 @pytest.mark.slow

@@ -71,21 +71,6 @@ def test_table_holds_what_the_benchmark_computes(number):
     assert computed == parts(rows()[number][2])
 
 
-@pytest.mark.parametrize(
-    ("agrees", "verdict"),
-    [
-        ([True, True], "reproduced"),
-        ([False], "contradicted"),
-        ([True, False], "partly"),
-        ([True, None], "partly"),
-        ([False, None], "partly"),
-        ([None, None], "cannot be tested without their recordings"),
-    ],
-)
-def test_verdict(agrees, verdict):
-    assert papers.verdict([("claim", "figure", one) for one in agrees]) == verdict
-
-
 def test_page_has_every_figure_in_the_script_whose_title_names_it():
     listed = {}
     for text, script in re.findall(r"\* - ([AB] .*)\n +- :ref:`sphx_glr_gallery_papers_(\w+)\.py`", PAGE):

@@ -25,11 +25,6 @@ def imported(text: str) -> Iterator[str]:
             yield from (alias.name for alias in node.names if alias.name.split(".")[0] == "cyclofeat")
 
 
-def test_what_is_private_is_recognised() -> None:
-    text = "from cyclofeat.gap._x import y\nfrom cyclofeat._base.files import z\nimport cyclofeat.gap\n"
-    assert [is_private(name) for name in imported(text)] == [True, False, False]
-
-
 def test_few_imports_of_tests_are_private() -> None:
     names = [
         (str(path.relative_to(TESTS)), name)

@@ -15,7 +15,7 @@ import keyboard
 import numpy as np
 import pytest
 from live_server import Live, wait_for
-from small_model import recording, shaft_model, small_model
+from small_model import recording, small_model
 
 from cyclofeat.cli import main, make_parser
 from cyclofeat.datasets import write_recording
@@ -198,14 +198,6 @@ def test_a_chosen_model_is_counted_with_and_described_by_its_card(tmp_path):
         assert words[2] == "--model"
         assert "given.skops" not in words
         assert "--trust" not in words  # said of the file given, not of one that was uploaded
-
-
-def test_a_model_of_any_rate_is_described(tmp_path):
-    file = save_model(tmp_path / "m.skops", shaft_model())
-    with Live(model=("--model", str(file))) as live:
-        status, answer = live.ask("GET", "state")[:2]
-    assert status == 200
-    assert "counts 0 to 3 worn lobes in recordings at 500 RPM" in answer["html"]["model"]
 
 
 # -- what may be asked
