@@ -423,7 +423,7 @@ class Rig:
             torque meter's effects act on the torque measured; on the input they are smaller by the reduction,
             as is the range of a meter there. They do not act on a current, which needs a motor
             (:func:`cyclofeat.simulators.motor_effects`) and has a sensor of its own
-            (``cyclofeat.simulators.effects.motor.CurrentSensor``).
+            (the effect ``current_sensor``).
         **options
             Other arguments of :func:`cyclofeat.simulators.simulate`, except ``courses``.
 

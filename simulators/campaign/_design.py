@@ -1,4 +1,4 @@
-"""Design of a campaign: the rig, the classes, and the values that each run draws."""
+"""Design of a campaign: rig, classes, the values that each run draws, and the runs themselves."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import json
 import math
 import os
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,12 +19,15 @@ from numpy.typing import NDArray
 
 from cyclofeat._base import checks
 from cyclofeat._base.files import write_whole
+from cyclofeat._base.quantities import from_1
 from cyclofeat._base.shards import json_bytes
 from cyclofeat.simulators.defects import MOST_WEAR_UM, LobeDefects
 from cyclofeat.simulators.effects._parameter import settings_of_file, settings_to_file
+from cyclofeat.simulators.effects.library import label_effects
+from cyclofeat.simulators.machine import MachineRun, PlannedRun
 from cyclofeat.simulators.rig import Rig, read_json, reject_unknown
-from cyclofeat.simulators.sampling import Sample, Wear, recording_seed
-from cyclofeat.simulators.simulation import Solver
+from cyclofeat.simulators.sampling import Sample, Wear, recording_seed, sample_runs
+from cyclofeat.simulators.simulation import GearboxLocked, SimulationFailed, Solver, settling_time
 
 Float = NDArray[np.float64]
 
@@ -44,6 +47,15 @@ _DESIGN_KEY = 1000
 _MOST_REPEATS = 2**30
 # Of campaigns that do not state their shards: few runs are lost, and many runs do not make many files.
 _FEWEST_SHARDS, _LONGEST_SHARD = 20, 128
+OK = "ok"  # other values of "status": "diverged", "locked", "invalid" (parameters contradict each other)
+# Columns of every campaign's table and their types; those of its effects follow.
+_COLUMNS: dict[str, type] = {
+    "run": int, "assembly": str, "defect_count": int, "worn_lobes_from_1": list, "wheels_from_1": list,
+    DEPTH: float, "status": str, "reason": str, "kernel": str, "start_angle_rad": float, "settling_s": float,
+    "true_speed_rpm": float, "true_load_nm": float, "brake_inertia_kg_m2": float,
+    "meter_stiffness_nm_per_rad": float, "meter_damping_nms_per_rad": float, "stiffness_scale": float,
+    "contact_damping": float, "clearance_m": float,
+}  # fmt: skip
 
 
 class RunPlan(NamedTuple):
@@ -234,10 +246,6 @@ class Campaign:
             pairs = zip(quantiles.items(), shares[count][index // n_classes - repeat].tolist(), strict=True)
             yield RunPlan(index, count, {name: float(quantile(share)) for (name, quantile), share in pairs})
 
-    def assembly_of(self, index: int) -> str:
-        """Return the name of the assembly of one run."""
-        return f"{self.name}-{self.random_state}-{index:07d}"
-
     def rig_at(self, values: Mapping[str, float]) -> Rig:
         """Return the rig with its explored parameters set to those among the values."""
         return self.the_rig.with_parameters({name: v for name, v in values.items() if name not in OF_DEFECTS})
@@ -385,3 +393,114 @@ def _check_severity(name: str, value: Any, most: float, words: str) -> float | t
             f"{name} must lie above 0 and up to {words}, or be a range (low, high), got {value!r}"
         )
     return low if checks.is_number(value) else (low, high)
+
+
+class RunResult(NamedTuple):
+    """Result of a run: torque of shape (n_samples,), or None if it failed, and the table's row."""
+
+    torque: NDArray[np.float32] | None
+    row: dict[str, Any]
+
+
+def table_columns(campaign: Campaign) -> dict[str, type]:
+    """Return the columns of a campaign's table and their types."""
+    effects = {
+        f"effects.{label}.{name}": float
+        for effects in campaign.the_rig.effect_sets()
+        for label, effect in label_effects(effects).items()
+        for name in effect.parameters
+    }
+    radial = {} if campaign.wear_um is None else {WEAR: float}
+    return {**_COLUMNS, **radial, **effects}
+
+
+def check_kernel(campaign: Campaign) -> None:
+    """Raise RuntimeError if the campaign needs batches and they cannot be compiled here."""
+    if campaign.kernel == "exact":
+        return
+    from cyclofeat.simulators.batch import runs
+
+    if error := runs.compile_error():
+        raise RuntimeError(
+            f"runs in batches cannot be compiled: {error}; a campaign of kernel='exact' needs none"
+        )
+
+
+def check_middle(campaign: Campaign) -> None:
+    """Raise an error unless the kernel works here and the medians of the design can be simulated."""
+    check_kernel(campaign)
+    duration = max(2 / campaign.sampling_rate, min(campaign.duration, 0.01))
+    try:
+        rig = campaign.rig_at(campaign.medians())
+        planned = rig.plan_run(
+            duration=duration, sampling_rate=campaign.sampling_rate, random_state=0, settled=rig.has_motor,
+            torque_in=False, motion=False,
+        )  # fmt: skip
+        (run,) = sample_runs([planned], kernel=campaign.kernel)
+        if isinstance(run, ValueError):
+            raise run
+        if isinstance(run, MachineRun):  # a failure is a result, and other runs may succeed
+            run.record()
+    except ValueError as error:
+        raise ValueError(
+            f"the design cannot be simulated, not even in the middle of its ranges: {error}"
+        ) from None
+
+
+def _draw_run(campaign: Campaign, plan: RunPlan) -> tuple[dict[str, Any], PlannedRun | ValueError]:
+    """Return the row of a run, with all that is known before it, and what is to be simulated."""
+    defects = campaign.defects_of(plan)
+    row: dict[str, Any] = {name: math.nan for name, kind in table_columns(campaign).items() if kind is float}
+    row |= {f"effects.{name}": value for name, value in plan.values.items() if name not in OF_DEFECTS}
+    row |= {
+        "run": plan.run,
+        "assembly": f"{campaign.name}-{campaign.random_state}-{plan.run:07d}",
+        "defect_count": plan.defect_count,
+        "worn_lobes_from_1": from_1(defects.worn_lobes),
+        "wheels_from_1": from_1(defects.wheels) if defects.worn_lobes else [],
+        DEPTH: defects.depth if defects.worn_lobes else 0.0,
+    }
+    if campaign.wear_um is not None:
+        row[WEAR] = defects.wear_um if defects.worn_lobes else 0.0
+    planned: PlannedRun | ValueError
+    try:
+        sample = campaign.sample(plan)
+        try:
+            planned = sample.plan()
+        except ValueError as error:
+            machine, planned = sample.rig.draw(sample.random_state), error
+            settling = settling_time(machine.gearbox)
+        else:
+            machine, settling = planned.machine, planned.n_settling / campaign.sampling_rate
+    except ValueError as error:  # there is no such machine
+        return row, error
+    row |= {"settling_s": settling, **machine.true_values()}
+    for label, drawn in label_effects(machine.effects).items():
+        row |= {f"effects.{label}.{name}": float(getattr(drawn, name)) for name in drawn.parameters}
+    return row, planned
+
+
+def simulate_runs(campaign: Campaign, plans: Sequence[RunPlan]) -> list[RunResult]:
+    """Simulate runs, each of which depends on its own plan only."""
+    rows, planned = zip(*(_draw_run(campaign, plan) for plan in plans), strict=True)
+    results = []
+    for row, run in zip(rows, sample_runs(planned, kernel=campaign.kernel), strict=True):
+        row |= {"status": OK, "reason": "", "kernel": ""}
+        torque = None
+        try:
+            if isinstance(run, Exception):
+                raise run
+            record = run.record()
+        except SimulationFailed as error:
+            status = "locked" if isinstance(error, GearboxLocked) else "diverged"
+            row |= {"status": status, "reason": str(error), "kernel": "exact"}
+        except ValueError as error:
+            # An impossible combination of values is a result, like a run that diverges.
+            row |= {"status": "invalid", "reason": str(error)}
+        else:
+            # Angle of the input, modulo one turn of the output.
+            angle = float(record.input_angle[0] % (2 * np.pi * record.gearbox.n_lobes))
+            row |= {"kernel": record.kernel, "start_angle_rad": angle}
+            torque = record.torque_out.astype(np.float32)
+        results.append(RunResult(torque, row))
+    return results

@@ -1,36 +1,40 @@
-"""Folder of a campaign: shards of runs, their table, and the manifest."""
+"""Folder of a campaign: workers that make its runs, shards of runs, their table, and the manifest."""
 
 from __future__ import annotations
 
+import concurrent.futures
 import contextlib
 import errno
+import functools
 import hashlib
 import itertools
 import os
 import shutil
+from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+import joblib
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from cyclofeat._base.checks import n_jobs as check_n_jobs
 from cyclofeat._base.checks import repr_of
 from cyclofeat._base.displays import data_frame
+from cyclofeat._base.files import code_sha256, package_versions
+from cyclofeat._base.progress import stopped_quietly
 from cyclofeat._base.shards import ShardStore
-from cyclofeat.simulators.campaign._design import FORMAT, Campaign, RunPlan
-from cyclofeat.simulators.campaign._run import (
-    INTEGER,
-    INTEGERS,
-    NUMBER,
+from cyclofeat.simulators.campaign._design import (
+    FORMAT,
     OK,
-    TEXT,
+    Campaign,
+    RunPlan,
     RunResult,
+    check_kernel,
     check_middle,
-    made_with,
-    simulate_anywhere,
+    simulate_runs,
     table_columns,
 )
 
@@ -40,8 +44,19 @@ if TYPE_CHECKING:
 DESIGN, MANIFEST, PARAMETERS = "campaign.json", "manifest.json", "parameters.parquet"
 MANIFEST_FORMAT = "cyclofeat campaign manifest 1"
 _KINDS = ("npy", "parquet", "sha256")  # files of a shard, in the order of writing
-# Number of shards whose rows are in memory at once when the table is written, or that are planned at once.
+# Number of shards whose rows are in memory at once when the table is written.
 _SHARDS_PER_GROUP = 64
+# Tasks that are submitted per thread of the workers, so that no thread waits.
+_AHEAD = 4
+CONNECT_S = 10.0
+# Time without any worker after which a cluster counts as lost.
+NO_WORKER_S = 60.0
+LOOK_S = 5.0
+_KEPT = "all finished shards are kept: run the same campaign again to go on"
+
+
+class WorkerLost(ConnectionError):
+    """Error of workers or a scheduler that died or cannot be reached; finished shards are on disk."""
 
 
 def run_campaign(
@@ -77,14 +92,14 @@ def run_campaign(
     Raises
     ------
     ValueError
-        If the folder holds another design, a campaign of other versions or other files, or if the medians of
-        the design cannot be simulated.
+        If the folder holds another design, a campaign of other versions or other files, if a worker has other
+        versions, or if the medians of the design cannot be simulated.
     OSError
         If the folder cannot be written or the disk is too small. Finished shards are kept.
     WorkerLost
         If workers or the scheduler are lost. Finished shards are kept.
     RuntimeError
-        If the design's kernel is "batch" or "auto" and batches cannot be compiled here.
+        If the design's kernel is "batch" or "auto" and batches cannot be compiled here or on a worker.
     ImportError
         If pyarrow, or for a scheduler dask.distributed, is not installed.
 
@@ -124,6 +139,7 @@ class Shards:
     def __init__(self, paths: Sequence[str | os.PathLike[str]], sizes: Sequence[int], n_samples: int) -> None:
         self.paths = tuple(Path(path) for path in paths)
         self._ends = np.cumsum(sizes)
+        self._starts = self._ends - sizes
         self.shape = (int(self._ends[-1]), int(n_samples))
 
     def __repr__(self) -> str:
@@ -141,19 +157,20 @@ class Shards:
         if len(rest) > 1 or rows is None or rows is Ellipsis:
             raise IndexError(f"Shards take rows, or rows and samples, got {key!r}")
         samples = rest[0] if rest else slice(None)
-        if isinstance(rows, (int, np.integer)) and not isinstance(rows, bool):
-            if not -len(self) <= rows < len(self):
-                raise IndexError(f"row {rows} is out of bounds for {len(self)} rows")
-            index = int(rows) % len(self)
-            shard = int(np.searchsorted(self._ends, index, side="right"))
-            row = self._map_shard(shard)[index - self._first_row(shard)]
-            return row[samples] if rest else row
-        taken = np.arange(len(self))[rows]  # numpy's rules for slices, masks and lists
-        if taken.ndim != 1:
+        taken = np.arange(len(self))[rows]  # numpy's rules for numbers, slices, masks and lists
+        if taken.ndim > 1:
             raise IndexError(f"Shards take one or a list of rows, got shape {taken.shape}")
-        if isinstance(samples, (slice, int, np.integer)):
-            return self._read_rows(taken, samples)
-        return self._read_rows(taken, slice(None))[:, samples]
+        shards = np.searchsorted(self._ends, taken, side="right")
+        if taken.ndim == 0:
+            return self._map_shard(int(shards))[taken - self._starts[shards]][samples]
+        # A list of samples is taken after the rows: beside a list of rows, numpy would pair them.
+        read = samples if isinstance(samples, (slice, int, np.integer)) else slice(None)
+        width = np.empty((0, self.shape[1]), dtype=self.dtype)[:, read].shape[1:]
+        copy = np.empty((len(taken), *width), dtype=self.dtype)
+        for shard in np.unique(shards).tolist():
+            inside = shards == shard
+            copy[inside] = self._map_shard(shard)[:, read][taken[inside] - self._starts[shard]]
+        return copy if read is samples else copy[:, samples]
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         if copy is False:
@@ -162,18 +179,6 @@ class Shards:
 
     def _map_shard(self, shard: int) -> Any:
         return np.load(self.paths[shard], mmap_mode="r", allow_pickle=False)
-
-    def _read_rows(self, taken: NDArray[np.intp], samples: Any) -> NDArray[np.float32]:
-        width = np.empty((0, self.shape[1]), dtype=self.dtype)[:, samples].shape[1:]
-        copy = np.empty((len(taken), *width), dtype=self.dtype)
-        shards = np.searchsorted(self._ends, taken, side="right")
-        for shard in np.unique(shards).tolist():
-            inside = shards == shard
-            copy[inside] = self._map_shard(shard)[:, samples][taken[inside] - self._first_row(shard)]
-        return copy
-
-    def _first_row(self, shard: int) -> int:
-        return int(self._ends[shard - 1]) if shard else 0
 
 
 @dataclass(frozen=True)
@@ -255,16 +260,28 @@ def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> Camp
     if not (folder / DESIGN).is_file():
         raise FileNotFoundError(f"{folder}: holds no campaign (no {DESIGN})")
     _, tables = import_pyarrow()
-    campaign, _ = _read_design(folder)
+    store = CampaignStore(folder)
+    campaign, _ = store.read_design()
     if not (folder / MANIFEST).is_file():
-        names = [shard_file(shard, "sha256") for shard in range(campaign.n_shards)]
-        finished = sum((folder / name).is_file() for name in names)
+        missing = store.missing_names(shard_file(shard, "sha256") for shard in range(campaign.n_shards))
         raise ValueError(
-            f"{folder}: the campaign is not finished, {finished} of {campaign.n_shards} shards are there: "
-            "run it again to go on"
+            f"{folder}: the campaign is not finished, {campaign.n_shards - len(missing)} of "
+            f"{campaign.n_shards} shards are there: run it again to go on"
         )
-    manifest = _read_manifest(folder)
-    _check_files(folder, manifest, verify)
+    manifest = store.read_manifest()
+    wrong = []
+    for name, stated in manifest["files"].items():
+        file = folder / name
+        if not file.is_file():
+            wrong.append(f"{name} is missing")
+        elif file.stat().st_size != stated["bytes"]:
+            wrong.append(f"{name} was changed: {file.stat().st_size} bytes instead of {stated['bytes']}")
+        elif verify and file_sha256(file) != stated["sha256"]:
+            wrong.append(f"{name} was changed: its SHA-256 is not the manifest's")
+    if wrong:
+        more = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
+        kind = FileNotFoundError if all(text.endswith("is missing") for text in wrong) else ValueError
+        raise kind(f"{folder}: {wrong[0]}{more}; run the campaign again to mend it")
     table = tables.read_table(folder / PARAMETERS)
     columns = {name: table.column(name).to_numpy() for name in ("defect_count", "assembly", "status")}
     paths = [folder / shard_file(shard, "npy") for shard in range(campaign.n_shards)]
@@ -280,23 +297,6 @@ def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> Camp
         campaign=campaign,
         manifest=manifest,
     )
-
-
-def _check_files(folder: Path, manifest: dict[str, Any], verify: bool) -> None:
-    """Raise an error unless all files have the sizes (with ``verify``, the digests) of the manifest."""
-    wrong = []
-    for name, stated in manifest["files"].items():
-        file = folder / name
-        if not file.is_file():
-            wrong.append(f"{name} is missing")
-        elif file.stat().st_size != stated["bytes"]:
-            wrong.append(f"{name} was changed: {file.stat().st_size} bytes instead of {stated['bytes']}")
-        elif verify and file_sha256(file) != stated["sha256"]:
-            wrong.append(f"{name} was changed: its SHA-256 is not the manifest's")
-    if wrong:
-        more = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
-        kind = FileNotFoundError if all(text.endswith("is missing") for text in wrong) else ValueError
-        raise kind(f"{folder}: {wrong[0]}{more}; run the campaign again to mend it")
 
 
 def shard_file(shard: int, kind: str) -> str:
@@ -328,29 +328,27 @@ def complete_campaign(
 
     ``results`` takes plans and yields their results in the same order. Raises as :func:`run_campaign`.
     """
-    store = ShardStore(folder, DESIGN)
+    store = CampaignStore(folder)
     versions = made_with() | {"pyarrow": import_pyarrow()[0].__version__}
-    if folder.exists() and not folder.is_dir():
-        raise NotADirectoryError(f"{folder}: is not a folder; a campaign needs one of its own")
-    _check_folder(campaign, folder, versions)
+    store.check_content(campaign, versions)
     check_middle(campaign)
     folder.mkdir(parents=True, exist_ok=True)
     with store.hold_lock("campaign"):
         store.begin_work({"format": FORMAT, "made_with": versions, **campaign.to_dict()})
-        digests = {shard: _digests_if_whole(folder, shard) for shard in range(campaign.n_shards)}
+        digests = {shard: store.shard_digests(shard) for shard in range(campaign.n_shards)}
         missing = [shard for shard, names in digests.items() if not names]
         done = campaign.n_runs - sum(map(campaign.shard_size, missing))
         if progress is not None and done:
             progress(done, campaign.n_runs)
-        if not missing and _is_finished(folder):
+        if not missing and store.is_finished():
             return
         needed = sum(map(campaign.shard_size, missing)) * campaign.n_samples * 4
         free = shutil.disk_usage(folder).free
         if needed > free:
             raise OSError(
                 errno.ENOSPC,
-                f"{folder}: the {len(missing)} shards to be made take {_format_bytes(needed)}, the disk has "
-                f"{_format_bytes(free)} left: make room, or take a folder elsewhere",
+                f"{folder}: the {len(missing)} shards to be made take {needed / 1e6:.4g} MB, the disk has "
+                f"{free / 1e6:.4g} MB left: make room, or take a folder elsewhere",
             )
 
         def count_runs(runs: Iterable[RunResult]) -> Iterator[RunResult]:
@@ -359,24 +357,22 @@ def complete_campaign(
                     progress(number, campaign.n_runs)
                 yield run
 
-        with contextlib.closing(results(_plans_of(campaign, missing))) as runs:
-            counted = count_runs(runs)
-            for shard in missing:
-                with _explain_full_disk(folder, digests):
-                    digests[shard] = _write_shard(campaign, store, shard, counted)
-        with _explain_full_disk(folder, digests):
-            _write_manifest(campaign, store, digests, versions)
-
-
-def _plans_of(campaign: Campaign, shards: list[int]) -> Iterator[RunPlan]:
-    """Yield the plans of shards, those of neighbours at once: to plan many costs little more."""
-    numbered = enumerate(shards)
-    for _, group in itertools.groupby(
-        numbered, lambda pair: (pair[1] - pair[0], pair[0] // _SHARDS_PER_GROUP)
-    ):
-        neighbours = [shard for _, shard in group]
-        n_runs = sum(map(campaign.shard_size, neighbours))
-        yield from campaign.plans(neighbours[0] * campaign.shard_length, n_runs)
+        length = campaign.shard_length
+        plans = (plan for shard in missing for plan in campaign.plans(shard * length, length))
+        try:
+            with contextlib.closing(results(plans)) as runs:
+                counted = count_runs(runs)
+                for shard in missing:
+                    digests[shard] = store.write_shard(campaign, shard, counted)
+            store.write_manifest(campaign, digests, versions)
+        except OSError as error:
+            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+                raise
+            raise OSError(
+                error.errno,
+                f"{folder}: the disk is full; {sum(map(bool, digests.values()))} of {len(digests)} shards are "
+                "finished and kept: make room and run the same campaign again to go on",
+            ) from error
 
 
 def _find_differences(stored: Any, given: Any, key: str = "") -> Iterator[str]:
@@ -395,90 +391,134 @@ def file_sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _read_design(folder: Path) -> tuple[Campaign, dict[str, str]]:
-    """Read ``campaign.json`` of a folder: the design, and the versions that it was begun with."""
-    content = ShardStore(folder).read_json(DESIGN)
-    try:
-        return Campaign.from_dict(content), content.get("made_with", {})
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{folder / DESIGN}: {error}") from None
+class CampaignStore(ShardStore):
+    """Folder of a campaign: the design, shards of torque, rows and digests, the table, and the manifest."""
 
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder, DESIGN)
 
-def _read_manifest(folder: Path) -> dict[str, Any]:
-    """Read ``manifest.json`` of a folder."""
-    content = ShardStore(folder).read_json(MANIFEST)
-    if content.get("format") != MANIFEST_FORMAT or not isinstance(content.get("files"), dict):
-        raise ValueError(f"{folder / MANIFEST}: is not a campaign's manifest of format {MANIFEST_FORMAT!r}")
-    return content
+    def read_design(self) -> tuple[Campaign, dict[str, str]]:
+        """Return the design, and the versions that the campaign was begun with."""
+        content = self.read_json(DESIGN)
+        try:
+            return Campaign.from_dict(content), content.get("made_with", {})
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{self.path_of(DESIGN)}: {error}") from None
 
-
-def _check_folder(campaign: Campaign, folder: Path, here: dict[str, str]) -> None:
-    """Raise ValueError unless the folder is empty or holds a part of this campaign."""
-    if not folder.exists():
-        return
-    if not (folder / DESIGN).exists():
-        others = sorted(p.name for p in folder.iterdir() if not p.match(f".{DESIGN}.*.part"))
-        if others:
+    def read_manifest(self) -> dict[str, Any]:
+        """Return the content of the manifest."""
+        content = self.read_json(MANIFEST)
+        if content.get("format") != MANIFEST_FORMAT or not isinstance(content.get("files"), dict):
             raise ValueError(
-                f"{folder}: must be empty or hold a campaign, got {others[0]!r} and no {DESIGN}: take "
+                f"{self.path_of(MANIFEST)}: is not a campaign's manifest of format {MANIFEST_FORMAT!r}"
+            )
+        return content
+
+    def check_content(self, campaign: Campaign, versions: dict[str, str]) -> None:
+        """Raise an error unless the folder is empty or holds a part of this campaign."""
+        folder = self.folder
+        if not folder.exists():
+            return
+        if not folder.is_dir():
+            raise NotADirectoryError(f"{folder}: is not a folder; a campaign needs one of its own")
+        if not self.path_of(DESIGN).exists():
+            others = sorted(p.name for p in folder.iterdir() if not p.match(f".{DESIGN}.*.part"))
+            if others:
+                raise ValueError(
+                    f"{folder}: must be empty or hold a campaign, got {others[0]!r} and no {DESIGN}: take "
+                    "another folder"
+                )
+            return
+        stored, begun_with = self.read_design()
+        for difference in _find_differences(stored.to_dict(), campaign.to_dict()):
+            raise ValueError(
+                f"{folder}: holds a campaign of another design: {difference}; take another folder, or the "
+                f"design in {DESIGN}"
+            )
+        for difference in _find_differences(begun_with, versions):
+            raise ValueError(
+                f"{folder}: was begun with other versions: {difference}; finish it with those, or take "
                 "another folder"
             )
-        return
-    stored, versions = _read_design(folder)
-    for difference in _find_differences(stored.to_dict(), campaign.to_dict()):
-        raise ValueError(
-            f"{folder}: holds a campaign of another design: {difference}; take another folder, or the design "
-            f"in {DESIGN}"
-        )
-    for difference in _find_differences(versions, here):
-        raise ValueError(
-            f"{folder}: was begun with other versions: {difference}; finish it with those, or take another "
-            "folder"
-        )
 
+    def shard_digests(self, shard: int) -> dict[str, str]:
+        """Return the digests of a shard's files if all exist and are unchanged; else nothing."""
+        names = [shard_file(shard, kind) for kind in _KINDS]
+        if self.missing_names(names):
+            return {}
+        digests = {name: file_sha256(self.path_of(name)) for name in names}
+        of_both = {name: digests[name] for name in names[:2]}
+        return digests if self.path_of(names[2]).read_bytes() == _digest_lines(of_both) else {}
 
-@contextlib.contextmanager
-def _explain_full_disk(folder: Path, digests: Mapping[int, Mapping[str, str]]) -> Iterator[None]:
-    """Add to the error of a full disk how much is finished."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
-            raise
-        finished = sum(map(bool, digests.values()))
-        raise OSError(
-            error.errno,
-            f"{folder}: the disk is full; {finished} of {len(digests)} shards are finished and kept: make "
-            "room and run the same campaign again to go on",
-        ) from error
+    def is_finished(self) -> bool:
+        """Return True if the manifest exists and agrees with the design and the table."""
+        try:
+            stated = self.read_manifest()["files"]
+            return all(
+                stated[name]["sha256"] == file_sha256(self.path_of(name)) for name in (DESIGN, PARAMETERS)
+            )
+        except (FileNotFoundError, KeyError, TypeError, ValueError):
+            return False
 
+    def write_shard(self, campaign: Campaign, shard: int, results: Iterator[RunResult]) -> dict[str, str]:
+        """Write torque, rows, and last their digests, which finish the shard."""
+        size = campaign.shard_size(shard)
+        block = np.full((size, campaign.n_samples), np.nan, dtype=np.float32)
+        rows = []
+        for position in range(size):
+            torque, row = next(results)
+            if torque is not None:
+                block[position] = torque
+            rows.append(row)
+        pyarrow, tables = import_pyarrow()
+        table = pyarrow.Table.from_pylist(rows, schema=_table_schema(campaign))
 
-def _write_shard(
-    campaign: Campaign, store: ShardStore, shard: int, results: Iterator[RunResult]
-) -> dict[str, str]:
-    """Write torque, rows, and last their digests, which finish the shard."""
-    size = campaign.shard_size(shard)
-    block = np.full((size, campaign.n_samples), np.nan, dtype=np.float32)
-    rows = []
-    for position in range(size):
-        torque, row = next(results)
-        if torque is not None:
-            block[position] = torque
-        rows.append(row)
-    pyarrow, tables = import_pyarrow()
-    table = pyarrow.Table.from_pylist(rows, schema=_table_schema(campaign))
+        def write_torque(file: IO[bytes]) -> None:
+            # Not write_array: for a full disk it raises an error without a number.
+            np.lib.format.write_array_header_1_0(file, np.lib.format.header_data_from_array_1_0(block))
+            file.write(block.data)
 
-    def write_torque(file: IO[bytes]) -> None:
-        # Not write_array: for a full disk it raises an error without a number.
-        np.lib.format.write_array_header_1_0(file, np.lib.format.header_data_from_array_1_0(block))
-        file.write(block.data)
+        names = [shard_file(shard, kind) for kind in _KINDS]
+        self.write_file(names[0], write_torque)
+        self.write_file(names[1], lambda file: tables.write_table(table, file))
+        digests = {name: file_sha256(self.path_of(name)) for name in names[:2]}
+        self.write_file(names[2], lambda file: file.write(_digest_lines(digests)))
+        return digests | {names[2]: file_sha256(self.path_of(names[2]))}
 
-    names = [shard_file(shard, kind) for kind in _KINDS]
-    store.write_file(names[0], write_torque)
-    store.write_file(names[1], lambda file: tables.write_table(table, file))
-    digests = {name: file_sha256(store.path_of(name)) for name in names[:2]}
-    store.write_file(names[2], lambda file: file.write(_digest_lines(digests)))
-    return digests | {names[2]: file_sha256(store.path_of(names[2]))}
+    def write_manifest(
+        self, campaign: Campaign, digests: Mapping[int, Mapping[str, str]], versions: dict[str, str]
+    ) -> None:
+        """Write the table of all rows, then the manifest, which finishes the campaign."""
+        pyarrow, tables = import_pyarrow()
+
+        def write(file: IO[bytes]) -> None:
+            with tables.ParquetWriter(file, _table_schema(campaign)) as writer:
+                for first in range(0, campaign.n_shards, _SHARDS_PER_GROUP):
+                    group = range(first, min(first + _SHARDS_PER_GROUP, campaign.n_shards))
+                    parts = [tables.read_table(self.path_of(shard_file(shard, "parquet"))) for shard in group]
+                    writer.write_table(pyarrow.concat_tables(parts).combine_chunks())
+
+        self.write_file(PARAMETERS, write)
+        status = tables.read_table(self.path_of(PARAMETERS), columns=["status"]).column("status")
+        counts = {item["values"]: item["counts"] for item in status.value_counts().to_pylist()}
+        files = {name: file_sha256(self.path_of(name)) for name in (DESIGN, PARAMETERS)}
+        for shard in range(campaign.n_shards):
+            files |= digests[shard]
+        manifest = {
+            "format": MANIFEST_FORMAT,
+            "made_with": versions,
+            "source": "surrogate",
+            "n_runs": campaign.n_runs,
+            "n_samples": campaign.n_samples,
+            "sampling_rate": campaign.sampling_rate,
+            "status": dict(sorted(counts.items())),
+            "design": campaign.to_dict(),
+            "files": {
+                name: {"sha256": sha256, "bytes": (self.path_of(name)).stat().st_size}
+                for name, sha256 in files.items()
+            },
+        }
+        self.write_json(MANIFEST, manifest)
 
 
 def _digest_lines(digests: Mapping[str, str]) -> bytes:
@@ -488,74 +528,117 @@ def _digest_lines(digests: Mapping[str, str]) -> bytes:
 
 def _table_schema(campaign: Campaign) -> Any:
     pyarrow, _ = import_pyarrow()
-    kinds = {
-        INTEGER: pyarrow.int64(),
-        NUMBER: pyarrow.float64(),
-        TEXT: pyarrow.string(),
-        INTEGERS: pyarrow.list_(pyarrow.int64()),
+    types = {
+        int: pyarrow.int64(),
+        float: pyarrow.float64(),
+        str: pyarrow.string(),
+        list: pyarrow.list_(pyarrow.int64()),
     }
-    return pyarrow.schema([(name, kinds[kind]) for name, kind in table_columns(campaign).items()])
+    return pyarrow.schema([(name, types[kind]) for name, kind in table_columns(campaign).items()])
 
 
-def _is_finished(folder: Path) -> bool:
-    """Return True if the manifest exists and agrees with the design and the table."""
+@functools.lru_cache(maxsize=1)
+def made_with() -> dict[str, str]:
+    """Return the versions and the digest of the sources on which the bytes of a result depend."""
+    room = Path(__file__).parents[1]
+    packages = package_versions("cyclofeat", "numpy", "scipy", "numba")
+    return packages | {"simulators_sha256": code_sha256(room, sorted(room.rglob("*.py")))}
+
+
+def simulate_task(campaign: Campaign, plans: Sequence[RunPlan], expected: dict[str, str]) -> list[RunResult]:
+    """Simulate runs on a worker, which must have the ``expected`` versions and the campaign's kernel."""
+    here = made_with()
+    for name, version in expected.items():
+        if version != here.get(name):
+            raise ValueError(
+                f"a worker has {name} {here.get(name)}, the campaign {version}: install the same"
+            )
+    check_kernel(campaign)
+    return simulate_runs(campaign, plans)
+
+
+def simulate_anywhere(
+    campaign: Campaign, plans: Iterable[RunPlan], n_jobs: int = 1, scheduler: Any = None
+) -> Generator[RunResult, None, None]:
+    """Yield results of runs in the order of their plans; simulate only a few more than are consumed."""
+    size, queue, expected = 1, iter(plans), made_with()
+    if campaign.kernel != "exact":
+        from cyclofeat.simulators.batch import runs
+
+        size = runs.n_lanes()
+    # A task is one batch, or one run of the exact kernel.
+    tasks = iter(lambda: list(itertools.islice(queue, size)), [])
+    if scheduler is not None:
+        yield from simulate_on_cluster(campaign, tasks, expected, scheduler)
+        return
+    workers = joblib.Parallel(n_jobs=n_jobs, prefer="processes", return_as="generator")
+    made = workers(joblib.delayed(simulate_task)(campaign, task, expected) for task in tasks)
     try:
-        stated = _read_manifest(folder)["files"]
-        return all(stated[name]["sha256"] == file_sha256(folder / name) for name in (DESIGN, PARAMETERS))
-    except (FileNotFoundError, KeyError, TypeError, ValueError):
-        return False
+        with stopped_quietly(made):
+            yield from itertools.chain.from_iterable(made)
+    except concurrent.futures.BrokenExecutor as error:
+        raise WorkerLost(
+            f"a worker process died ({type(error).__name__}; killed, or out of memory?); {_KEPT}"
+        ) from error
 
 
-def _digests_if_whole(folder: Path, shard: int) -> dict[str, str]:
-    """Return the digests of a shard's files if all exist and are unchanged; else nothing."""
-    names = [shard_file(shard, kind) for kind in _KINDS]
-    if not all((folder / name).is_file() for name in names):
-        return {}
-    digests = {name: file_sha256(folder / name) for name in names}
-    of_both = {name: digests[name] for name in names[:2]}
-    return digests if (folder / names[2]).read_bytes() == _digest_lines(of_both) else {}
+def simulate_on_cluster(
+    campaign: Campaign, tasks: Iterator[list[RunPlan]], expected: dict[str, str], scheduler: Any
+) -> Generator[RunResult, None, None]:
+    """Yield the results of tasks, as :func:`simulate_anywhere`, from a Dask scheduler's workers."""
+    try:
+        from distributed import CancelledError, Client, KilledWorker
+        from distributed.comm.core import CommClosedError
+    except ImportError:
+        raise ImportError(
+            "a scheduler needs dask.distributed: pip install distributed, there and here"
+        ) from None
+    waiting: deque[Any] = deque()
+    with contextlib.ExitStack() as stack:
+        client = scheduler
+        if isinstance(scheduler, str):
+            try:
+                client = Client(scheduler, timeout=CONNECT_S, set_as_default=False)  # type: ignore[no-untyped-call]
+            except (OSError, ValueError) as error:
+                raise WorkerLost(
+                    f"no Dask scheduler answers at {scheduler!r} ({' '.join(str(error).split())}): give the "
+                    "address that 'dask scheduler' prints, like tcp://host:8786"
+                ) from None
+            stack.enter_context(client)
+        elif not isinstance(scheduler, Client):
+            raise TypeError(
+                f"scheduler must be an address like 'tcp://host:8786' or a Client, got {scheduler!r}"
+            )
+        try:
+            ahead = _AHEAD * _count_threads(client)
+            while True:
+                while len(waiting) < ahead and (task := next(tasks, None)):
+                    # Not pure: Dask must not reuse a result of an earlier campaign.
+                    waiting.append(client.submit(simulate_task, campaign, task, expected, pure=False))
+                if not waiting:
+                    return
+                results = None
+                while results is None:  # the scheduler repeats a task whose worker died on another
+                    try:
+                        results = waiting[0].result(timeout=LOOK_S)
+                    except TimeoutError:
+                        _count_threads(client)
+                yield from results
+                waiting.popleft()
+        except (KilledWorker, CancelledError, CommClosedError) as error:
+            raise WorkerLost(
+                f"the cluster lost workers or scheduler ({type(error).__name__}); {_KEPT}"
+            ) from error
+        finally:
+            with contextlib.suppress(Exception):  # the scheduler may be gone
+                client.cancel(list(waiting), force=True)
 
 
-def _write_manifest(
-    campaign: Campaign, store: ShardStore, digests: Mapping[int, Mapping[str, str]], versions: dict[str, str]
-) -> None:
-    """Write the table of all rows, then the manifest, which finishes the campaign."""
-    pyarrow, tables = import_pyarrow()
-    folder = store.folder
-
-    def write(file: IO[bytes]) -> None:
-        with tables.ParquetWriter(file, _table_schema(campaign)) as writer:
-            for first in range(0, campaign.n_shards, _SHARDS_PER_GROUP):
-                group = range(first, min(first + _SHARDS_PER_GROUP, campaign.n_shards))
-                parts = [tables.read_table(folder / shard_file(shard, "parquet")) for shard in group]
-                writer.write_table(pyarrow.concat_tables(parts).combine_chunks())
-
-    store.write_file(PARAMETERS, write)
-    status = tables.read_table(folder / PARAMETERS, columns=["status"]).column("status")
-    counts = {item["values"]: item["counts"] for item in status.value_counts().to_pylist()}
-    files = {name: file_sha256(folder / name) for name in (DESIGN, PARAMETERS)}
-    for shard in range(campaign.n_shards):
-        files |= digests[shard]
-    manifest = {
-        "format": MANIFEST_FORMAT,
-        "made_with": versions,
-        "source": "surrogate",
-        "n_runs": campaign.n_runs,
-        "n_samples": campaign.n_samples,
-        "sampling_rate": campaign.sampling_rate,
-        "status": dict(sorted(counts.items())),
-        "design": campaign.to_dict(),
-        "files": {
-            name: {"sha256": sha256, "bytes": (folder / name).stat().st_size}
-            for name, sha256 in files.items()
-        },
-    }
-    store.write_json(MANIFEST, manifest)
-
-
-def _format_bytes(number: float) -> str:
-    for unit in ("bytes", "kB", "MB", "GB"):
-        if number < 1000:
-            return f"{number:.3g} {unit}"
-        number /= 1000
-    return f"{number:.4g} TB"
+def _count_threads(client: Any) -> int:
+    """Count the threads of all workers; wait some time for the first of them."""
+    if not client.nthreads():
+        try:
+            client.wait_for_workers(1, timeout=NO_WORKER_S)
+        except TimeoutError:
+            raise WorkerLost(f"the cluster has had no worker for {NO_WORKER_S:g} s; {_KEPT}") from None
+    return sum(client.nthreads().values()) or 1

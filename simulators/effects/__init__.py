@@ -1,8 +1,8 @@
 """Physical and measurement effects of real rigs.
 
-Effects of the gearbox are in ``_gearbox``, of load and speed in ``_drive``, of torque meter and converter in
-``_meter``, of the motor in ``motor``; ``effect`` has their base class and ``library`` the effects by the
-names that files hold (:func:`known_effects`). The chain has one order, whatever the order in which effects
+Effects of the gearbox are in ``_gearbox``, of load, speed and motor in ``_drive``, of torque meter and
+converter in ``_meter``; ``effect`` has their base class and ``library`` the effects by the names that files
+hold (:func:`known_effects`). The chain has one order, whatever the order in which effects
 are given (:attr:`Effect.place`). Priors and default values are *assumptions*.
 :class:`cyclofeat.simulators.Rig` applies effects to a gearbox.
 """
@@ -11,9 +11,11 @@ from cyclofeat.simulators.effects._drive import (
     Drift,
     ProportionalDrift,
     Rattle,
+    ServoMotor,
     SpeedWander,
     StickSlip,
     WarmUp,
+    motor_effects,
 )
 from cyclofeat.simulators.effects._gearbox import (
     BearingFriction,
@@ -47,10 +49,6 @@ from cyclofeat.simulators.effects.library import (
     load_effects,
     register_effect,
     unregister_effect,
-)
-from cyclofeat.simulators.effects.motor import (
-    ServoMotor,
-    motor_effects,
 )
 
 __all__ = [

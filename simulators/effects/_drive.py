@@ -1,4 +1,4 @@
-"""Effects on load and speed, and the drifts and warm-ups that act on load or torque meter."""
+"""Effects of the drive: load, speed and motor, and the drifts and warm-ups of load or torque meter."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
-from scipy.stats import loguniform, norm
+from scipy.stats import loguniform, norm, uniform
 
 from cyclofeat._base.checks import is_number, whole
 from cyclofeat.simulators.courses import on_lines
 from cyclofeat.simulators.effects._parameter import EffectParameter
 from cyclofeat.simulators.effects.effect import Effect, Float, Fluctuation, Of, TorqueContext
 from cyclofeat.simulators.gearbox import CycloidalGearbox
+from cyclofeat.simulators.motor import Motor
 
 # Samples of the process per period of its cutoff, interpolated linearly. Near half of that rate the bilinear
 # filter attenuates more than the analogue one: FINE is for levels compared in that range.
@@ -24,6 +25,20 @@ OVERSAMPLING = 200
 FINE = 1000
 # Time beyond the requested duration, in s: a simulation is longer, for its anti-alias filter.
 MARGIN = 1.0
+
+
+def check_order(effect: Any) -> None:
+    """Raise TypeError or ValueError unless a Butterworth low-pass can have the order of an effect."""
+    whole(f"order of {effect.effect_id}", effect.order, 1, 8)
+
+
+def check_phase(effect: Any) -> None:
+    """Raise ValueError unless the phase of an effect is None or a finite number of rad."""
+    phase = effect.phase
+    if phase is not None and not (is_number(phase) and math.isfinite(phase)):
+        raise ValueError(
+            f"phase of {effect.effect_id} must be a number of rad, or None for a random one, got {phase!r}"
+        )
 
 
 class _AddedTorque(Effect):
@@ -59,19 +74,15 @@ class Drift(_AddedTorque):
     """Drift: a slow fluctuation of the brake's torque or of the torque meter's zero.
 
     White noise through a Butterworth low-pass, stationary from the start: a one-sided density
-    S(f) = ``rms``^2 / B / (1 + (f/f_c)^(2n)) with B = f_c (pi/2n) / sin(pi/2n). The whole drive answers to a
-    drift of the load; one of the meter is added to its torque. Both give nearly the same record: a load
-    modulates the envelope of the mesh frequency, and a zero drift does not. A record with the brake off
-    separates them too.
+    S(f) = ``rms_nm``^2 / B / (1 + (f/f_c)^(2n)) with f_c = ``cutoff_hz``, n = ``order`` and
+    B = f_c (pi/2n) / sin(pi/2n). The whole drive answers to a drift of the load; one of the meter is added to
+    its torque. Both give nearly the same record: a load modulates the envelope of the mesh frequency, and a
+    zero drift does not. A record with the brake off separates them too.
 
     Parameters
     ----------
-    rms_nm : float or (low, high), default 3
-        Expected rms in Nm; 0 is neutral.
-    cutoff_hz : float or (low, high), default 1.5
-        f_c (-3 dB) in Hz, up to 1000.
     order : int, default 2
-        n, from 1 to 8.
+        From 1 to 8.
     of : {"load", "sensor"}, default "load"
         What drifts. In files the effect is named ``load_drift`` or ``sensor_drift``.
     """
@@ -91,8 +102,7 @@ class Drift(_AddedTorque):
     shows_as = "slow torque"
     moves_mean = True
 
-    def check_settings(self) -> None:
-        check_order(self, self.order)
+    check_settings = check_order
 
     def _added_torque(self, end: float, random: Generator) -> Fluctuation | None:
         if self.rms_nm == 0:
@@ -103,17 +113,13 @@ class Drift(_AddedTorque):
 class WarmUp(_AddedTorque):
     """Warm-up of brake or torque meter: its torque or zero begins too high or too low and settles.
 
-    The torque T becomes T + ``size`` exp(-t/``time_constant``). For the brake t runs from the start of the
-    run, and a record begins later by the settling time; a brake that fades while it warms up does so. For the
-    meter t runs from the first sample. Each run begins cold, by assumption: a warm-up over a session of many
-    recordings is not modelled.
+    The torque T becomes T + ``size_nm`` exp(-t/``time_constant_s``). For the brake t runs from the start of
+    the run, and a record begins later by the settling time; a brake that fades while it warms up does so. For
+    the meter t runs from the first sample. Each run begins cold, by assumption: a warm-up over a session of
+    many recordings is not modelled.
 
     Parameters
     ----------
-    size_nm : float or (low, high), default 1
-        Excess at the start in Nm, of either sign; 0 is neutral.
-    time_constant_s : float or (low, high), default 2
-        In s.
     of : {"load", "sensor"}, default "load"
         What warms up. In files the effect is named ``load_warm_up`` or ``sensor_warm_up``.
     """
@@ -148,20 +154,16 @@ class WarmUp(_AddedTorque):
 class ProportionalDrift(Effect):
     """Fluctuation of the brake's torque in proportion to it: a drift of its logarithm.
 
-    The load T becomes T exp(x(t) - s^2/2), x low-passed white noise as in :class:`Drift` with standard
-    deviation s = ``relative``: the mean stays T, and excursions are as large upward as downward by factors,
-    hence larger upward by newton metres. A brake whose torque is a product (pressure, friction coefficient,
-    radius) does so. *An assumption*: no brake was looked at. Separating measurement: another set-point of the
-    brake, with which this drift grows and an additive one does not; or the skewness of a long record.
+    The load T becomes T exp(x(t) - s^2/2), x low-passed white noise as in :class:`Drift` (``cutoff_hz``,
+    ``order``) with standard deviation s = ``relative``: the mean stays T, and excursions are as large upward
+    as downward by factors, hence larger upward by newton metres. A brake whose torque is a product (pressure,
+    friction coefficient, radius) does so. *An assumption*: no brake was looked at. The skewness of a long
+    record separates it too.
 
     Parameters
     ----------
-    relative : float or (low, high), default 0.15
-        Standard deviation s of the load's logarithm, a pure number; 0 is neutral.
-    cutoff_hz : float or (low, high), default 50
-        Cutoff (-3 dB) of x's low-pass in Hz, up to 1000.
     order : int, default 2
-        Order of that low-pass (Butterworth), from 1 to 8.
+        From 1 to 8.
 
     Examples
     --------
@@ -181,8 +183,7 @@ class ProportionalDrift(Effect):
     moves_mean = True
     proposed = False
 
-    def check_settings(self) -> None:
-        check_order(self, self.order)
+    check_settings = check_order
 
     def load_fluctuation(
         self, gearbox: CycloidalGearbox, duration: float, random: Generator
@@ -200,54 +201,30 @@ class SpeedWander(Effect):
     """Fluctuation of the input speed: a slow wander, a ripple locked to the shaft, or both.
 
     w(t) = w_0 (1 + u(t) + ``ripple`` sin(``ripple_order`` phi(t) + ``phase``)), u as the drift of
-    :class:`Drift` with rms ``rms``; phi is the angle that the mean speed and the wander turn the input
-    shaft from the start (without the share of the ripple, below ripple/ripple_order rad). Separating
-    measurement: a tachometer on its own clock; the clock of the converter moves all frequencies by one
-    constant factor.
+    :class:`Drift` with ``rms``, ``cutoff_hz`` and ``order``; phi is the angle that the mean speed and the
+    wander turn the input shaft from the start (without the share of the ripple, below ripple/ripple_order
+    rad). The clock of the converter moves all frequencies by one constant factor instead.
 
     Parameters
     ----------
-    rms : float or (low, high), default 0.003
-        Expected rms of u, a pure number; 0 for no wander.
-    cutoff_hz : float or (low, high), default 1
-        Cutoff of u's low-pass in Hz, up to 1000.
     order : int, default 2
-        Order of that low-pass, from 1 to 8.
-    ripple : float or (low, high), default 0
-        Relative amplitude of the ripple. Set by hand: neither fitted nor drawn from a prior.
-    ripple_order : float or (low, high), default 1
-        Waves of the ripple per input turn.
+        From 1 to 8.
     phase : float, optional
         In rad, at the start. Default: random.
     """
 
     parameters: ClassVar = {
-        "rms": EffectParameter("1", 0.0, 0.2, 0.0, loguniform(5e-4, 0.02), log=True),
-        "cutoff_hz": EffectParameter("Hz", 1e-3, 1e3, None, loguniform(0.2, 10.0), log=True),
+        "rms": EffectParameter("1", 0.0, 0.2, 0.0, loguniform(5e-4, 0.02), log=True, default=0.003),
+        "cutoff_hz": EffectParameter("Hz", 1e-3, 1e3, None, loguniform(0.2, 10.0), log=True, default=1.0),
         "ripple": EffectParameter("1", 0.0, 0.5, 0.0),
-        "ripple_order": EffectParameter("1", 1e-3, 1e3, None),
+        "ripple_order": EffectParameter("1", 1e-3, 1e3, None, default=1.0),
     }
+    settings: ClassVar = {"order": 2, "phase": None}
     separated_by = "a tachometer on its own clock"
 
-    def __init__(
-        self,
-        rms: Any = 0.003,
-        cutoff_hz: Any = 1.0,
-        order: int = 2,
-        ripple: Any = 0.0,
-        ripple_order: Any = 1.0,
-        phase: float | None = None,
-    ) -> None:
-        self.rms = rms
-        self.cutoff_hz = cutoff_hz
-        self.order = order
-        self.ripple = ripple
-        self.ripple_order = ripple_order
-        self.phase = phase
-
     def check_settings(self) -> None:
-        check_order(self, self.order)
-        check_phase(self, self.phase)
+        check_order(self)
+        check_phase(self)
 
     def speed_fluctuation(
         self, gearbox: CycloidalGearbox, duration: float, random: Generator
@@ -290,17 +267,11 @@ class StickSlip(_AddedTorque):
     """Stick-slip of the brake: its torque climbs while it sticks and falls when it slips.
 
     Adds a sawtooth to the load: over each cycle it rises from -A/2 at the rate A f, and falls back in the
-    last tenth of the cycle. Cycles last 1/f, uniformly within 25 %, and long ones climb higher, as at a
-    constant speed against a spring. *An assumption*: the sawtooth is prescribed. Amplitude and frequency
-    follow neither speed nor load, and the drive does not excite or damp it. Separating measurement: another
-    speed, with which the frequency of real stick-slip changes, or the brake off.
-
-    Parameters
-    ----------
-    amplitude_nm : float or (low, high), default 1
-        Mean peak-to-peak amplitude A in Nm; 0 is neutral.
-    frequency_hz : float or (low, high), default 5
-        Mean number f of cycles per second, in Hz.
+    last tenth of the cycle, with the mean amplitude A = ``amplitude_nm`` and f = ``frequency_hz``. Cycles
+    last 1/f, uniformly within 25 %, and long ones climb higher, as at a constant speed against a spring. *An
+    assumption*: the sawtooth is prescribed. Amplitude and frequency follow neither speed nor load, as those
+    of real stick-slip do, and the drive does not excite or damp it. A record with the brake off separates it
+    too.
     """
 
     parameters: ClassVar = {
@@ -327,19 +298,10 @@ class StickSlip(_AddedTorque):
 class Rattle(_AddedTorque):
     """Rattle of a part with play on the output shaft: short blows on the load, from either flank in turn.
 
-    Adds triangular pulses of alternating sign to the load; their heights and the pauses between them are
-    exponentially distributed. The drive answers each with its own vibration. *An assumption*: the blows are
-    prescribed. They follow neither speed nor load, and the play itself, a dead zone where the torque
-    reverses, is not modelled. Separating measurement: the part taken off, or preloaded.
-
-    Parameters
-    ----------
-    blow_nm : float or (low, high), default 5
-        Mean height of a blow in Nm; 0 is neutral.
-    rate_hz : float or (low, high), default 10
-        Blows per second of pause, in Hz: the pauses last 1/``rate_hz`` on average.
-    blow_s : float or (low, high), default 0.002
-        Duration of a blow in s. Set by hand: neither fitted nor drawn from a prior.
+    Adds triangular pulses of alternating sign to the load, ``blow_s`` long; their heights and the pauses
+    between them are exponentially distributed, with means ``blow_nm`` and 1/``rate_hz``. The drive answers
+    each with its own vibration. *An assumption*: the blows are prescribed. They follow neither speed nor
+    load, and the play itself, a dead zone where the torque reverses, is not modelled.
     """
 
     parameters: ClassVar = {
@@ -365,17 +327,147 @@ class Rattle(_AddedTorque):
         return lambda time: np.asarray(on_lines(check_time(time, end), times, values))
 
 
-def check_order(effect: Effect, order: Any) -> None:
-    """Raise TypeError or ValueError unless a Butterworth low-pass can have this order."""
-    whole(f"order of {effect.effect_id}", order, 1, 8)
+class ServoMotor(Effect):
+    """Motor with control of its speed, in place of a given speed of the input.
+
+    The speed yields to the torque as :class:`cyclofeat.simulators.Motor` describes, the recorded angle is the
+    true one, and the run has a current. ``inertia`` is that of the rotor. A stiffer control (``bandwidth_hz``
+    of speed, ``current_bandwidth_hz``) comes nearer to the given speed. ``pole_pairs`` are rounded to a whole
+    number, ``slots`` to a multiple of three, as the windings have three phases.
+    """
+
+    parameters: ClassVar = {
+        "inertia": EffectParameter("kg m2", 1e-8, 1.0, log=True, default=5e-5),
+        "bandwidth_hz": EffectParameter("Hz", 1.0, 1e5, log=True, default=50.0),
+        "current_bandwidth_hz": EffectParameter("Hz", 10.0, 1e6, log=True, default=500.0),
+        "torque_constant": EffectParameter("Nm/A", 1e-4, 1e3, log=True, default=0.3),
+        "pole_pairs": EffectParameter("1", 1.0, 100.0, default=4.0),
+        "slots": EffectParameter("1", 3.0, 300.0, default=12.0),
+    }
+    separated_by = "the current beside a torque meter on the input"
+
+    def change_motor(self, motor: Motor, random: Generator) -> Motor:
+        return motor.replace(
+            inertia=self.inertia, bandwidth_hz=self.bandwidth_hz, torque_constant=self.torque_constant,
+            current_bandwidth_hz=self.current_bandwidth_hz, pole_pairs=round(self.pole_pairs),
+            slots=3 * round(self.slots / 3),
+        )  # fmt: skip
 
 
-def check_phase(effect: Effect, phase: Any) -> None:
-    """Raise ValueError unless the phase of an effect is None or a finite number of rad."""
-    if phase is not None and not (is_number(phase) and math.isfinite(phase)):
-        raise ValueError(
-            f"phase of {effect.effect_id} must be a number of rad, or None for a random one, got {phase!r}"
-        )
+class TorqueConstantRipple(Effect):
+    """Ripple of the motor's torque constant, six times per turn and pair of poles.
+
+    In a three-phase motor the fifth and seventh harmonics of its voltage give this order (Jahns and Soong
+    1996, IEEE Transactions on Industrial Electronics 43(2), 321-330). ``share`` is its relative amplitude;
+    its phase is random for each assembly. The ripple grows with the current.
+    """
+
+    parameters: ClassVar = {"share": EffectParameter("1", 0.0, 0.5, 0.0, default=0.02)}
+    separated_by = "the torque of the motor alone at several currents"
+
+    def change_motor(self, motor: Motor, random: Generator) -> Motor:
+        return motor.replace(ripple=self.share, ripple_phase=2 * math.pi * random.random())
+
+
+class Cogging(Effect):
+    """Cogging of the motor: torque between magnets and slots, by the angle of its rotor alone.
+
+    A wave for the least common multiple of slots and poles (Zhu and Howe 2000, IEEE Transactions on Energy
+    Conversion 15(4), 407-412) and, for a motor that is not perfect, one for the slots and one for the poles.
+    Their phases are random for each assembly. They lie at whole orders of the input, as does only every
+    fifteenth line of the lobes, but some are 1/15 of an order from a line.
+    """
+
+    parameters: ClassVar = {
+        "common_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, default=0.015),
+        "slots_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, default=0.004),
+        "poles_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, default=0.004),
+    }
+    separated_by = "the torque of the motor alone, without current"
+
+    def change_motor(self, motor: Motor, random: Generator) -> Motor:
+        phases = tuple(2 * math.pi * random.random(3))
+        return motor.replace(cogging_nm=(self.common_nm, self.slots_nm, self.poles_nm), cogging_phases=phases)
+
+
+class MotorFriction(Effect):
+    """Friction of the motor's bearings: a constant, and a part that grows with the speed."""
+
+    parameters: ClassVar = {
+        "coulomb_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, default=0.02),
+        "viscous": EffectParameter("Nm s/rad", 0.0, 1e3, 0.0, default=2e-4),
+    }
+    separated_by = "the current of the motor alone at several speeds"
+
+    def change_motor(self, motor: Motor, random: Generator) -> Motor:
+        return motor.replace(coulomb_nm=self.coulomb_nm, viscous=self.viscous)
+
+
+class CurrentSensor(Effect):
+    """Measurement of the motor's current: offset, white noise and steps, but no answer of the motor to them.
+
+    Values are in Nm, times the torque constant, so that they suit a motor of any torque constant.
+    ``noise_nm`` is a standard deviation, ``lsb_nm`` the step of the converter.
+    """
+
+    parameters: ClassVar = {
+        "offset_nm": EffectParameter("Nm", -1e3, 1e3, 0.0),
+        "noise_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, default=0.01),
+        "lsb_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, default=2e-3),
+    }
+    separated_by = "the reading without current"
+
+    def change_motor(self, motor: Motor, random: Generator) -> Motor:
+        return motor.replace(offset_nm=self.offset_nm, noise_nm=self.noise_nm, lsb_nm=self.lsb_nm)
+
+
+def motor_effects(gearbox: CycloidalGearbox | None = None) -> tuple[Effect, ...]:
+    """Return a motor with its errors, which differ between assemblies, of the size that a gearbox needs.
+
+    All values are *assumptions*, wide enough for servo motors of 50 to 750 W. By the mean input torque T
+    (load over number of lobes, at least 0.01 Nm): rotor of 4e-5 to 7e-5 kg m2 per Nm of T; cogging of 0.5 to
+    2 % of T at the least common multiple of slots and poles, 0.1 to 0.5 % at slots and at poles; Coulomb
+    friction of 0.5 to 3 % of T, and as much viscous friction at nominal speed; offset within 1 %, noise of
+    0.3 to 1 % and steps of 0.15 % of T. Speed control of 20 to 100 Hz, and at least 250 Hz divided by the
+    input's turns per second (30 Hz at 500 RPM), below which lobes worn to the papers' chord stall the motor;
+    current control of 200 to 1000 Hz; torque constant of 0.05 to 0.5 Nm/A with 1 to 3 % ripple; 3 to 8 pairs
+    of poles, 9 to 24 slots.
+
+    Parameters
+    ----------
+    gearbox : CycloidalGearbox, default ``CycloidalGearbox.steel()``
+
+    Returns
+    -------
+    tuple of Effect
+
+    Examples
+    --------
+    >>> from cyclofeat.simulators import Rig
+    >>> rig = Rig(effects=motor_effects())
+    >>> run = rig.simulate(duration=0.1, sampling_rate=4_000, quantity="motor_current", random_state=1)
+    >>> run.motor_current.shape
+    (400,)
+    """
+    gearbox = CycloidalGearbox.steel() if gearbox is None else gearbox
+    torque = max(abs(gearbox.load_torque) / gearbox.n_lobes, 0.01)
+    slowest = max(20.0, 250.0 / gearbox.input_speed_hz)
+
+    def part(low: float, high: float) -> tuple[float, float]:
+        return low * torque, high * torque
+
+    friction = part(0.005, 0.03)
+    return (
+        ServoMotor(
+            inertia=part(4e-5, 7e-5), bandwidth_hz=(slowest, max(100.0, 2 * slowest)),
+            current_bandwidth_hz=(200, 1000), torque_constant=(0.05, 0.5), pole_pairs=uniform(2.5, 6),
+            slots=uniform(7.5, 18),
+        ),
+        TorqueConstantRipple((0.01, 0.03)),
+        Cogging(part(0.005, 0.02), part(0.001, 0.005), part(0.001, 0.005)),
+        MotorFriction(friction, tuple(end / gearbox.input_speed for end in friction)),
+        CurrentSensor(part(-0.01, 0.01), part(0.003, 0.01), 0.0015 * torque),
+    )  # fmt: skip
 
 
 def decay_time(cutoff: float, order: int) -> float:

@@ -26,13 +26,8 @@ class PinErrors(Effect):
 
     Pin j moves by independent normal errors (dr_j, dt_j) of standard deviation ``rms``, radially and
     tangentially, in addition to those of the gearbox. The torque's pattern then repeats after a whole
-    output turn only, and lines appear between those of the lobes. Separating measurement: several assemblies
-    of one disc. The pattern stays with the housing and changes with it, where lobe wear stays with the disc.
-
-    Parameters
-    ----------
-    rms : float or (low, high), default 10e-6
-        Standard deviation of each component, in m; 0 is neutral.
+    output turn only, and lines appear between those of the lobes. The pattern stays with the housing and
+    changes with it, where lobe wear stays with the disc.
     """
 
     parameters: ClassVar = {
@@ -53,14 +48,9 @@ class PinErrors(Effect):
 class LobePitchErrors(Effect):
     """Pitch errors of the lobes: each sits a little off its place along the pitch circle.
 
-    Lobe l of either wheel moves by an independent normal error of standard deviation ``rms``, on top of what
-    the gearbox already has. Separating measurement: several discs in one housing. The pattern stays with the
-    disc, like wear, but is spread over all lobes.
-
-    Parameters
-    ----------
-    rms : float or (low, high), default 5e-6
-        Standard deviation in m at the circle of the pins; 0 is neutral.
+    Lobe l of either wheel moves by an independent normal error of standard deviation ``rms`` at the circle of
+    the pins, on top of what the gearbox already has. The pattern stays with the disc, like wear, but is
+    spread over all lobes.
     """
 
     parameters: ClassVar = {
@@ -80,14 +70,11 @@ class RunOut(Effect):
 
     The profile of wheel k is moved by ``runout`` exp(i a_k) in the wheel's frame, with a random direction
     a_k, in addition to those of the gearbox. The offset turns with the wheel, once per output turn against
-    the housing and 16/15 times per input turn (8.889 Hz at 500 RPM, z_k = 16) against the load. Separating
-    measurement: the folded torque over whole output turns. Run-out is one smooth wave over the 15 lobes, a
-    worn lobe a short event at one of them.
+    the housing and 16/15 times per input turn (8.889 Hz at 500 RPM, z_k = 16) against the load. Run-out is
+    one smooth wave over the 15 lobes, a worn lobe a short event at one of them.
 
     Parameters
     ----------
-    runout : float or (low, high), default 10e-6
-        Length of each wheel's offset in m; 0 is neutral.
     wheels : tuple of int, default (0, 1)
         Wheels that run out. Two effects, one for each wheel, have separate lengths; ``rayleigh(scale=s)``
         is the length of an offset whose components are normal with standard deviation s.
@@ -121,13 +108,8 @@ class CamRunOut(Effect):
 
     The centre of cam k is moved by ``runout`` exp(i a_k) in the frame of the input shaft, with a random
     direction a_k, in addition to those of the gearbox. With unequal pins this shows once per input turn
-    (1x, 8.333 Hz at 500 RPM), near the worn lobes' 16/15; with equal pins it changes the mesh lines alone.
-    Separating measurement: at least one whole output turn, which resolves 1x from the lobes' 16/15.
-
-    Parameters
-    ----------
-    runout : float or (low, high), default 10e-6
-        Length of each cam's offset in m; 0 is neutral.
+    (1x, 8.333 Hz at 500 RPM), near the worn lobes' 16/15, from which a whole output turn resolves it; with
+    equal pins it changes the mesh lines alone.
     """
 
     parameters: ClassVar = {
@@ -146,14 +128,8 @@ class CamRunOut(Effect):
 class Clearance(Effect):
     """Clearance (backlash) of the internal sleeves in the holes of the wheels.
 
-    The holes' radius, and with it the gap r_h - r_s - e of a centred sleeve, grows by ``clearance``.
-    Separating measurement: the torque-deflection loop with held output, whose dead zone it is; stiffness of
-    the contacts changes its slope instead.
-
-    Parameters
-    ----------
-    clearance : float or (low, high), default 20e-6
-        Radial clearance in m, added to that of the gearbox; 0 is neutral.
+    The holes' radius, and with it the gap r_h - r_s - e of a centred sleeve, grows by ``clearance``. It is
+    the dead zone of the torque-deflection loop; stiffness of the contacts changes the loop's slope instead.
     """
 
     parameters: ClassVar = {
@@ -291,22 +267,11 @@ class ContactDampingForm(Effect):
 class SleeveFriction(Effect):
     """Friction of the sleeves on the wheels and on their axles: Coulomb, Stribeck and viscous.
 
-    A sleeve pressed with N that slides at s rubs with N (mu + (mu_0 - mu) exp(-(s/s_0)^2)) tanh(s/s_t) + c s;
-    its axle holds it back with ``journal`` N. The sleeves then spin on their axles.
-    All add to the friction of the gearbox. Separating measurement: two speeds and both directions. Coulomb
-    friction keeps its size and turns with the direction, viscous friction grows with the speed, an offset
-    does neither.
-
-    Parameters
-    ----------
-    coulomb : float or (low, high), default 0.05
-        Coefficient mu; 0 with the others at 0 is neutral.
-    stribeck : float or (low, high), default 0
-        Rise mu_0 - mu of the coefficient at rest.
-    viscous : float or (low, high), default 0
-        c in Ns/m.
-    journal : float or (low, high), default 0
-        Coefficient on the axle times the ratio of axle to sleeve radius.
+    A sleeve pressed with N that slides at s rubs with N (mu + (mu_0 - mu) exp(-(s/s_0)^2)) tanh(s/s_t) + c s,
+    with mu = ``coulomb``, mu_0 - mu = ``stribeck`` and c = ``viscous``; its axle holds it back with
+    ``journal`` N (coefficient times the ratio of axle to sleeve radius). The sleeves then spin on their
+    axles. All add to the friction of the gearbox; the effect is neutral if all are 0. Coulomb friction keeps
+    its size and turns with the direction, viscous friction grows with the speed, an offset does neither.
     """
 
     place = "joints"
@@ -335,15 +300,7 @@ class BearingFriction(Effect):
     """Friction of the output shaft's bearings, between the gearbox and the torque meter.
 
     The bearings oppose the output with ``coulomb`` tanh(w/w_t) + ``viscous`` w, in addition to the friction
-    of the gearbox. As the load acts behind them, they load the gearbox, not the meter. Separating
-    measurement: two speeds and both directions.
-
-    Parameters
-    ----------
-    coulomb : float or (low, high), default 0.2
-        In Nm; 0 with ``viscous`` 0 is neutral.
-    viscous : float or (low, high), default 0
-        In Nms/rad.
+    of the gearbox. As the load acts behind them, they load the gearbox, not the meter.
     """
 
     place = "joints"
@@ -363,24 +320,15 @@ class BearingFriction(Effect):
 class BrakeRotor(Effect):
     """Rotor of the brake behind the compliance of shaft and torque meter, which answers the gearbox.
 
-    J w' = k (psi - psi_b) + c (psi' - w) - T_load with c = 2 ``damping_ratio`` sqrt(k J); the torque is
-    that in the meter, k (psi - psi_b) + c (psi' - w)
-    (:meth:`cyclofeat.simulators.CycloidalGearbox.with_brake`).
-
-    Parameters
-    ----------
-    inertia : float or (low, high), default 0.02
-        J in kg m2; 0 is neutral, the free output.
-    stiffness : float or (low, high), default 10e3
-        Torsional stiffness k of shaft and torque meter, in Nm/rad.
-    damping_ratio : float or (low, high), default 0.02
-        Share of critical damping of the rotor on that stiffness.
+    J w' = k (psi - psi_b) + c (psi' - w) - T_load with the ``inertia`` J, the torsional ``stiffness`` k of
+    shaft and meter, and c = 2 ``damping_ratio`` sqrt(k J); the torque is that in the meter,
+    k (psi - psi_b) + c (psi' - w) (:meth:`cyclofeat.simulators.CycloidalGearbox.with_brake`). Without inertia
+    the output is free.
 
     Notes
     -----
-    The gearbox must not have a brake already. Separating measurement: a tap test on the rotor, or two
-    speeds. The resonance stays at its frequency in Hz where lobe lines move with the speed, and it rings on
-    after a blow, which a low-pass in the meter does not.
+    The gearbox must not have a brake already. The resonance stays at its frequency in Hz where lobe lines
+    move with the speed, and it rings on after a blow, which a low-pass in the meter does not.
     """
 
     place = "shaft_and_meter"

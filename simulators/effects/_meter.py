@@ -29,22 +29,42 @@ _BETA = 10.0
 _FRACTIONS = 512
 
 
-class TorqueMeterLowPass(Effect):
+class _MeterEffect(Effect):
+    """Base of the effects on the torque alone: a neutral effect or an empty record changes nothing."""
+
+    def change_torque(
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
+    ) -> Float:
+        neutral = all(
+            getattr(self, name) == parameter.neutral
+            for name, parameter in self.parameters.items()
+            if parameter.neutral is not None
+        )
+        if neutral or torque.size == 0:
+            return torque
+        return self._distort(torque, sampling_rate, random, context or TorqueContext())
+
+    def _distort(
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
+    ) -> Float:
+        """Return the torque after the effect, of arguments as those of :meth:`change_torque`."""
+        raise NotImplementedError
+
+
+class TorqueMeterLowPass(_MeterEffect):
     """Low-pass in the torque meter: a Butterworth filter, causal as a real meter is.
 
-    |H(f)|^2 = 1 / (1 + (f/f_c)^(2n)), by the bilinear transform, exact at 0 and f_c; near the Nyquist
-    frequency it falls faster than the analogue filter. A record of a running machine is continued before its
-    first sample by its mirror image, so that the mean begins without a transient (of a ripple A at f above
-    f_c, less than A f_c/f is left for some 1/f_c); a machine that starts from rest had, by assumption, its
-    first value before. Separating measurement: a tap test with the filter switched off, or a step of speed:
-    the filter's edge stays where it is and does not ring.
+    |H(f)|^2 = 1 / (1 + (f/f_c)^(2n)) with f_c = ``cutoff_hz``, below the Nyquist frequency, and n =
+    ``order``, by the bilinear transform, exact at 0 and f_c; near the Nyquist frequency it falls faster than
+    the analogue filter. A record of a running machine is continued before its first sample by its mirror
+    image, so that the mean begins without a transient (of a ripple A at f above f_c, less than A f_c/f is
+    left for some 1/f_c); a machine that starts from rest had, by assumption, its first value before. The
+    filter's edge stays where it is and does not ring.
 
     Parameters
     ----------
-    cutoff_hz : float or (low, high), default 300
-        f_c (-3 dB) in Hz, from 0.1 to below the Nyquist frequency; infinity (``null`` in files) is neutral.
     order : int, default 2
-        n, from 1 to 8.
+        From 1 to 8.
     """
 
     place = "shaft_and_meter"
@@ -57,14 +77,11 @@ class TorqueMeterLowPass(Effect):
     settings: ClassVar = {"order": 2}
     separated_by = "a tap test with the filter switched off, or a step of speed"
 
-    def check_settings(self) -> None:
-        check_order(self, self.order)
+    check_settings = check_order
 
-    def change_torque(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
+    def _distort(
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
     ) -> Float:
-        if math.isinf(self.cutoff_hz) or torque.size == 0:
-            return torque
         if self.cutoff_hz >= sampling_rate / 2:
             raise ValueError(
                 f"cutoff_hz of {self.effect_id} must lie below the Nyquist frequency "
@@ -72,7 +89,7 @@ class TorqueMeterLowPass(Effect):
             )
         sos = butter(self.order, self.cutoff_hz, fs=sampling_rate, output="sos")
         at_one = sosfilt_zi(sos)
-        if context is not None and context.from_rest:
+        if context.from_rest:
             return np.asarray(sosfilt(sos, torque, zi=at_one * torque[0])[0])
         decay = math.ceil(decay_time(self.cutoff_hz, self.order) * sampling_rate)
         before = torque[1 : decay + 1][::-1]
@@ -82,16 +99,10 @@ class TorqueMeterLowPass(Effect):
         return np.asarray(sosfilt(sos, torque, zi=state)[0])
 
 
-class Gain(Effect):
+class Gain(_MeterEffect):
     """Gain of the torque meter: its calibration is off by a factor.
 
-    T becomes ``factor`` T. Separating measurement: calibration with dead weights; at one speed and direction
-    it looks like an offset or another brake set-point.
-
-    Parameters
-    ----------
-    factor : float or (low, high), default 1.02
-        A pure number; 1 is neutral.
+    At one speed and direction it looks like an offset or another brake set-point.
     """
 
     parameters: ClassVar = {
@@ -100,51 +111,34 @@ class Gain(Effect):
     separated_by = "calibration with dead weights"
     shows_as = "mean torque"
 
-    def change_torque(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
+    def _distort(
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
     ) -> Float:
         return np.asarray(self.factor * torque)
 
 
-class Offset(Effect):
+class Offset(_MeterEffect):
     """Offset of the torque meter: its zero is off by a constant.
 
-    T becomes T + ``offset``. Separating measurement: the meter's reading without load, and both directions of
-    rotation; at one speed and direction it looks like friction, a gain or another brake set-point.
-
-    Parameters
-    ----------
-    offset_nm : float or (low, high), default 0.5
-        In Nm; 0 is neutral.
+    At one speed and direction it looks like friction, a gain or another brake set-point.
     """
 
     parameters: ClassVar = {"offset_nm": EffectParameter("Nm", -1e3, 1e3, 0.0, norm(0.0, 0.5), default=0.5)}
     separated_by = "the meter's reading without load, and both directions of rotation"
     shows_as = "mean torque"
 
-    def change_torque(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
+    def _distort(
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
     ) -> Float:
-        return torque if self.offset_nm == 0 else np.asarray(torque + self.offset_nm)
+        return np.asarray(torque + self.offset_nm)
 
 
-class Noise(Effect):
+class Noise(_MeterEffect):
     """Noise of the sensor: Gaussian, white or with a density that falls as a power of the frequency.
 
     A density proportional to max(f, 1 Hz)^-``exponent`` up to the Nyquist frequency, with the expected rms
-    ``rms_nm`` at the record's sampling rate; exponent 0 is white.
-
-    Parameters
-    ----------
-    rms_nm : float or (low, high), default 0.2
-        Expected rms in Nm; 0 is neutral.
-    exponent : float or (low, high), default 0
-        From 0 (white) to 3. Set by hand: neither fitted nor drawn from a prior.
-
-    Notes
-    -----
-    A longer record begins like a shorter one, coloured noise to rounding. Separating measurement: a record
-    with the machine at rest.
+    ``rms_nm`` at the record's sampling rate; exponent 0 is white. A longer record begins like a shorter one,
+    coloured noise to rounding.
     """
 
     parameters: ClassVar = {
@@ -153,11 +147,9 @@ class Noise(Effect):
     }
     separated_by = "a record with the machine at rest"
 
-    def change_torque(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
+    def _distort(
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
     ) -> Float:
-        if self.rms_nm == 0:
-            return torque
         if self.exponent == 0:
             return np.asarray(torque + self.rms_nm * random.normal(size=torque.size))
         # Lines at multiples of a quarter of the lowest frequency: they resolve the corner of the density.
@@ -170,26 +162,18 @@ class Noise(Effect):
         return np.asarray(torque + fftconvolve(white, response, mode="valid"))
 
 
-class Hum(Effect):
+class Hum(_MeterEffect):
     """Mains hum in the torque signal, with harmonics.
 
-    Adds sum_k a h_k sin(2 pi k f t + p_k), t from the first sample; h_k is the k-th of ``harmonics``.
+    Adds sum_k a h_k sin(2 pi k f t + p_k), t from the first sample, a = ``amplitude_nm``, f =
+    ``frequency_hz``; h_k is the k-th of ``harmonics``. 50 Hz is the sixth order of an input at 500 RPM.
 
     Parameters
     ----------
-    amplitude_nm : float or (low, high), default 0.2
-        a in Nm; 0 is neutral.
-    frequency_hz : float or (low, high), default 50
-        f in Hz. Set by hand: neither fitted nor drawn from a prior.
     harmonics : sequence of float, default (1,)
         Relative amplitudes of the fundamental and its multiples; (1, 0, 0.3) has a third harmonic.
     phase : float, optional
         p in rad: p_k = k p, so that p moves the whole wave. Default: every p_k is random.
-
-    Notes
-    -----
-    50 Hz is the sixth order of an input at 500 RPM. Separating measurement: a record with the motor off,
-    or at another speed, where hum stays at its frequency.
     """
 
     parameters: ClassVar = {
@@ -200,7 +184,7 @@ class Hum(Effect):
     separated_by = "a record with the motor off, or at another speed"
 
     def check_settings(self) -> None:
-        check_phase(self, self.phase)
+        check_phase(self)
         given = self.harmonics
         if (
             not isinstance(given, (tuple, list, np.ndarray))
@@ -212,13 +196,11 @@ class Hum(Effect):
                 f"(1, 0, 0.3), got {given!r}"
             )
 
-    def change_torque(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
+    def _distort(
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
     ) -> Float:
         highest = len(self.harmonics) * self.frequency_hz
         phases = 2 * np.pi * random.random(len(self.harmonics))
-        if self.amplitude_nm == 0:
-            return torque
         if highest >= sampling_rate / 2:
             raise ValueError(
                 f"frequency_hz of {self.effect_id} and its harmonics must lie below the Nyquist frequency "
@@ -231,19 +213,18 @@ class Hum(Effect):
         return np.asarray(torque + self.amplitude_nm * hum)
 
 
-class ShaftLine(Effect):
+class ShaftLine(_MeterEffect):
     """Line of a shaft: a wave in the torque signal once per turn of the input or of the output.
 
-    Adds a sin(phi/z + p) with the angle phi of the input and, for the output, the reduction z (for the input
-    1). A bent shaft, a coupling, a magnet that couples into the meter, or a meter that answers to bending
-    does so. The gearbox does not feel it; :class:`SpeedWander` with a ripple is a fluctuation that it feels.
+    Adds ``amplitude_nm`` sin(phi/z + ``phase``) with the angle phi of the input and, for the output, the
+    reduction z (for the input 1). A bent shaft, a coupling, a magnet that couples into the meter, or a meter
+    that answers to bending does so. The gearbox does not feel it; :class:`SpeedWander` with a ripple is a
+    fluctuation that it feels.
 
     Parameters
     ----------
-    amplitude_nm : float or (low, high), default 0.2
-        a in Nm; 0 is neutral.
     phase : float, optional
-        p in rad. Default: random in each run.
+        In rad. Default: random in each run.
     of : {"input", "output"}, default "input"
         The shaft. In files the effect is named ``input_shaft_line`` or ``output_shaft_line``.
     """
@@ -262,17 +243,13 @@ class ShaftLine(Effect):
         output="several whole output turns, in which it repeats as a drift does not",
     )
     proposed = False
+    check_settings = check_phase
 
-    def check_settings(self) -> None:
-        check_phase(self, self.phase)
-
-    def change_torque(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
+    def _distort(
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
     ) -> Float:
         phase = 2 * np.pi * random.random() if self.phase is None else self.phase
-        if self.amplitude_nm == 0:
-            return torque
-        if context is None or context.gearbox is None or context.input_angle is None:
+        if context.gearbox is None or context.input_angle is None:
             raise ValueError(
                 f"{self.effect_id} needs gearbox and input_angle of the record as context, got {context!r}"
             )
@@ -280,23 +257,14 @@ class ShaftLine(Effect):
         return np.asarray(torque + self.amplitude_nm * np.sin(angle + phase))
 
 
-class ClockError(Effect):
+class ClockError(_MeterEffect):
     """Error of the converter's clock: the true sampling rate is not the stated one.
 
-    With relative error r the samples lie at k / ((1 + r) f_s) while the record states f_s: a line at f
-    appears at f / (1 + r). The values in between come from a windowed sinc (Kaiser, 48 samples on either
-    side); the record's other channels, sampled by the same clock, are moved along by straight lines.
-
-    Parameters
-    ----------
-    relative : float or (low, high), default 2e-4
-        r, a pure number; 0 is neutral.
-
-    Notes
-    -----
-    Where the samples given do not reach so far (r < 0), the result is shorter; where they reach further, it
-    is longer. Separating measurement: a tachometer on its own clock; an error of the speed changes the lines
-    of shaft and lobes, but not hum.
+    With the error r = ``relative`` the samples lie at k / ((1 + r) f_s) while the record states f_s: a line
+    at f appears at f / (1 + r). The values in between come from a windowed sinc (Kaiser, 48 samples on either
+    side); the record's other channels, sampled by the same clock, are moved along by straight lines. Where
+    the samples given do not reach so far (r < 0), the result is shorter; where they reach further, it is
+    longer. An error of the speed changes the lines of shaft and lobes, but not hum.
     """
 
     place = "adc_clock"
@@ -315,11 +283,9 @@ class ClockError(Effect):
         n_samples = math.floor((n_given - 1) * rate) + 1
         return np.asarray(np.minimum(np.arange(n_samples) / rate, n_given - 1))
 
-    def change_torque(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
+    def _distort(
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
     ) -> Float:
-        if self.relative == 0:
-            return torque
         return np.asarray(_interpolate(torque, self._instants(torque.size), _weight_table()))
 
     def resample(self, values: Float, sampling_rate: float) -> Float:
@@ -355,20 +321,11 @@ def _interpolate(torque: Float, instants: Float, table: Float) -> Float:
     return result
 
 
-class Quantisation(Effect):
+class Quantisation(_MeterEffect):
     """Codes of the converter: torque in whole steps (LSB), clipped at the ends of its range.
 
-    T becomes q c with the code c = T/q rounded to the nearest whole number (half to even), limited to -N <= c
-    <= N - 1 with N = floor(full scale / q). Separating measurement: the comb of the histogram, which noise
-    does not have.
-
-    Parameters
-    ----------
-    lsb_nm : float or (low, high), default 0.05
-        Step q in Nm; 0 for none.
-    full_scale_nm : float or (low, high), default infinity
-        Range from -full_scale_nm to just below full_scale_nm, in Nm; infinity (``null`` in files) never
-        clips. Set by hand: neither fitted nor drawn from a prior.
+    T becomes q c with q = ``lsb_nm`` and the code c = T/q rounded to the nearest whole number (half to even),
+    limited to -N <= c <= N - 1 with N = floor(``full_scale_nm`` / q). Noise does not have such a comb.
     """
 
     place = "adc_codes"
@@ -386,12 +343,12 @@ class Quantisation(Effect):
             f"got {self.full_scale_nm!r}"
         )
 
-    def change_torque(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
+    def _distort(
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
     ) -> Float:
         step, full = float(self.lsb_nm), float(self.full_scale_nm)
         if step == 0:
-            return torque if math.isinf(full) else np.clip(torque, -full, full)
+            return np.clip(torque, -full, full)
         codes = np.rint(torque / step)
         if math.isfinite(full):
             # By rounding, a full scale of N steps may give slightly less than N.
@@ -400,17 +357,12 @@ class Quantisation(Effect):
         return np.asarray(step * codes)
 
 
-class Clipping(Effect):
+class Clipping(_MeterEffect):
     """Clipping: amplifier or converter saturate at a torque.
 
-    T is limited to -L to L, as by the ``full_scale_nm`` of :class:`Quantisation`, but without steps and with
-    a prior (*an assumption*, for loads of some 22 Nm). A saturated amplifier that recovers late is not
-    modelled. Separating measurement: a lower load, or a lower gain of the amplifier.
-
-    Parameters
-    ----------
-    limit_nm : float or (low, high), default 25
-        L in Nm; infinity (``null`` in files) is neutral.
+    T is limited to -L to L with L = ``limit_nm``, as by the ``full_scale_nm`` of :class:`Quantisation`, but
+    without steps and with a prior (*an assumption*, for loads of some 22 Nm). A saturated amplifier that
+    recovers late is not modelled.
     """
 
     place = "adc_codes"
@@ -423,27 +375,22 @@ class Clipping(Effect):
     moves_mean = True
     proposed = False
 
-    def change_torque(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
+    def _distort(
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
     ) -> Float:
-        limit = float(self.limit_nm)
-        return torque if math.isinf(limit) else np.clip(torque, -limit, limit)
+        return np.clip(torque, -float(self.limit_nm), float(self.limit_nm))
 
 
-class LostSamples(Effect):
+class LostSamples(_MeterEffect):
     """Lost samples: the transfer of the record loses a block of them now and then.
 
-    In each stretch of ``block``/``share`` samples one block at a random place is lost. The block holds the
-    last value before it, is zero, or is cut out, so that what follows comes too early. Only the torque's
-    channel loses samples: an angle recorded with it stays, and no longer matches a torque with samples cut
-    out. Separating measurement: a tachometer in the same channel, or a counter of samples.
+    In each stretch of ``block``/``share`` samples one block at a random place is lost, of ``block`` samples
+    (rounded). The block holds the last value before it, is zero, or is cut out, so that what follows comes
+    too early. Only the torque's channel loses samples: an angle recorded with it stays, and no longer matches
+    a torque with samples cut out.
 
     Parameters
     ----------
-    share : float or (low, high), default 0.03
-        Share of the samples that is lost, a pure number; 0 is neutral.
-    block : float or (low, high), default 64
-        Length of a block in samples, rounded to whole ones.
     fill : {"hold", "zero", "cut"}, default "hold"
         What stands in the place of the block.
     """
@@ -471,11 +418,9 @@ class LostSamples(Effect):
     def _length(self) -> int:
         return round(float(self.block))
 
-    def change_torque(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
+    def _distort(
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
     ) -> Float:
-        if self.share == 0 or torque.size == 0:
-            return torque
         stretch = self._length / float(self.share)
         places = random.random(math.ceil(torque.size / stretch)) * (1 - float(self.share))
         starts = np.floor((np.arange(places.size) + places) * stretch).astype(int)

@@ -57,56 +57,14 @@ class EffectParameter:
     log: bool = False
     default: float | None = None
 
-    def default_value(self) -> float | None:
-        """Return the default in a constructor made from the parameters.
-
-        Returns
-        -------
-        float or None
-        """
-        if self.default is None and self.prior is not None:
-            return float(self.prior.median())
-        return self.neutral if self.default is None else self.default
-
-    def fit_value(self, value: float) -> float:
-        """Return a value on the scale of the fit; minus infinity for the logarithm of 0.
-
-        Parameters
-        ----------
-        value : float
-
-        Returns
-        -------
-        float
-        """
-        if not self.log:
-            return float(value)
-        return math.log(value) if value > 0 else -math.inf
-
-    def quantile(self, distribution: Any, share: float) -> float:
-        """Return the quantile of a distribution, truncated to the bounds.
-
-        Parameters
-        ----------
-        distribution : frozen distribution of scipy.stats
-        share : float
-            Probability, from 0 to 1.
-
-        Returns
-        -------
-        float
-        """
-        below, up_to = _probabilities(distribution, self.low, self.high)
-        share = min(max(below + (up_to - below) * share, _LEAST_SHARE), 1 - _LEAST_SHARE)
-        return min(max(float(distribution.ppf(share)), self.low), self.high)
-
     def draw(self, value: Any, share: float) -> float:
         """Return the quantile of a value.
 
         Parameters
         ----------
         value : float, (low, high) or frozen distribution of scipy.stats
-            A number is returned unchanged; a range is log-uniform if ``log`` is true, else uniform.
+            A number is returned unchanged; a range is log-uniform if ``log`` is true, else uniform; a
+            distribution is truncated to the bounds.
         share : float
             Probability, from 0 to 1.
 
@@ -115,7 +73,9 @@ class EffectParameter:
         float
         """
         if is_distribution(value):
-            return self.quantile(value, share)
+            below, up_to = _probabilities(value, self.low, self.high)
+            share = min(max(below + (up_to - below) * share, _LEAST_SHARE), 1 - _LEAST_SHARE)
+            return min(max(float(value.ppf(share)), self.low), self.high)
         if not is_range(value):
             return float(value)
         low, high = (float(end) for end in value)

@@ -102,11 +102,10 @@ class Effect(BaseEstimator):
     summary : str
         The effect in one sentence. Default: the first line of the class's documentation.
     place : str
-        Place in the chain: ``"nominal"``, ``"geometry"``, ``"contact"``, ``"load_and_speed"``,
-        ``"joints"``, ``"shaft_and_meter"``, ``"sensor"``, ``"adc_clock"``, ``"adc_codes"`` or ``"motor"``.
-        Default: ``"geometry"``, ``"load_and_speed"``, ``"sensor"`` or ``"motor"`` for an effect that changes
-        the gearbox, the load or speed, the torque, or the motor; an effect that changes several must state
-        it.
+        Place in the chain: ``"nominal"``, ``"geometry"`` (default for changes of the gearbox), ``"contact"``,
+        ``"load_and_speed"`` (default for load or speed), ``"joints"``, ``"shaft_and_meter"``, ``"sensor"``
+        (default for the torque), ``"adc_clock"``, ``"adc_codes"`` or ``"motor"`` (default for the motor). An
+        effect that changes several must state it.
     parameters : mapping from str to EffectParameter
         Numeric parameters by name; those with a prior are fitted.
     settings : mapping from str to object
@@ -121,10 +120,6 @@ class Effect(BaseEstimator):
         True if the effect also moves the mean torque, which then says little about effects that show as it.
     proposed : bool, default True
         False for an effect that a search which adds one effect at a time leaves out.
-
-    See Also
-    --------
-    register_effect : Make an effect known to files, commands and the gap workflow.
 
     Notes
     -----
@@ -164,11 +159,17 @@ class Effect(BaseEstimator):
         if "summary" not in vars(cls):
             cls.summary = (inspect.getdoc(cls) or cls.__name__).partition("\n")[0]
         if not hasattr(cls, "place"):
-            places = {place for hook, place in _PLACE_OF_HOOK.items() if _overrides(cls, hook)}
+            places = {
+                place
+                for hook, place in _PLACE_OF_HOOK.items()
+                if getattr(cls, hook) is not getattr(Effect, hook)
+            }
             if len(places) == 1:
                 cls.place = places.pop()
         if cls.__init__ is object.__init__ or hasattr(cls.__init__, "__signature__"):
-            cls.__init__ = _constructor(cls)  # type: ignore[method-assign]
+            _add_constructor(cls)
+        if vars(cls).get("__doc__"):
+            _complete_documentation(cls)
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
         if cls is Effect:
@@ -332,7 +333,7 @@ class Effect(BaseEstimator):
         -------
         bool
         """
-        return _overrides(type(self), hook)
+        return getattr(type(self), hook) is not getattr(Effect, hook)
 
     def check(self) -> Self:
         """Return the effect itself; raise TypeError or ValueError for a wrong parameter or setting.
@@ -364,11 +365,10 @@ class Effect(BaseEstimator):
         Effect
         """
         self.check()
-        drawn = {}
-        for name, parameter in self.parameters.items():
-            value, share = getattr(self, name), float(random.random())
-            if is_spread(value):
-                drawn[name] = parameter.draw(value, share)
+        drawn = {
+            name: parameter.draw(getattr(self, name), float(random.random()))
+            for name, parameter in self.parameters.items()
+        }
         return self.with_parameters(**drawn)
 
     def draw_parameters(self, random: Generator) -> Self:
@@ -383,10 +383,11 @@ class Effect(BaseEstimator):
         -------
         Effect
         """
-        drawn = {}
-        for name in self.vector_names():
-            parameter = self.parameters[name]
-            drawn[name] = parameter.quantile(parameter.prior, float(random.random()))
+        drawn = {
+            name: parameter.draw(parameter.prior, float(random.random()))
+            for name, parameter in self.parameters.items()
+            if parameter.prior is not None
+        }
         return self.with_parameters(**drawn)
 
     def with_parameters(self, **values: Any) -> Self:
@@ -439,8 +440,8 @@ class Effect(BaseEstimator):
         low, high : ndarray, shape (n_fitted,)
         """
         fitted = [self.parameters[name] for name in self.vector_names()]
-        low = [parameter.fit_value(parameter.low) for parameter in fitted]
-        high = [parameter.fit_value(parameter.high) for parameter in fitted]
+        low = [_fit_value(parameter, parameter.low) for parameter in fitted]
+        high = [_fit_value(parameter, parameter.high) for parameter in fitted]
         return np.array(low), np.array(high)
 
     def to_vector(self) -> Float:
@@ -468,7 +469,7 @@ class Effect(BaseEstimator):
                     f"{name} of {self.effect_id} must be above 0 and finite to be fitted in its logarithm, "
                     f"got {value!r}: start elsewhere, for instance at a draw from its prior"
                 )
-            vector.append(parameter.fit_value(value))
+            vector.append(_fit_value(parameter, value))
         return np.array(vector)
 
     def from_vector(self, vector: ArrayLike) -> Self:
@@ -556,15 +557,22 @@ def _arguments(kind: type[Effect]) -> Mapping[str, inspect.Parameter]:
     return inspect.signature(kind).parameters
 
 
-def _overrides(kind: type[Effect], hook: str) -> bool:
-    return getattr(kind, hook) is not getattr(Effect, hook)
+def _fit_value(parameter: EffectParameter, value: float) -> float:
+    """Return a value on the scale of the fit; minus infinity for the logarithm of 0."""
+    if not parameter.log:
+        return float(value)
+    return math.log(value) if value > 0 else -math.inf
 
 
-def _constructor(cls: type[Effect]) -> Callable[..., None]:
-    """Return a constructor that takes the parameters and settings of a class in their order."""
-    kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
-    defaults: dict[str, Any] = {key: value.default_value() for key, value in cls.parameters.items()}
+def _add_constructor(cls: type[Effect]) -> None:
+    """Give a class a constructor that takes its parameters and settings in their order."""
+    defaults: dict[str, Any] = {}
+    for key, parameter in cls.parameters.items():
+        defaults[key] = parameter.neutral if parameter.default is None else parameter.default
+        if parameter.default is None and parameter.prior is not None:
+            defaults[key] = float(parameter.prior.median())
     defaults |= cls.settings
+    kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
     arguments = [inspect.Parameter(name, kind, default=value) for name, value in defaults.items()]
     signature = inspect.Signature([inspect.Parameter("self", kind), *arguments])
 
@@ -575,4 +583,30 @@ def _constructor(cls: type[Effect]) -> Callable[..., None]:
             setattr(self, name, bound.arguments[name])
 
     __init__.__signature__ = signature  # type: ignore[attr-defined]
-    return __init__
+    cls.__init__ = __init__  # type: ignore[method-assign]
+
+
+def _complete_documentation(cls: type[Effect]) -> None:
+    """Complete the documentation of a class: its separating measurement, and parameters without an entry."""
+    text = inspect.cleandoc(cls.__doc__ or "")
+    entries = []
+    for name, parameter in cls.parameters.items() if isinstance(cls.parameters, Mapping) else ():
+        if f"{name} : " in text or not isinstance(parameter, EffectParameter):
+            continue
+        default = inspect.signature(cls).parameters[name].default
+        unit = "A pure number" if parameter.unit == "1" else f"In {parameter.unit}"
+        neutral = "" if parameter.neutral is None else f"; {parameter.neutral:g} is neutral"
+        file = " (infinity is ``null`` in files)" if math.isinf(parameter.high) else ""
+        drawn = "" if parameter.prior is not None else " Set by hand: neither fitted nor drawn from a prior."
+        entries.append(
+            f"{name} : float or (low, high), default {default:g}\n"
+            f"    {unit}, {parameter.low:g} to {parameter.high:g}{neutral}{file}.{drawn}"
+        )
+    head, *sections = re.split(r"(?=\n\n[A-Z][A-Za-z ]+\n-{3,}\n)", text, maxsplit=1)
+    if isinstance(cls.separated_by, str) and cls.separated_by:
+        head += f"\n\nSeparating measurement: {cls.separated_by}."
+    title, rest = "\n\nParameters\n----------", "".join(sections)
+    if entries:
+        head = "\n".join([head + title, *entries])
+        rest = rest.removeprefix(title)
+    cls.__doc__ = head + rest

@@ -21,7 +21,7 @@ import numpy as np
 
 from cyclofeat._base.checks import repr_of
 from cyclofeat.simulators._simulator import Simulator
-from cyclofeat.simulators.effects import _drive, _gearbox, _meter, motor
+from cyclofeat.simulators.effects import _drive, _gearbox, _meter
 from cyclofeat.simulators.effects._parameter import (
     EffectParameter,
     from_plain,
@@ -31,6 +31,7 @@ from cyclofeat.simulators.effects._parameter import (
 from cyclofeat.simulators.effects.effect import HOOKS, PLACES, Effect
 
 Kind = TypeVar("Kind", bound=type[Effect])
+T = TypeVar("T")
 
 # Each effect of the toolkit with its default values, in the order of the chain.
 _OF_TOOLKIT: dict[str, Effect] = {
@@ -45,8 +46,8 @@ _OF_TOOLKIT: dict[str, Effect] = {
         _meter.TorqueMeterLowPass(), _drive.WarmUp(of="sensor"), _drive.Drift(of="sensor"), _meter.Gain(),
         _meter.Offset(), _meter.Noise(), _meter.Hum(), _meter.ShaftLine(), _meter.ShaftLine(of="output"),
         _meter.ClockError(), _meter.Quantisation(), _meter.Clipping(), _meter.LostSamples(),
-        motor.ServoMotor(), motor.TorqueConstantRipple(), motor.Cogging(), motor.MotorFriction(),
-        motor.CurrentSensor(),
+        _drive.ServoMotor(), _drive.TorqueConstantRipple(), _drive.Cogging(), _drive.MotorFriction(),
+        _drive.CurrentSensor(),
     )
 }  # fmt: skip
 _KNOWN = dict(_OF_TOOLKIT)
@@ -150,45 +151,6 @@ def register_effect(kind: Kind, *, replace: bool = False) -> Kind:
     """
     if not (inspect.isclass(kind) and issubclass(kind, Effect)) or kind is Effect:
         raise TypeError(f"register_effect needs a subclass of Effect, got {repr_of(kind)}")
-    effect = _default_effect(kind)
-    name = effect.effect_id
-    taken = type(_KNOWN[name]) if name in _KNOWN else kind
-    if taken is not kind:
-        same_place = (taken.__module__, taken.__qualname__) == (kind.__module__, kind.__qualname__)
-        if name in _OF_TOOLKIT or not (same_place or replace):
-            raise ValueError(
-                f"effect_id of {kind.__name__} must be a name of its own, got {name!r}, which is that of "
-                f"{taken.__module__}.{taken.__qualname__}"
-            )
-    _KNOWN[name] = effect
-    return kind
-
-
-def is_known(kind: type[Effect]) -> bool:
-    """Return True if the class is the known effect of its name."""
-    return type(_KNOWN.get(kind.effect_id)) is kind
-
-
-def unregister_effect(effect_id: str) -> None:
-    """Remove a registered effect from those known.
-
-    Parameters
-    ----------
-    effect_id : str
-
-    Raises
-    ------
-    ValueError
-        If no effect of that name was registered; effects of the toolkit stay.
-    """
-    registered = [name for name in _KNOWN if name not in _OF_TOOLKIT]
-    if effect_id not in registered:
-        raise ValueError(f"effect_id must be one of the effects registered, {registered}, got {effect_id!r}")
-    del _KNOWN[effect_id]
-
-
-def _default_effect(kind: type[Effect]) -> Effect:
-    """Return a class's effect with default values; raise TypeError or ValueError for an unusable class."""
     name = kind.__name__
     if not isinstance(kind.parameters, Mapping):
         raise ValueError(f"parameters of {name} must be a mapping from names to EffectParameter")
@@ -223,7 +185,38 @@ def _default_effect(kind: type[Effect]) -> Effect:
     effect.check()
     if missing := [key for key in arguments if not hasattr(effect, key)]:
         raise ValueError(f"{name}.__init__ must store {', '.join(missing)} under the same name")
-    return effect
+    taken = type(_KNOWN.get(effect.effect_id, effect))
+    same_place = (taken.__module__, taken.__qualname__) == (kind.__module__, kind.__qualname__)
+    if taken is not kind and (effect.effect_id in _OF_TOOLKIT or not (same_place or replace)):
+        raise ValueError(
+            f"effect_id of {name} must be a name of its own, got {effect.effect_id!r}, which is that of "
+            f"{taken.__module__}.{taken.__qualname__}"
+        )
+    _KNOWN[effect.effect_id] = effect
+    return kind
+
+
+def is_known(kind: type[Effect]) -> bool:
+    """Return True if the class is the known effect of its name."""
+    return type(_KNOWN.get(kind.effect_id)) is kind
+
+
+def unregister_effect(effect_id: str) -> None:
+    """Remove a registered effect from those known.
+
+    Parameters
+    ----------
+    effect_id : str
+
+    Raises
+    ------
+    ValueError
+        If no effect of that name was registered; effects of the toolkit stay.
+    """
+    registered = [name for name in _KNOWN if name not in _OF_TOOLKIT]
+    if effect_id not in registered:
+        raise ValueError(f"effect_id must be one of the effects registered, {registered}, got {effect_id!r}")
+    del _KNOWN[effect_id]
 
 
 def checked_effects(effects: Any) -> tuple[Effect, ...]:
@@ -244,13 +237,18 @@ def read_variants(content: Any, read: Callable[[Any], tuple[Effect, ...]]) -> tu
     """Return the sets of effects that ``read`` makes of each item of a sequence."""
     if not isinstance(content, Sequence) or isinstance(content, str):
         raise TypeError(f"variants must be a list of lists of effects, got {repr_of(content)}")
-    variants = []
+    return _read_items("variants", content, read)
+
+
+def _read_items(name: str, content: Sequence[Any], read: Callable[[Any], T]) -> tuple[T, ...]:
+    """Return what ``read`` makes of each item of a list in a file; name the item in errors."""
+    items = []
     for index, item in enumerate(content):
         try:
-            variants.append(read(item))
+            items.append(read(item))
         except (TypeError, ValueError) as error:
-            raise type(error)(f"variants[{index}]: {error}") from None
-    return tuple(variants)
+            raise type(error)(f"{name}[{index}]: {error}") from None
+    return tuple(items)
 
 
 def in_chain(effects: Iterable[Effect]) -> tuple[Effect, ...]:
@@ -297,13 +295,7 @@ def effects_from_list(content: Any) -> tuple[Effect, ...]:
     """Return effects from a list of objects, as :meth:`Effect.to_dict` writes them."""
     if not isinstance(content, list):
         raise TypeError(f'effects must be a list of objects like {{"effect": "hum"}}, got {repr_of(content)}')
-    effects = []
-    for index, item in enumerate(content):
-        try:
-            effects.append(effect_from_dict(item))
-        except (TypeError, ValueError) as error:
-            raise type(error)(f"effects[{index}]: {error}") from None
-    return tuple(effects)
+    return _read_items("effects", content, effect_from_dict)
 
 
 def effect_from_dict(content: Any) -> Effect:

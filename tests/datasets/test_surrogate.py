@@ -30,7 +30,7 @@ from cyclofeat.simulators import (
     Rig,
     ServoMotor,
 )
-from cyclofeat.simulators.effects.motor import Cogging
+from cyclofeat.simulators.effects._drive import Cogging
 from cyclofeat.simulators.simulation import SimulationDiverged
 
 QUIET = Rig.r1().without("load_drift", "noise")

@@ -27,7 +27,7 @@ from cyclofeat.simulators import (
 )
 from cyclofeat.simulators import _kernels as kernels
 from cyclofeat.simulators.courses import DriveAndLoad
-from cyclofeat.simulators.effects.motor import Cogging, CurrentSensor
+from cyclofeat.simulators.effects._drive import Cogging, CurrentSensor
 from cyclofeat.simulators.motor import drive_run
 from cyclofeat.simulators.simulation import Integration, torsion
 from cyclofeat.simulators.tables import kernel_input, rest_state

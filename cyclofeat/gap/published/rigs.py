@@ -185,7 +185,7 @@ class SimulatedRigs:
         for k, parameter in enumerate(names):
             what = kind.parameters[parameter]
             assert what.prior is not None
-            columns.append(np.array([what.quantile(what.prior, float(share)) for share in shares[:, k]]))
+            columns.append(np.array([what.draw(what.prior, float(share)) for share in shares[:, k]]))
         return columns
 
     def _n_gear(self, gear: Set) -> int:
