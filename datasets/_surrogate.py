@@ -7,20 +7,24 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from cyclofeat._base import checks
 from cyclofeat._base.quantities import QUANTITIES, from_1
 from cyclofeat.recordings import Recording
-
-if TYPE_CHECKING:  # the simulator loads numba: only those who simulate wait for it
-    from cyclofeat.simulators import LobeDefects, Rig, Solver
-    from cyclofeat.simulators.sampling import Sample, SampledRun, Wear
+from cyclofeat.simulators import LobeDefects, Rig, Solver, motor_effects
+from cyclofeat.simulators.sampling import (
+    Sample,
+    SampledRun,
+    Wear,
+    draw_conditions,
+    recording_seed,
+    sample_each,
+)
 
 _PRESETS = ("R0", "R1", "R2", "published")
-_DEFAULT_S = 1.8  # one output turn at 500 RPM
 # Machines that are drawn for one recording while none of them can run.
 _MOST_DRAWS = 4
 # Recordings that are simulated at once where not all of them are kept whole.
@@ -118,20 +122,17 @@ def make_rig_recordings(
         nothing but the noise; a longer duration appends samples.
 
         Each has ``source="surrogate"``, the assembly ``"<rig>-<random_state>-<index>"``, its worn lobes
-        (counted from 0) and their number; ``speed_rpm`` and ``load_nm`` are nominal. ``meta`` holds the
-        assembly's true values: ``true_speed_rpm``, ``true_load_nm``, ``wheels`` (list of worn wheels),
-        ``brake_inertia_kg_m2``, ``meter_stiffness_nm_per_rad``, ``meter_damping_nms_per_rad``,
-        ``stiffness_scale``, ``contact_damping``, ``clearance_m``, ``start_angle_rad`` (absolute angle of the
-        input at the first sample, within one turn of the output), ``settling_s`` (time before it), ``rig``,
-        and ``effects``: a list of objects as in the rig's file, with the values drawn for the assembly. With
-        radial wear it holds ``wear_um``, 0 for a healthy assembly; where another machine was drawn (see
-        Warns), ``drawn_anew`` with the reason.
+        (counted from 0) and their number; ``speed_rpm`` and ``load_nm`` are nominal. ``meta`` holds the true
+        values of the assembly, ``wheels_from_1``, ``start_angle_rad`` (of the input at the first sample,
+        within one turn of the output), ``settling_s`` (time before it), ``rig``, and ``effects`` as in the
+        rig's file, with the values drawn; ``wear_um`` with radial wear, and ``drawn_anew`` with the reason
+        where another machine was drawn (see Warns).
 
     Raises
     ------
-    TypeError, ValueError
-        If an argument is of the wrong type or out of range, the rig needs more than a minute to settle, or
-        the motors of four machines drawn for one recording do not hold their speed.
+    ValueError
+        If the rig needs more than a minute to settle, or the motors of four machines drawn for one recording
+        do not hold their speed.
     SimulationFailed
         If the simulations of four machines drawn for one recording diverge or lock; the message names
         assembly, parameters, time and contact.
@@ -160,13 +161,16 @@ def make_rig_recordings(
     ['noise', 'hum', 'quantisation']
     """
     run = _Run(
-        _rig_of(rig), _recording_length(duration, output_turns), sampling_rate,
+        _rig_of(rig), duration, output_turns, sampling_rate,
         checks.seed_number(random_state), with_angle, solver, _positive_range("speed_rpm", speed_rpm, "RPM"),
         _positive_range("load_nm", load_nm, "Nm"), quantity,
     )  # fmt: skip
     counts = checks.defect_counts(defect_counts, run.rig.gearbox.n_lobes)
     checks.n_jobs(n_jobs)
-    wear = _wear_of(lobes, wheels, wear_um, radial_share)
+    wear = Wear(
+        lobes=lobes, wheels=checks.wheel_numbers(wheels), radial_share=radial_share,
+        wear_um=None if wear_um is None else checks.range_ends("wear_um", wear_um, "a number of um"),
+    )  # fmt: skip
     checks.one_of("kernel", kernel, ("exact", "batch", "auto"))
     total = checks.whole("n_assemblies", n_assemblies, 1) * len(counts)
     if keep is not None and not callable(keep):
@@ -213,11 +217,6 @@ def make_rig_recording(
         counts both, and ``meta`` holds ``worn_lobes_from_1`` and ``removed_lobes_from_1``. Assembly and
         drift are those of the first recording that :func:`make_rig_recordings` makes with this seed.
 
-    Raises
-    ------
-    TypeError, ValueError, SimulationFailed
-        As in :func:`make_rig_recordings`.
-
     Examples
     --------
     >>> from cyclofeat.simulators import LobeDefects
@@ -225,13 +224,11 @@ def make_rig_recording(
     >>> recording.worn_lobes, recording.source, recording.assembly
     ((0, 4), 'surrogate', 'R0-0-0000')
     """
-    from cyclofeat.simulators import LobeDefects
-
     defects = LobeDefects.healthy() if defects is None else defects
     checks.check_type("defects", defects, LobeDefects)
     run = _Run(
-        _rig_of(rig), _recording_length(duration, None), sampling_rate, checks.seed_number(random_state),
-        with_angle, quantity=quantity,
+        _rig_of(rig), duration, None, sampling_rate, checks.seed_number(random_state), with_angle,
+        quantity=quantity,
     )  # fmt: skip
     ((_, recording),) = _recordings(run, [defects], "exact", 1)
     return recording
@@ -242,7 +239,8 @@ class _Run:
     """Rig and conditions of all recordings of one call."""
 
     rig: Rig
-    length: tuple[float, str]  # a number of "s", or of "turns" of the output
+    duration: float | None
+    output_turns: float | None
     sampling_rate: float
     random_state: int
     with_angle: bool
@@ -254,6 +252,15 @@ class _Run:
     def __post_init__(self) -> None:
         checks.one_of("quantity", self.quantity, QUANTITIES)
         checks.positive("sampling_rate", self.sampling_rate, "a number of Hz")
+        if self.duration is not None and self.output_turns is not None:
+            raise ValueError(
+                f"duration and output_turns exclude each other, got {self.duration!r} s and "
+                f"{self.output_turns!r} turns"
+            )
+        if self.output_turns is not None:
+            checks.positive("output_turns", self.output_turns, "a number of turns of the output")
+        elif self.duration is not None:
+            checks.positive("duration", self.duration, "a number of s")
         duration = self.duration_at(self.rig)
         if round(duration * self.sampling_rate) < 2:
             raise ValueError(
@@ -262,20 +269,16 @@ class _Run:
 
     def duration_at(self, rig: Rig) -> float:
         """Return the length in s at the rig's nominal speed."""
-        length, unit = self.length
-        return length if unit == "s" else length * rig.gearbox.n_lobes / rig.gearbox.input_speed_hz
+        if self.output_turns is not None:
+            return self.output_turns * rig.gearbox.n_lobes / rig.gearbox.input_speed_hz
+        return 1.8 if self.duration is None else self.duration  # one output turn at 500 RPM
 
     def seed_of(self, index: int) -> np.random.SeedSequence:
         """Return the seed of a recording."""
-        from cyclofeat.simulators.sampling import recording_seed
-
         return recording_seed(self.random_state, self.rig.name, index)
 
     def sample(self, index: int, defects: LobeDefects) -> Sample:
         """Return a recording to simulate: the rig at its speed and load, with a motor where one is needed."""
-        from cyclofeat.simulators import motor_effects
-        from cyclofeat.simulators.sampling import Sample, draw_conditions
-
         name = f"{self.rig.name}-{self.random_state}-{index:04d}"
         try:
             rig = draw_conditions(self.rig, self.speed_rpm, self.load_nm, self.seed_of(index))
@@ -336,8 +339,6 @@ def _recordings(
     run: _Run, defects: Sequence[LobeDefects], kernel: str, n_jobs: int, first: int = 0
 ) -> Iterator[tuple[int, Recording]]:
     """Yield places in ``defects`` and recordings; ``first`` is the number of the first recording."""
-    from cyclofeat.simulators.sampling import sample_each
-
     try:
         samples = [run.sample(index, worn) for index, worn in enumerate(defects, first)]
         for place, recording in sample_each(
@@ -354,42 +355,6 @@ def _recordings(
             yield place, recording
     except ValueError as error:
         raise ValueError(f"rig {run.rig.name}: {error}") from None
-
-
-def _recording_length(duration: float | None, output_turns: float | None) -> tuple[float, str]:
-    """Return the checked length of recordings and its unit."""
-    if output_turns is None:
-        given = _DEFAULT_S if duration is None else duration
-        return checks.positive("duration", given, "a number of s"), "s"
-    if duration is not None:
-        raise ValueError(
-            f"duration and output_turns exclude each other, got {duration!r} s and {output_turns!r} turns"
-        )
-    return checks.positive("output_turns", output_turns, "a number of turns of the output"), "turns"
-
-
-def _wear_of(lobes: str, wheels: str | Sequence[int], wear_um: Any, radial_share: Any) -> Wear:
-    """Return the checked wear of assemblies."""
-    from cyclofeat.simulators.defects import MOST_WEAR_UM
-    from cyclofeat.simulators.sampling import Wear
-
-    checks.one_of("lobes", lobes, ("consecutive", "random", "mixed"))
-    worn_wheels = checks.wheel_numbers(wheels)
-    if not 0 < checks.number("radial_share", radial_share, "a share") <= 1:
-        raise ValueError(f"radial_share must be above 0 and at most 1, got {radial_share!r}")
-    if wear_um is None:
-        if radial_share != 1:
-            raise ValueError(
-                f"radial_share needs wear_um, the depth of the wear, got {radial_share!r} without"
-            )
-        return Wear(lobes=lobes, wheels=worn_wheels)
-    low, high = checks.range_ends("wear_um", wear_um, "a number of um")
-    if not 0 <= low <= high <= MOST_WEAR_UM:
-        raise ValueError(
-            f"wear_um must be a number of um or a range (low, high) within 0 to {MOST_WEAR_UM:g}, "
-            f"got {wear_um!r}"
-        )
-    return Wear(lobes=lobes, wheels=worn_wheels, wear_um=(low, high), radial_share=radial_share)
 
 
 def _positive_range(name: str, given: Any, unit: str) -> tuple[float, float] | None:
@@ -413,18 +378,15 @@ def rig_preset(name: str) -> Rig:
         of its eight discs. ``benchmarks/published_rig.py`` searched for its numbers; ``published_rig.md``
         beside it says which statistics match. The papers' rig may have been another.
 
-    Raises
-    ------
-    ValueError
-        If no preset has this name.
+    Returns
+    -------
+    Rig
 
     Examples
     --------
     >>> [effect.effect_id for effect in rig_preset("published").effects[-3:]]
     ['proportional_drift', 'offset', 'noise']
     """
-    from cyclofeat.simulators import Rig
-
     if not isinstance(name, str) or name.lower() not in map(str.lower, _PRESETS):
         raise ValueError(f"name must be one of {_PRESETS}, got {name!r}")
     if name.lower() == "published":
@@ -434,8 +396,6 @@ def rig_preset(name: str) -> Rig:
 
 
 def _rig_of(rig: Any) -> Rig:
-    from cyclofeat.simulators import Rig
-
     if isinstance(rig, Rig):
         return rig
     try:

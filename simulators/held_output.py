@@ -23,25 +23,13 @@ _DAMPING = 1e-3  # Nms/rad, of the input's free vibration: an assumption
 
 @dataclass(frozen=True)
 class TorqueDeflection:
-    """A torque-deflection loop, as :func:`torque_deflection` makes it.
-
-    Attributes
-    ----------
-    gearbox : CycloidalGearbox
-    torque : ndarray, shape (n,)
-        Torque at the input times the reduction, in Nm.
-    deflection : ndarray, shape (n,)
-        Angle of the input from the start over the reduction, in rad.
-    held_torque : ndarray, shape (n,)
-        Torque in Nm that reaches the held output: ``torque`` less friction.
-    cycle : ndarray of int, shape (n,)
-        Cycle of each point, counted from 0; the first starts at rest and is not closed.
-    """
+    """A torque-deflection loop, as :func:`torque_deflection` makes it: arrays of shape (n,)."""
 
     gearbox: CycloidalGearbox
-    torque: Float = field(repr=False)
-    deflection: Float = field(repr=False)
-    held_torque: Float = field(repr=False)
+    torque: Float = field(repr=False)  #: torque at the input times the reduction, in Nm
+    deflection: Float = field(repr=False)  #: angle of the input from the start over the reduction, in rad
+    held_torque: Float = field(repr=False)  #: torque in Nm at the held output: ``torque`` less friction
+    #: Cycle of each point, counted from 0; the first starts at rest and is not closed.
     cycle: NDArray[np.int64] = field(repr=False)
 
     def last_cycle(self) -> tuple[Float, Float]:
@@ -116,12 +104,9 @@ def torque_deflection(
     dt : float
         Integration step in s.
 
-    Raises
-    ------
-    SimulationDiverged
-        If the integration diverges.
-    ValueError
-        If an argument is outside its range.
+    Returns
+    -------
+    TorqueDeflection
 
     Notes
     -----

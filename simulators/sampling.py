@@ -14,7 +14,8 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from cyclofeat._base import checks
-from cyclofeat.simulators.defects import LobeDefects
+from cyclofeat.simulators.defects import MOST_WEAR_UM, LobeDefects
+from cyclofeat.simulators.effects.library import child_seed
 from cyclofeat.simulators.machine import MachineRun, PlannedRun
 from cyclofeat.simulators.many import simulate_each
 from cyclofeat.simulators.rig import DEFECTS, Rig
@@ -33,49 +34,20 @@ def recording_seed(random_state: int, name: str, index: int) -> Seed:
     return Seed([random_state, *name.encode()], spawn_key=(index,))
 
 
-def child_seed(random_state: Seed, *key: int) -> Seed:
-    """Return a child of a seed; unlike ``spawn``, which counts its calls, leave the seed as it is."""
-    return Seed(
-        random_state.entropy, spawn_key=(*random_state.spawn_key, *key), pool_size=random_state.pool_size
-    )
-
-
 @dataclass(frozen=True, kw_only=True)
 class Sample:
-    """One recording to simulate.
+    """One recording to simulate."""
 
-    Parameters
-    ----------
-    rig : Rig
-        At the speed and load of the recording.
-    defects : LobeDefects
-        Worn or removed lobes.
-    duration, sampling_rate : float
-        Length in s, rate in Hz.
-    random_state : numpy.random.SeedSequence
-        Seed of the run: start angle, drift and noise.
-    assembly : numpy.random.SeedSequence, optional
-        Seed of the machine. Default: that of the run.
-    quantity : {"output_torque", "input_torque", "motor_current"}
-        What is measured.
-    solver : Solver, optional
-        Time step and integrator.
-    spare_s : float
-        Additional time in s, for converters that run slow.
-    name : str, optional
-        Name of the assembly, for errors.
-    """
-
-    rig: Rig
+    rig: Rig  #: at the speed and load of the recording
     defects: LobeDefects
-    duration: float
-    sampling_rate: float
-    random_state: Seed
-    assembly: Seed | None = None
-    quantity: str = "output_torque"
-    solver: Solver | None = None
-    spare_s: float = 0.0
-    name: str = ""
+    duration: float  #: in s
+    sampling_rate: float  #: in Hz
+    random_state: Seed  #: of the run: start angle, drift and noise
+    assembly: Seed | None = None  #: seed of the machine; default: that of the run
+    quantity: str = "output_torque"  #: what is measured
+    solver: Solver | None = None  #: time step and integrator
+    spare_s: float = 0.0  #: additional time, for converters that run slow
+    name: str = ""  #: name of the assembly, for errors
 
     def plan(self, n_failed: int = 0) -> PlannedRun:
         """Draw the machine and state its run; another machine after each of ``n_failed`` that could not run.
@@ -176,27 +148,29 @@ def _finish_or_error(
 
 @dataclass(frozen=True, kw_only=True)
 class Wear:
-    """What the worn lobes of assemblies have in common; the rest is drawn.
+    """What the worn lobes of assemblies have in common; the rest is drawn."""
 
-    Parameters
-    ----------
-    lobes : {"consecutive", "random", "mixed"}
-        Neighbours from a random first lobe; any lobes; or one or the other with equal chances.
-    wheels : tuple of int, optional
-        Default: wheel 0 alone or both, with equal chances.
-    depth : float
-        Severity of the chord.
-    wear_um : (float, float), optional
-        Range of radial wear in place of the chord; log-uniform unless it begins at 0.
-    radial_share : float
-        Probability of radial wear; the other assemblies have the chord.
-    """
-
+    #: Neighbours from a random first lobe; any ("random"); one or the other with equal chances ("mixed").
     lobes: str = "consecutive"
-    wheels: tuple[int, ...] | None = None
-    depth: float = 1.0
+    wheels: tuple[int, ...] | None = None  #: default: wheel 0 alone or both, with equal chances
+    depth: float = 1.0  #: severity of the chord
+    #: Range of radial wear in place of the chord; log-uniform unless it begins at 0.
     wear_um: tuple[float, float] | None = None
-    radial_share: float = 1.0
+    radial_share: float = 1.0  #: probability of radial wear; the other assemblies have the chord
+
+    def __post_init__(self) -> None:
+        checks.one_of("lobes", self.lobes, ("consecutive", "random", "mixed"))
+        if not 0 < checks.number("radial_share", self.radial_share, "a share") <= 1:
+            raise ValueError(f"radial_share must be above 0 and at most 1, got {self.radial_share!r}")
+        if self.wear_um is None and self.radial_share != 1:
+            raise ValueError(
+                f"radial_share needs wear_um, the depth of the wear, got {self.radial_share!r} without"
+            )
+        if self.wear_um is not None and not 0 <= self.wear_um[0] <= self.wear_um[1] <= MOST_WEAR_UM:
+            raise ValueError(
+                f"wear_um must be a number of um or a range (low, high) within 0 to {MOST_WEAR_UM:g}, "
+                f"got {self.wear_um!r}"
+            )
 
     def draw(self, count: int, n_lobes: int, random_state: Seed) -> LobeDefects:
         """Draw ``count`` worn lobes of a recording, and then their wear: the lobes do not depend on it."""
@@ -227,27 +201,19 @@ def draw_conditions(
     load = rig.gearbox.load_torque if load_nm is None else _log_uniform(load_nm, shares[1])
     # A brake drifts with its load, but the rig states no more than this drift.
     factor = min(1.0, load / rig.gearbox.load_torque)
-    effects = [
-        effect.with_parameters(rms_nm=_scale_range(effect.rms_nm, factor))
-        if effect.effect_id == "load_drift"
-        else effect
-        for effect in rig.effects
-    ]
+    effects = list(rig.effects)
+    for place, effect in enumerate(effects):
+        if effect.effect_id == "load_drift" and factor < 1:
+            rms_nm = effect.rms_nm
+            ends = checks.list_members(rms_nm)
+            if ends is None and not checks.is_number(rms_nm):
+                raise ValueError(
+                    f"load_nm scales the load drift, whose rms_nm must then be a number or a range, got "
+                    f"{rms_nm!r}"
+                )
+            scaled = factor * rms_nm if ends is None else tuple(factor * end for end in ends)
+            effects[place] = effect.with_parameters(rms_nm=scaled)
     return rig.replace(effects=effects).at(speed, load)
-
-
-def _scale_range(value: Any, factor: float) -> Any:
-    """Return a parameter's number or range times a factor."""
-    if factor == 1:
-        return value
-    ends = checks.list_members(value)
-    if ends is not None:
-        return tuple(factor * end for end in ends)
-    if not checks.is_number(value):
-        raise ValueError(
-            f"load_nm scales the load drift, whose rms_nm must then be a number or a range, got {value!r}"
-        )
-    return factor * value
 
 
 def _log_uniform(ends: tuple[float, float], share: float) -> float:

@@ -34,8 +34,9 @@ from cyclofeat.simulators import (
     Solver,
 )
 from cyclofeat.simulators.campaign import made_with
+from cyclofeat.simulators.effects.library import child_seed
 from cyclofeat.simulators.machine import MachineRun
-from cyclofeat.simulators.sampling import Sample, child_seed, sample_runs
+from cyclofeat.simulators.sampling import Sample, sample_runs
 
 T = TypeVar("T")
 Float = NDArray[np.float64]

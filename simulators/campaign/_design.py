@@ -114,11 +114,6 @@ class Campaign:
         As in :class:`cyclofeat.simulators.Solver`: the second takes half the time, with about three times the
         error of the time step.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If a parameter is of the wrong type or outside its range; the message names it.
-
     Examples
     --------
     >>> from cyclofeat.simulators import GearboxParameter
@@ -126,16 +121,14 @@ class Campaign:
     >>> campaign = Campaign(rig=rig, defect_counts=(0, 3), repeats=4)
     >>> campaign.n_runs, campaign.n_samples
     (8, 46080)
-    >>> [plan.defect_count for plan in campaign.plans(0, 4)]
-    [0, 3, 0, 3]
     >>> campaign.explored_names[0]
     'gearbox_parameter_load_torque.value'
-    >>> all(15 <= plan.values["gearbox_parameter_load_torque.value"] <= 25 for plan in campaign.plans())
-    True
+    >>> [plan.defect_count for plan in campaign.plans(0, 4)]
+    [0, 3, 0, 3]
     """
 
     name: str = "campaign"
-    rig: Rig | str = "R1"
+    rig: Any = "R1"
     defect_counts: tuple[int, ...] = tuple(range(8))
     repeats: int = 10
     lobes: str = "consecutive"
@@ -156,7 +149,7 @@ class Campaign:
             raise ValueError(f"name must be a line of printable text, got {self.name!r}")
         keep = object.__setattr__
         keep(self, "rig", _rig_of(self.rig))
-        keep(self, "defect_counts", checks.defect_counts(self.defect_counts, self.the_rig.gearbox.n_lobes))
+        keep(self, "defect_counts", checks.defect_counts(self.defect_counts, self.rig.gearbox.n_lobes))
         keep(self, "repeats", checks.whole("repeats", self.repeats, 1, _MOST_REPEATS))
         keep(self, "random_state", checks.whole("random_state", self.random_state, 0))
         if self.runs_per_shard is not None:
@@ -177,12 +170,6 @@ class Campaign:
             keep(self, WEAR, _check_severity(WEAR, self.wear_um, MOST_WEAR_UM, f"{MOST_WEAR_UM:g} um"))
             if self.depth != 1.0:
                 raise ValueError(f"depth has no effect with wear_um: leave it out, got {self.depth!r}")
-
-    @property
-    def the_rig(self) -> Rig:
-        """The rig, also if ``rig`` is only a name."""
-        assert isinstance(self.rig, Rig)
-        return self.rig
 
     @property
     def n_runs(self) -> int:
@@ -207,12 +194,12 @@ class Campaign:
     @property
     def explored_names(self) -> tuple[str, ...]:
         """Names of the explored parameters, as in :meth:`Rig.parameters`; those of the wear."""
-        return tuple(self._quantile_functions())
+        return tuple(self.quantile_functions())
 
-    def _quantile_functions(self) -> dict[str, Callable[[float], float]]:
+    def quantile_functions(self) -> dict[str, Callable[[float], float]]:
         """Quantile function of each explored parameter by name."""
         quantiles: dict[str, Callable[[float], float]] = {}
-        for label, effect in self.the_rig.labelled_effects().items():
+        for label, effect in self.rig.labelled_effects().items():
             for name, parameter in effect.parameters.items():
                 value = getattr(effect, name)
                 if not checks.is_number(value):
@@ -221,10 +208,6 @@ class Campaign:
             if isinstance(value := getattr(self, name), tuple):
                 quantiles[name] = partial(np.interp, xp=(0.0, 1.0), fp=value)
         return quantiles
-
-    def medians(self) -> dict[str, float]:
-        """Return the median of each explored parameter."""
-        return {name: float(quantile(0.5)) for name, quantile in self._quantile_functions().items()}
 
     def replace(self, **changes: Any) -> Campaign:
         """Return a copy with single fields changed, checked anew."""
@@ -239,7 +222,7 @@ class Campaign:
         end = self.n_runs if n_runs is None else min(first + n_runs, self.n_runs)
         n_classes = len(self.defect_counts)
         repeat, last = first // n_classes, -(-end // n_classes)
-        quantiles = self._quantile_functions()
+        quantiles = self.quantile_functions()
         shares = {count: self._draw_shares(count, repeat, last - repeat) for count in self.defect_counts}
         for index in range(first, end):
             count = self.defect_counts[index % n_classes]
@@ -248,7 +231,8 @@ class Campaign:
 
     def rig_at(self, values: Mapping[str, float]) -> Rig:
         """Return the rig with its explored parameters set to those among the values."""
-        return self.the_rig.with_parameters({name: v for name, v in values.items() if name not in OF_DEFECTS})
+        rig: Rig = self.rig
+        return rig.with_parameters({name: v for name, v in values.items() if name not in OF_DEFECTS})
 
     def defects_of(self, plan: RunPlan) -> LobeDefects:
         """Draw the worn lobes of a run."""
@@ -257,7 +241,7 @@ class Campaign:
             lobes=self.lobes, wheels=None if isinstance(self.wheels, str) else self.wheels, depth=depth,
             wear_um=None if wear_um is None else (wear_um, wear_um),
         )  # fmt: skip
-        return wear.draw(plan.defect_count, self.the_rig.gearbox.n_lobes, self._seed_of(plan.run))
+        return wear.draw(plan.defect_count, self.rig.gearbox.n_lobes, self._seed_of(plan.run))
 
     def sample(self, plan: RunPlan) -> Sample:
         """Return a run to simulate; raise ValueError if its values contradict each other."""
@@ -336,20 +320,8 @@ class Campaign:
 
         Raises
         ------
-        FileNotFoundError
-            If there is no such file.
         ValueError
             If the file is not JSON, or a key or value is wrong; the message names file, key and value.
-
-        Examples
-        --------
-        >>> import pathlib, tempfile
-        >>> campaign = Campaign(rig="R2", depth=(0.2, 1.0))
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder) / "design.json"
-        ...     campaign.to_json(path)
-        ...     Campaign.from_json(path) == campaign
-        True
         """
         make = partial(cls.from_dict, preset=preset)
         return read_json(path, make, "a campaign", '{"name": "mine", "rig": "R2", "repeats": 100}')
@@ -406,7 +378,7 @@ def table_columns(campaign: Campaign) -> dict[str, type]:
     """Return the columns of a campaign's table and their types."""
     effects = {
         f"effects.{label}.{name}": float
-        for effects in campaign.the_rig.effect_sets()
+        for effects in campaign.rig.effect_sets()
         for label, effect in label_effects(effects).items()
         for name in effect.parameters
     }
@@ -431,7 +403,8 @@ def check_middle(campaign: Campaign) -> None:
     check_kernel(campaign)
     duration = max(2 / campaign.sampling_rate, min(campaign.duration, 0.01))
     try:
-        rig = campaign.rig_at(campaign.medians())
+        quantiles = campaign.quantile_functions()
+        rig = campaign.rig_at({name: float(quantile(0.5)) for name, quantile in quantiles.items()})
         planned = rig.plan_run(
             duration=duration, sampling_rate=campaign.sampling_rate, random_state=0, settled=rig.has_motor,
             torque_in=False, motion=False,

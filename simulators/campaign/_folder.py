@@ -94,14 +94,10 @@ def run_campaign(
     ValueError
         If the folder holds another design, a campaign of other versions or other files, if a worker has other
         versions, or if the medians of the design cannot be simulated.
-    OSError
-        If the folder cannot be written or the disk is too small. Finished shards are kept.
-    WorkerLost
-        If workers or the scheduler are lost. Finished shards are kept.
+    OSError, WorkerLost
+        If the folder cannot be written, the disk is too small, or workers are lost. Finished shards are kept.
     RuntimeError
         If the design's kernel is "batch" or "auto" and batches cannot be compiled here or on a worker.
-    ImportError
-        If pyarrow, or for a scheduler dask.distributed, is not installed.
 
     Notes
     -----
@@ -185,45 +181,23 @@ class Shards:
 class CampaignData:
     """A finished campaign; its torque is a surrogate for measured torque.
 
-    Attributes
-    ----------
-    X : memmap or Shards, shape (n_runs, n_samples)
-        Output torque in Nm, float32; NaN in the rows of failed runs.
-    y : ndarray of int, shape (n_runs,)
-        Number of worn lobes.
-    groups : ndarray of str, shape (n_runs,)
-        Assembly of each run.
-    ok : ndarray of bool, shape (n_runs,)
-        Runs that reached their end: ``X[ok], y[ok], groups[ok]`` hold no NaN.
-    parameters : dict from str to ndarray, shape (n_runs,)
-        One value per run: labels (``worn_lobes_from_1``, ``wheels_from_1``, ``depth``), ``status``,
-        ``reason``, true values of the assembly (``true_speed_rpm``, ...) and the parameters of the rig's
-        effects (``effects.<effect>.<parameter>``).
-    sampling_rate : float
-        In Hz.
-    campaign : Campaign
-        The design.
-    manifest : dict
-        What ``manifest.json`` holds.
+    ``X[ok], y[ok], groups[ok]`` hold no NaN.
     """
 
+    #: Output torque in Nm, float32, shape (n_runs, n_samples): memmap or Shards; NaN in rows of failed runs.
     X: Any = field(repr=False)
-    y: NDArray[np.int64] = field(repr=False)
-    groups: NDArray[np.str_] = field(repr=False)
-    ok: NDArray[np.bool_] = field(repr=False)
+    y: NDArray[np.int64] = field(repr=False)  #: number of worn lobes of each run
+    groups: NDArray[np.str_] = field(repr=False)  #: assembly of each run
+    ok: NDArray[np.bool_] = field(repr=False)  #: runs that reached their end
+    #: One value per run: labels (``worn_lobes_from_1``, ``wheels_from_1``, ``depth``), ``status``,
+    #: ``reason``, true values (``true_speed_rpm``, ...), those of effects (``effects.<effect>.<parameter>``).
     parameters: dict[str, NDArray[Any]] = field(repr=False)
-    sampling_rate: float
-    campaign: Campaign
-    manifest: dict[str, Any] = field(repr=False)
+    sampling_rate: float  #: in Hz
+    campaign: Campaign  #: the design
+    manifest: dict[str, Any] = field(repr=False)  #: content of ``manifest.json``
 
     def to_frame(self) -> pd.DataFrame:
-        """Return ``parameters`` as a data frame, one row per run.
-
-        Raises
-        ------
-        ImportError
-            If pandas is not installed.
-        """
+        """Return ``parameters`` as a data frame of pandas, one row per run."""
         return data_frame(self.parameters)
 
 
@@ -237,19 +211,19 @@ def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> Camp
     verify : bool
         Compare every file with its SHA-256 in the manifest, not only its size.
 
+    Returns
+    -------
+    CampaignData
+        ``X`` of shape (n_runs, n_samples), ``y``, ``groups`` and ``ok`` of shape (n_runs,), ``parameters``.
+
     Raises
     ------
-    FileNotFoundError
-        If there is no campaign, or a file of it is missing; the message names it.
-    ValueError
-        If the campaign is not finished, or a file was changed; the message names it.
-    ImportError
-        If pyarrow is not installed.
+    FileNotFoundError, ValueError
+        If there is no finished campaign, or a file of it is missing or was changed; the message names it.
 
     Examples
     --------
     >>> import tempfile
-    >>> from cyclofeat.simulators import Campaign, run_campaign
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     _ = run_campaign(Campaign(rig="R0", defect_counts=(0, 2), repeats=1, duration=0.1), folder)
     ...     data = load_campaign(folder, verify=True)
@@ -368,10 +342,11 @@ def complete_campaign(
         except OSError as error:
             if error.errno not in (errno.ENOSPC, errno.EDQUOT):
                 raise
+            finished = sum(map(bool, digests.values()))
             raise OSError(
                 error.errno,
-                f"{folder}: the disk is full; {sum(map(bool, digests.values()))} of {len(digests)} shards are "
-                "finished and kept: make room and run the same campaign again to go on",
+                f"{folder}: the disk is full; {finished} of {len(digests)} shards are finished and kept: "
+                "make room and run the same campaign again to go on",
             ) from error
 
 

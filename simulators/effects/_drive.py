@@ -15,7 +15,7 @@ from scipy.stats import loguniform, norm, uniform
 from cyclofeat._base.checks import is_number, whole
 from cyclofeat.simulators.courses import on_lines
 from cyclofeat.simulators.effects._parameter import EffectParameter
-from cyclofeat.simulators.effects.effect import Effect, Float, Fluctuation, Of, TorqueContext
+from cyclofeat.simulators.effects.effect import Added, Effect, Float, Of, TorqueContext
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.motor import Motor
 
@@ -50,9 +50,7 @@ class _AddedTorque(Effect):
         unused = "change_torque" if self.place == "load_and_speed" else "load_fluctuation"
         return hook != unused and super().overrides(hook)
 
-    def load_fluctuation(
-        self, gearbox: CycloidalGearbox, duration: float, random: Generator
-    ) -> Fluctuation | None:
+    def load_fluctuation(self, gearbox: CycloidalGearbox, duration: float, random: Generator) -> Added:
         if not self.overrides("load_fluctuation"):
             return None
         return self._added_torque(duration + MARGIN, random)
@@ -65,7 +63,7 @@ class _AddedTorque(Effect):
         added = self._added_torque(torque.size / sampling_rate, random)
         return torque if added is None else np.asarray(torque + added(np.arange(torque.size) / sampling_rate))
 
-    def _added_torque(self, end: float, random: Generator) -> Fluctuation | None:
+    def _added_torque(self, end: float, random: Generator) -> Added:
         """Return what is added, in Nm, as a function of time from 0 to ``end`` (s); None for nothing."""
         raise NotImplementedError
 
@@ -104,7 +102,7 @@ class Drift(_AddedTorque):
 
     check_settings = check_order
 
-    def _added_torque(self, end: float, random: Generator) -> Fluctuation | None:
+    def _added_torque(self, end: float, random: Generator) -> Added:
         if self.rms_nm == 0:
             return None
         return LowPassed(seed_from(random), self.rms_nm, (self.cutoff_hz, self.order), end)
@@ -145,7 +143,7 @@ class WarmUp(_AddedTorque):
     moves_mean = True
     proposed = False
 
-    def _added_torque(self, end: float, random: Generator) -> Fluctuation | None:
+    def _added_torque(self, end: float, random: Generator) -> Added:
         if self.size_nm == 0:
             return None
         return lambda time: np.asarray(self.size_nm * np.exp(-check_time(time, end) / self.time_constant_s))
@@ -185,9 +183,7 @@ class ProportionalDrift(Effect):
 
     check_settings = check_order
 
-    def load_fluctuation(
-        self, gearbox: CycloidalGearbox, duration: float, random: Generator
-    ) -> Fluctuation | None:
+    def load_fluctuation(self, gearbox: CycloidalGearbox, duration: float, random: Generator) -> Added:
         if self.relative == 0:
             return None
         # For cutoffs of tens of hertz the coarser steps keep the density accurate at the lobe lines.
@@ -226,9 +222,7 @@ class SpeedWander(Effect):
         check_order(self)
         check_phase(self)
 
-    def speed_fluctuation(
-        self, gearbox: CycloidalGearbox, duration: float, random: Generator
-    ) -> Fluctuation | None:
+    def speed_fluctuation(self, gearbox: CycloidalGearbox, duration: float, random: Generator) -> Added:
         seed = seed_from(random)
         phase = 2 * np.pi * random.random()  # drawn even if a phase is given, so that nothing else changes
         if self.phase is not None:
@@ -281,7 +275,7 @@ class StickSlip(_AddedTorque):
     separated_by = "another speed"
     proposed = False
 
-    def _added_torque(self, end: float, random: Generator) -> Fluctuation | None:
+    def _added_torque(self, end: float, random: Generator) -> Added:
         own = np.random.default_rng(seed_from(random))
         if self.amplitude_nm == 0:
             return None
@@ -312,7 +306,7 @@ class Rattle(_AddedTorque):
     separated_by = "the part taken off, or preloaded"
     proposed = False
 
-    def _added_torque(self, end: float, random: Generator) -> Fluctuation | None:
+    def _added_torque(self, end: float, random: Generator) -> Added:
         own = np.random.default_rng(seed_from(random))
         if self.blow_nm == 0:
             return None

@@ -157,9 +157,8 @@ class Scale(Effect):
 
     Notes
     -----
-    A search that adds one effect at a time proposes neither load, as the gain of the torque meter looks the
-    same, nor speed, as recordings are compared at their own. A tap test separates the damping, as it shortens
-    the ringing, which a low-pass in the torque meter does not.
+    A search proposes neither load, as the gain of the torque meter looks the same, nor speed, as recordings
+    are compared at their own. Damping shortens the ringing, which a low-pass in the torque meter does not.
     """
 
     effect_id: ClassVar[Any] = Of(
@@ -224,8 +223,7 @@ class ContactDampingForm(Effect):
     Notes
     -----
     The match holds for the pins at mean load, not for the internal sleeves, nor in impacts, where the
-    forms differ. Separating measurement: recordings at two loads, since the weighted
-    damping grows with the load.
+    forms differ. The weighted damping grows with the load.
     """
 
     place = "contact"

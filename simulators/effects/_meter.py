@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from typing import Any, ClassVar
 
@@ -25,8 +24,12 @@ LOWEST_COLOURED = 1.0
 # The error is below 1e-5 of a wave up to 0.9 of the Nyquist frequency.
 _HALF_WIDTH = 48
 _BETA = 10.0
-# Fractions of a sample at which the weights are tabulated: linear interpolation has an error of 2e-6.
+# Fractions of a sample at which the weights are tabulated: linear interpolation has an error of 2e-6. Rows
+# are the fractions from 0 to 1, columns the samples around the instant.
 _FRACTIONS = 512
+_DISTANCE = np.linspace(0, 1, _FRACTIONS + 1)[:, None] - np.arange(1 - _HALF_WIDTH, _HALF_WIDTH + 1)
+_INSIDE = np.clip(1 - (_DISTANCE / _HALF_WIDTH) ** 2, 0, None)
+_WEIGHTS = np.asarray(np.sinc(_DISTANCE) * np.i0(_BETA * np.sqrt(_INSIDE)))
 
 
 class _MeterEffect(Effect):
@@ -42,11 +45,9 @@ class _MeterEffect(Effect):
         )
         if neutral or torque.size == 0:
             return torque
-        return self._distort(torque, sampling_rate, random, context or TorqueContext())
+        return self.distort_torque(torque, sampling_rate, random, context or TorqueContext())
 
-    def _distort(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
-    ) -> Float:
+    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         """Return the torque after the effect, of arguments as those of :meth:`change_torque`."""
         raise NotImplementedError
 
@@ -79,19 +80,17 @@ class TorqueMeterLowPass(_MeterEffect):
 
     check_settings = check_order
 
-    def _distort(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
-    ) -> Float:
-        if self.cutoff_hz >= sampling_rate / 2:
+    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
+        if self.cutoff_hz >= rate / 2:
             raise ValueError(
                 f"cutoff_hz of {self.effect_id} must lie below the Nyquist frequency "
-                f"{sampling_rate / 2:g} Hz, got {self.cutoff_hz!r}"
+                f"{rate / 2:g} Hz, got {self.cutoff_hz!r}"
             )
-        sos = butter(self.order, self.cutoff_hz, fs=sampling_rate, output="sos")
+        sos = butter(self.order, self.cutoff_hz, fs=rate, output="sos")
         at_one = sosfilt_zi(sos)
         if context.from_rest:
             return np.asarray(sosfilt(sos, torque, zi=at_one * torque[0])[0])
-        decay = math.ceil(decay_time(self.cutoff_hz, self.order) * sampling_rate)
+        decay = math.ceil(decay_time(self.cutoff_hz, self.order) * rate)
         before = torque[1 : decay + 1][::-1]
         state = at_one * (before.mean() if before.size else torque[0])
         if before.size:
@@ -111,9 +110,7 @@ class Gain(_MeterEffect):
     separated_by = "calibration with dead weights"
     shows_as = "mean torque"
 
-    def _distort(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
-    ) -> Float:
+    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         return np.asarray(self.factor * torque)
 
 
@@ -127,9 +124,7 @@ class Offset(_MeterEffect):
     separated_by = "the meter's reading without load, and both directions of rotation"
     shows_as = "mean torque"
 
-    def _distort(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
-    ) -> Float:
+    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         return np.asarray(torque + self.offset_nm)
 
 
@@ -147,14 +142,12 @@ class Noise(_MeterEffect):
     }
     separated_by = "a record with the machine at rest"
 
-    def _distort(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
-    ) -> Float:
+    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         if self.exponent == 0:
             return np.asarray(torque + self.rms_nm * random.normal(size=torque.size))
         # Lines at multiples of a quarter of the lowest frequency: they resolve the corner of the density.
-        length = next_fast_len(math.ceil(4 * sampling_rate / LOWEST_COLOURED), real=True)
-        lines = np.fft.rfftfreq(length, 1 / sampling_rate)
+        length = next_fast_len(math.ceil(4 * rate / LOWEST_COLOURED), real=True)
+        lines = np.fft.rfftfreq(length, 1 / rate)
         density = np.maximum(lines, LOWEST_COLOURED) ** -float(self.exponent)
         response = np.fft.fftshift(np.fft.irfft(np.sqrt(density), length))
         response *= self.rms_nm / math.sqrt(float(response @ response))
@@ -196,17 +189,15 @@ class Hum(_MeterEffect):
                 f"(1, 0, 0.3), got {given!r}"
             )
 
-    def _distort(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
-    ) -> Float:
+    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         highest = len(self.harmonics) * self.frequency_hz
         phases = 2 * np.pi * random.random(len(self.harmonics))
-        if highest >= sampling_rate / 2:
+        if highest >= rate / 2:
             raise ValueError(
                 f"frequency_hz of {self.effect_id} and its harmonics must lie below the Nyquist frequency "
-                f"{sampling_rate / 2:g} Hz, got {highest:g} Hz"
+                f"{rate / 2:g} Hz, got {highest:g} Hz"
             )
-        turns = 2 * np.pi * self.frequency_hz * np.arange(torque.size) / sampling_rate
+        turns = 2 * np.pi * self.frequency_hz * np.arange(torque.size) / rate
         hum = np.zeros(torque.size)
         for k, (share, phase) in enumerate(zip(self.harmonics, phases, strict=True), start=1):
             hum += share * np.sin(k * turns + (phase if self.phase is None else k * self.phase))
@@ -245,9 +236,7 @@ class ShaftLine(_MeterEffect):
     proposed = False
     check_settings = check_phase
 
-    def _distort(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
-    ) -> Float:
+    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         phase = 2 * np.pi * random.random() if self.phase is None else self.phase
         if context.gearbox is None or context.input_angle is None:
             raise ValueError(
@@ -283,23 +272,13 @@ class ClockError(_MeterEffect):
         n_samples = math.floor((n_given - 1) * rate) + 1
         return np.asarray(np.minimum(np.arange(n_samples) / rate, n_given - 1))
 
-    def _distort(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
-    ) -> Float:
-        return np.asarray(_interpolate(torque, self._instants(torque.size), _weight_table()))
+    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
+        return np.asarray(_interpolate(torque, self._instants(torque.size), _WEIGHTS))
 
     def resample(self, values: Float, sampling_rate: float) -> Float:
         if self.relative == 0:
             return values
         return interpolate_rows(values, self._instants(len(values)))
-
-
-@functools.cache
-def _weight_table() -> Float:
-    """Windowed sinc (Kaiser) at fractions 0 to 1 of a sample (rows), for the samples around it (columns)."""
-    distance = np.linspace(0, 1, _FRACTIONS + 1)[:, None] - np.arange(1 - _HALF_WIDTH, _HALF_WIDTH + 1)
-    inside = np.clip(1 - (distance / _HALF_WIDTH) ** 2, 0, None)
-    return np.asarray(np.sinc(distance) * np.i0(_BETA * np.sqrt(inside)))
 
 
 @njit(fastmath={"reassoc", "contract"})  # sums in any order
@@ -343,9 +322,7 @@ class Quantisation(_MeterEffect):
             f"got {self.full_scale_nm!r}"
         )
 
-    def _distort(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
-    ) -> Float:
+    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         step, full = float(self.lsb_nm), float(self.full_scale_nm)
         if step == 0:
             return np.clip(torque, -full, full)
@@ -375,9 +352,7 @@ class Clipping(_MeterEffect):
     moves_mean = True
     proposed = False
 
-    def _distort(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
-    ) -> Float:
+    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         return np.clip(torque, -float(self.limit_nm), float(self.limit_nm))
 
 
@@ -412,20 +387,15 @@ class LostSamples(_MeterEffect):
         if self.share == 0 or self.fill != "cut":
             return n_samples
         # At most one block more than the share is lost.
-        return math.ceil((n_samples + self._length) / (1 - float(self.share))) + 1
+        return math.ceil((n_samples + round(float(self.block))) / (1 - float(self.share))) + 1
 
-    @property
-    def _length(self) -> int:
-        return round(float(self.block))
-
-    def _distort(
-        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext
-    ) -> Float:
-        stretch = self._length / float(self.share)
+    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
+        length = round(float(self.block))
+        stretch = length / float(self.share)
         places = random.random(math.ceil(torque.size / stretch)) * (1 - float(self.share))
         starts = np.floor((np.arange(places.size) + places) * stretch).astype(int)
         lost = np.zeros(math.ceil(places.size * stretch), dtype=bool)
-        lost[starts[:, None] + np.arange(self._length)] = True
+        lost[starts[:, None] + np.arange(length)] = True
         lost = lost[: torque.size]
         if self.fill == "cut":
             return np.asarray(torque[~lost])

@@ -92,13 +92,7 @@ class EffectParameter:
         where : str
             Name of the parameter in the message.
         value : object
-
-        Raises
-        ------
-        TypeError
-            If the value is of another type.
-        ValueError
-            If a number lies outside the bounds, or half of a distribution's probability does.
+            Of a distribution, at least half of the probability must lie within the bounds.
         """
         bounds = f"{self.low:g} and {self.high:g}{'' if self.unit == '1' else ' ' + self.unit}"
         if is_distribution(value):

@@ -29,6 +29,7 @@ from cyclofeat.simulators.motor import Motor
 
 Float = NDArray[np.float64]
 Fluctuation = Callable[[Float], Float]
+Added = Fluctuation | None  # by an effect to load or speed
 
 # Places in the chain from the nominal gearbox to the recorded number, which runs in this order: nominal
 # values; in the gearbox; between gearbox and signal; on the signal of the torque meter; in the converter.
@@ -93,7 +94,8 @@ class Effect(BaseEstimator):
     A parameter is a number; a range ``(low, high)``, from which each assembly draws, log-uniformly where the
     parameter is fitted in its logarithm, else uniformly; or a frozen distribution of scipy (uniform,
     loguniform, norm, truncnorm, lognorm or rayleigh), truncated to the parameter's bounds.
-    :class:`cyclofeat.simulators.Rig` checks the values (:meth:`check`).
+    :class:`cyclofeat.simulators.Rig` checks the values (:meth:`check`). Effects of one class with equal
+    parameters are equal.
 
     Attributes
     ----------
@@ -120,10 +122,6 @@ class Effect(BaseEstimator):
         True if the effect also moves the mean torque, which then says little about effects that show as it.
     proposed : bool, default True
         False for an effect that a search which adds one effect at a time leaves out.
-
-    Notes
-    -----
-    Effects of one class with equal parameters are equal.
 
     Examples
     --------
@@ -167,7 +165,24 @@ class Effect(BaseEstimator):
             if len(places) == 1:
                 cls.place = places.pop()
         if cls.__init__ is object.__init__ or hasattr(cls.__init__, "__signature__"):
-            _add_constructor(cls)
+            defaults: dict[str, Any] = {}
+            for key, parameter in cls.parameters.items():
+                defaults[key] = parameter.neutral if parameter.default is None else parameter.default
+                if parameter.default is None and parameter.prior is not None:
+                    defaults[key] = float(parameter.prior.median())
+            defaults |= cls.settings
+            kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
+            arguments = [inspect.Parameter(name, kind, default=value) for name, value in defaults.items()]
+            signature = inspect.Signature([inspect.Parameter("self", kind), *arguments])
+
+            def __init__(self: Any, *args: Any, **kwargs: Any) -> None:
+                bound = signature.bind(self, *args, **kwargs)
+                bound.apply_defaults()
+                for name in defaults:
+                    setattr(self, name, bound.arguments[name])
+
+            __init__.__signature__ = signature  # type: ignore[attr-defined]
+            cls.__init__ = __init__  # type: ignore[method-assign]
         if vars(cls).get("__doc__"):
             _complete_documentation(cls)
 
@@ -206,9 +221,7 @@ class Effect(BaseEstimator):
         """
         return simulator
 
-    def load_fluctuation(
-        self, gearbox: CycloidalGearbox, duration: float, random: Generator
-    ) -> Fluctuation | None:
+    def load_fluctuation(self, gearbox: CycloidalGearbox, duration: float, random: Generator) -> Added:
         """Return a function of time that the effect adds to the load, or None.
 
         Parameters
@@ -227,9 +240,7 @@ class Effect(BaseEstimator):
         """
         return None
 
-    def speed_fluctuation(
-        self, gearbox: CycloidalGearbox, duration: float, random: Generator
-    ) -> Fluctuation | None:
+    def speed_fluctuation(self, gearbox: CycloidalGearbox, duration: float, random: Generator) -> Added:
         """Return a function of time that the effect adds to the input speed, or None.
 
         Parameters
@@ -450,11 +461,6 @@ class Effect(BaseEstimator):
         Returns
         -------
         ndarray, shape (n_fitted,)
-
-        Raises
-        ------
-        ValueError
-            If one is a range or a distribution, or has no finite logarithm.
         """
         self.check()
         vector = []
@@ -483,11 +489,6 @@ class Effect(BaseEstimator):
         Returns
         -------
         Effect
-
-        Raises
-        ------
-        ValueError
-            If the vector has another shape, or a parameter lies outside its bounds.
         """
         names = self.vector_names()
         values = np.asarray(vector, dtype=float)
@@ -562,28 +563,6 @@ def _fit_value(parameter: EffectParameter, value: float) -> float:
     if not parameter.log:
         return float(value)
     return math.log(value) if value > 0 else -math.inf
-
-
-def _add_constructor(cls: type[Effect]) -> None:
-    """Give a class a constructor that takes its parameters and settings in their order."""
-    defaults: dict[str, Any] = {}
-    for key, parameter in cls.parameters.items():
-        defaults[key] = parameter.neutral if parameter.default is None else parameter.default
-        if parameter.default is None and parameter.prior is not None:
-            defaults[key] = float(parameter.prior.median())
-    defaults |= cls.settings
-    kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
-    arguments = [inspect.Parameter(name, kind, default=value) for name, value in defaults.items()]
-    signature = inspect.Signature([inspect.Parameter("self", kind), *arguments])
-
-    def __init__(self: Any, *args: Any, **kwargs: Any) -> None:
-        bound = signature.bind(self, *args, **kwargs)
-        bound.apply_defaults()
-        for name in defaults:
-            setattr(self, name, bound.arguments[name])
-
-    __init__.__signature__ = signature  # type: ignore[attr-defined]
-    cls.__init__ = __init__  # type: ignore[method-assign]
 
 
 def _complete_documentation(cls: type[Effect]) -> None:

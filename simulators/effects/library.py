@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import importlib.util
 import inspect
 import linecache
 import os
@@ -75,10 +74,6 @@ def known_effects(*, proposed: bool = False) -> Mapping[str, Effect]:
 
     Examples
     --------
-    >>> for name, effect in list(known_effects(proposed=True).items())[:2]:
-    ...     print(f"{name}: {effect.summary}")
-    pin_errors: Position errors of the pins: every external sleeve sits a little off its place.
-    lobe_pitch_errors: Pitch errors of the lobes: each sits a little off its place along the pitch circle.
     >>> known_effects()["hum"].with_parameters(amplitude_nm=0.1)
     Hum(amplitude_nm=0.1)
     """
@@ -125,14 +120,9 @@ def register_effect(kind: Kind, *, replace: bool = False) -> Kind:
 
     Raises
     ------
-    TypeError
-        If ``kind`` is no subclass of :class:`Effect`, or its constructor needs arguments.
-    ValueError
-        If its name, place, hooks, parameters or constructor are not those of an effect, or the name is taken.
-
-    See Also
-    --------
-    load_effects : Registers the effects of a Python file.
+    TypeError, ValueError
+        If ``kind`` is no subclass of :class:`Effect`, its name, place, hooks, parameters or constructor are
+        not those of an effect, or the name is taken.
 
     Examples
     --------
@@ -207,11 +197,7 @@ def unregister_effect(effect_id: str) -> None:
     Parameters
     ----------
     effect_id : str
-
-    Raises
-    ------
-    ValueError
-        If no effect of that name was registered; effects of the toolkit stay.
+        Registered before; effects of the toolkit stay.
     """
     registered = [name for name in _KNOWN if name not in _OF_TOOLKIT]
     if effect_id not in registered:
@@ -283,12 +269,16 @@ def stream_keys(effects: Iterable[Effect]) -> list[tuple[int, ...]]:
     return keys
 
 
-def stream(seed: np.random.SeedSequence, *key: int) -> np.random.Generator:
-    """Return random numbers of the seed's child of that key; unlike ``spawn``, leave the seed as it is."""
-    child = np.random.SeedSequence(
+def child_seed(seed: np.random.SeedSequence, *key: int) -> np.random.SeedSequence:
+    """Return a child of a seed; unlike ``spawn``, which counts its calls, leave the seed as it is."""
+    return np.random.SeedSequence(
         entropy=seed.entropy, spawn_key=(*seed.spawn_key, *key), pool_size=seed.pool_size
     )
-    return np.random.default_rng(child)
+
+
+def stream(seed: np.random.SeedSequence, *key: int) -> np.random.Generator:
+    """Return the random numbers of the seed's child of that key."""
+    return np.random.default_rng(child_seed(seed, *key))
 
 
 def effects_from_list(content: Any) -> tuple[Effect, ...]:
@@ -341,8 +331,6 @@ def load_effects(path: str | os.PathLike[str]) -> dict[str, type[Effect]]:
 
     Raises
     ------
-    FileNotFoundError
-        If there is no such file.
     ValueError
         If the file cannot be run, defines no effect or a wrong one (:func:`register_effect`); the message
         names file and line.
@@ -391,9 +379,7 @@ def _run_file(file: str, text: str, *, replace: bool = False) -> types.ModuleTyp
     module = sys.modules.get(name)
     if module is not None and vars(module).get("__effects_text__") == text:
         return module
-    spec = importlib.util.spec_from_loader(name, loader=None, origin=file)
-    assert spec is not None
-    before, module = module, importlib.util.module_from_spec(spec)
+    before, module = module, types.ModuleType(name)
     module.__file__ = file
     vars(module)["__effects_text__"] = text
     sys.modules[name] = module  # dataclasses and pickle look there

@@ -34,7 +34,8 @@ from cyclofeat.simulators.effects._drive import Cogging
 from cyclofeat.simulators.simulation import SimulationDiverged
 
 QUIET = Rig.r1().without("load_drift", "noise")
-SHORT = {"duration": 0.05, "rig": "R0"}
+SHORT = {"duration": 0.05, "rig": "R0", "random_state": 0}
+LABELLED = {"rig": "R2", "duration": 0.06, "with_angle": True, "random_state": 9}
 
 
 @pytest.fixture(scope="module")
@@ -45,33 +46,24 @@ def quiet():
 
 @pytest.fixture(scope="module")
 def labelled():
-    return make_rig_recordings(2, [0, 1, 3], rig="R2", duration=0.06, with_angle=True, random_state=9)
+    return make_rig_recordings(2, [0, 1, 3], **LABELLED)
 
 
 def test_set_made_in_parts_is_the_set(labelled):
-    parts = [
-        one
-        for first in (0, 1)
-        for one in make_rig_recordings(
-            1, [0, 1, 3], rig="R2", duration=0.06, with_angle=True, random_state=9, first_assembly=first
-        )
-    ]
-    assert parts == labelled
+    first, second = (make_rig_recordings(1, [0, 1, 3], first_assembly=k, **LABELLED) for k in (0, 1))
+    assert first + second == labelled
 
 
 def test_what_keep_returns_is_kept(labelled):
-    options = {"rig": "R2", "duration": 0.06, "with_angle": True, "random_state": 9}
     calls = []
 
     def keep(one):
         calls.append("keep")
         return one.part(0.01, 0.02)
 
-    few = make_rig_recordings(2, [0, 1, 3], keep=keep, progress=lambda done, _: calls.append(done), **options)
+    few = make_rig_recordings(2, [0, 1, 3], keep=keep, progress=lambda *at: calls.append(at), **LABELLED)
     assert few == [one.part(0.01, 0.02) for one in labelled]
-    assert calls == [call for done in range(1, 7) for call in ("keep", done)]
-    with pytest.raises(TypeError, match="keep must be a function of a recording, got 3"):
-        make_rig_recordings(1, [0], keep=3, **options)
+    assert calls == [call for done in range(1, 7) for call in ("keep", (done, 6))]
 
 
 @pytest.mark.slow
@@ -100,8 +92,6 @@ def test_each_quantity_is_recorded_by_its_own_chain():
     own = Rig.r0().with_added(Cogging(0.5))
     kept = make_rig_recordings(1, [3], rig=own, quantity="motor_current", **length)[0].meta["effects"]
     assert [effect["effect"] for effect in kept][-1] == "cogging"  # a rig's own motor stays as it is
-    with pytest.raises(ValueError, match="quantity must be one of 'output_torque', .* got 'torque'"):
-        make_rig_recordings(1, [0], quantity="torque", random_state=0)
 
 
 def test_recordings_are_labelled_as_surrogates_with_nominal_speed_and_load(labelled):
@@ -144,45 +134,11 @@ def test_without_a_tachometer_there_is_no_angle_and_the_torque_is_the_same(label
         np.testing.assert_array_equal(one.torque, other.torque)
 
 
-@pytest.mark.slow
-def test_lobes_and_wheels_are_random_and_follow_their_pattern():
-    made = make_rig_recordings(30, [3], duration=0.002, rig="R0", random_state=2)
-    for recording in made:
-        first = [k for k in range(15) if sorted((k + np.arange(3)) % 15) == list(recording.worn_lobes)]
-        assert len(first) == 1
-    assert len({recording.worn_lobes for recording in made}) >= 10
-    both = sum(recording.meta["wheels_from_1"] == [1, 2] for recording in made)
-    assert 4 <= both <= 26  # 15 +- 2.7
-    scattered = make_rig_recordings(4, [3], lobes="random", wheels=(1,), random_state=0, **SHORT)
-    assert all(recording.meta["wheels_from_1"] == [2] for recording in scattered)
-    assert any(np.diff(recording.worn_lobes).max() > 2 for recording in scattered)
-
-
-@pytest.mark.slow
-def test_mixed_lobes_are_neighbours_in_half_of_the_assemblies():
-    made = make_rig_recordings(30, [4], lobes="mixed", duration=0.002, rig="R0", random_state=3)
-    worn = np.zeros((30, 15), dtype=bool)
-    for row, recording in zip(worn, made, strict=True):
-        row[list(recording.worn_lobes)] = True
-    rows_of_neighbours = (worn & ~np.roll(worn, 1, axis=1)).sum(axis=1) == 1
-    # one set of four in 91 is a row by chance
-    assert 7 <= rows_of_neighbours.sum() <= 23  # 15 +- 2.7
-
-
-def test_recordings_survive_a_file(labelled, tmp_path):
-    path = tmp_path / "r.npz"
-    write_recording(path, labelled[1])
-    back = read_recording(path)
-    np.testing.assert_array_equal(back.torque, labelled[1].torque)
-    assert back.source == "surrogate"
-    assert back.meta.items() >= labelled[1].meta.items()
-
-
 # Determinism
 
 
 def test_more_assemblies_and_a_longer_duration_append():
-    few = make_rig_recordings(1, [0, 4], random_state=3, **SHORT)
+    few = make_rig_recordings(1, [0, 4], **SHORT | {"random_state": 3})
     many = make_rig_recordings(2, [0, 4], random_state=3, rig="R0", duration=0.2)
     for one, other in zip(few, many[:2], strict=True):
         assert one.meta == other.meta
@@ -198,62 +154,24 @@ def test_seeds_and_rigs_make_other_assemblies():
     assert len(loads) == 4
 
 
-def test_noise_is_white_and_changes_nothing_else():
-    n = 25_600
-    clean, noisy = (
-        make_rig_recordings(1, [1], rig=Rig.r0().with_effects(Noise(noise)), duration=1.0, random_state=0)[0]
-        for noise in (0.0, 0.5)
-    )
-    noise = noisy.torque - clean.torque
-    assert noise.std() == pytest.approx(0.5, rel=4 / math.sqrt(2 * n))
-    assert abs(noise.mean()) < 4 * 0.5 / math.sqrt(n)
-    assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 4 / math.sqrt(n)
-    *others, noise_of_it = noisy.meta["effects"]
-    assert noise_of_it == {"effect": "noise", "rms_nm": 0.5, "exponent": 0.0}
-    assert noisy.meta | {"effects": [*others, {**noise_of_it, "rms_nm": 0.0}]} == clean.meta
-    default = make_rig_recordings(1, [1], rig="R0", duration=1.0, random_state=0)[0]
-    assert (default.torque - clean.torque).std() == pytest.approx(0.2, rel=4 / math.sqrt(2 * n))
-
-
 # What the rig does
 
 
-def test_healthy_records_rest_on_the_load(quiet):
+def test_records_rest_on_the_load_from_the_start_and_wear_ripples(quiet):
     for recording in quiet:
         assert recording.n_samples == 46_080
         # The ripple does not cancel exactly, since the window is an output turn at nominal speed only.
         assert recording.torque.mean() == pytest.approx(recording.meta["true_load_nm"], abs=0.06)
         assert recording.torque.mean() == pytest.approx(22, rel=0.035)
-
-
-def test_worn_assemblies_ripple_more(quiet):
+        assert recording.meta["settling_s"] > 0.6  # R1: ramp of 0.2 s, then five time constants
+        begin, later = np.split(recording.torque, [46_080 // 15])
+        assert abs(begin.mean() - later.mean()) < 0.5
+        assert begin.std() < 3 * later.std()
     healthy, worn = (
         np.median([r.torque.std() for r in quiet if r.defect_count == count]) for count in (0, 5)
     )
     assert 0.2 < healthy < 2
     assert worn > 2 * healthy
-
-
-def test_the_record_starts_after_settling(quiet):
-    for recording in quiet:
-        assert recording.meta["settling_s"] > 0.6  # R1: ramp of 0.2 s, then five time constants
-        begin = recording.torque[: 46_080 // 15]
-        later = recording.torque[46_080 // 15 :]
-        assert abs(begin.mean() - later.mean()) < 0.5
-        assert begin.std() < 3 * later.std()
-
-
-@pytest.mark.slow
-def test_drift_moves_the_load():
-    slow = Rig.r1().without("noise")
-    drifting = make_rig_recordings(8, [0], rig=slow, duration=0.6, random_state=0)
-    still = make_rig_recordings(8, [0], rig=slow.without("load_drift"), duration=0.6, random_state=0)
-    offsets = [one.torque.mean() - other.torque.mean() for one, other in zip(drifting, still, strict=True)]
-    # rms of eight means over 0.6 s: 3 Nm, a little smoothed, +- 25 %
-    assert 1 < math.sqrt(np.mean(np.square(offsets))) < 5
-    assert {"effect": "load_drift", "rms_nm": 3.0, "cutoff_hz": 1.5, "order": 2} in drifting[0].meta[
-        "effects"
-    ]
 
 
 def test_a_rig_of_ones_own():
@@ -306,10 +224,11 @@ def test_effects_of_a_rig_are_drawn_applied_and_listed(tmp_path):
         assert 0.1 <= hum["amplitude_nm"] <= 0.4
         drawn.append(hum["amplitude_nm"])
     assert len(set(drawn)) == 4
-    write_recording(tmp_path / "r.npz", made[0])
-    write_recording(tmp_path / "r.csv", made[0])
     for file in ("r.npz", "r.csv"):
-        assert read_recording(tmp_path / file).meta["effects"] == made[0].meta["effects"]
+        write_recording(tmp_path / file, made[0])
+        back = read_recording(tmp_path / file)
+        assert back.meta.items() >= made[0].meta.items()
+        assert back.source == "surrogate"
 
 
 def test_each_recording_has_one_of_a_rigs_variants(tmp_path):
@@ -326,7 +245,7 @@ def test_each_recording_has_one_of_a_rigs_variants(tmp_path):
 
 def test_one_effect_more_leaves_the_assembly_as_it_is():
     plain, offset = (
-        make_rig_recordings(1, [2], rig=Rig.r2().with_added(*effects), duration=0.05, random_state=0)[0]
+        make_rig_recordings(1, [2], **SHORT | {"rig": Rig.r2().with_added(*effects)})[0]
         for effects in ((), (Offset(0.5),))
     )
     np.testing.assert_allclose(offset.torque, plain.torque + 0.5, rtol=1e-12)
@@ -354,12 +273,6 @@ def test_a_drift_in_proportion_keeps_the_mean_and_is_normal_in_its_logarithm():
     longer = drift.load_fluctuation(gearbox, 90.0, np.random.default_rng(1))
     np.testing.assert_allclose(longer(time), load(time), rtol=1e-12, atol=1e-12)
     assert drift.neutral().load_fluctuation(gearbox, 1.0, np.random.default_rng(1)) is None
-
-
-def test_the_published_rig_goes_through_a_file(tmp_path):
-    rig = rig_preset("published")
-    rig.to_json(tmp_path / "rig.json")
-    assert Rig.from_json(tmp_path / "rig.json").to_text() == rig.to_text()
 
 
 @pytest.mark.slow
@@ -393,6 +306,7 @@ def test_presets_by_name():
     )
     assert (drift, offset, noise) == (ProportionalDrift((0.141, 0.213), 130.0), Offset(0.51), Noise(0.2))
     assert not rig.has_brake
+    assert Rig.from_dict(rig.to_dict()) == rig
     spread = [effect for effect in rig.effects if effect.has_spread and effect != drift]
     assert spread == [effect for effect in Rig.r0().effects if effect.has_spread]
     with pytest.raises(ValueError, match=r"name must be one of .*'published'.*, got 'R3'"):
@@ -418,30 +332,7 @@ def test_removed_lobes_are_counted_and_named():
     assert (healthy.defect_count, healthy.worn_lobes, healthy.meta["wheels_from_1"]) == (0, (), [])
 
 
-@pytest.mark.parametrize(
-    ("defects", "message"),
-    [(3, "defects must be of type LobeDefects, got 3"), (LobeDefects.worn((15,)), "lobe 15")],
-)
-def test_defects_that_are_none_are_refused(defects, message):
-    with pytest.raises((TypeError, ValueError), match=message):
-        make_rig_recording("R0", defects, duration=0.05, random_state=0)
-
-
 # Progress and failure
-
-
-@pytest.mark.slow
-def test_batches_make_the_recordings_of_the_exact_kernel():
-    """Within the error of the time step (some 1e-3 Nm here), whatever else is in the batch."""
-    options = {"rig": "R2", "duration": 0.05, "random_state": 3, "with_angle": True}
-    each = make_rig_recordings(2, (0, 2, 5, 7), kernel="batch", **options)
-    for one, exact in zip(each, make_rig_recordings(2, (0, 2, 5, 7), **options), strict=True):
-        assert one.meta == exact.meta
-        np.testing.assert_array_equal(one.angle, exact.angle)
-        assert np.abs(one.torque - exact.torque).max() < 1e-3
-        assert not np.array_equal(one.torque, exact.torque)
-    (first, *_) = make_rig_recordings(1, [0], kernel="batch", **options)
-    np.testing.assert_array_equal(first.torque, each[0].torque)
 
 
 @pytest.mark.slow
@@ -455,14 +346,6 @@ def test_what_batches_refuse_is_an_error_or_left_to_the_exact_kernel():
     np.testing.assert_array_equal(auto.torque, exact.torque)
 
 
-def test_progress_is_reported():
-    seen = []
-    make_rig_recordings(
-        2, [0, 1], progress=lambda done, total: seen.append((done, total)), random_state=0, **SHORT
-    )
-    assert seen == [(1, 4), (2, 4), (3, 4), (4, 4)]
-
-
 @pytest.mark.parametrize("n_jobs", [1, 2])
 def test_an_error_in_the_callback_stops_the_work(n_jobs):
     def stop(done, total):
@@ -470,7 +353,7 @@ def test_an_error_in_the_callback_stops_the_work(n_jobs):
 
     # In threads: two processes take seconds to start.
     with parallel_config("threading"), pytest.raises(KeyError, match="enough"):
-        make_rig_recordings(4, [0, 1], progress=stop, n_jobs=n_jobs, random_state=0, **SHORT)
+        make_rig_recordings(4, [0, 1], progress=stop, n_jobs=n_jobs, **SHORT)
 
 
 @pytest.mark.parametrize("n_jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
@@ -520,9 +403,7 @@ def test_a_rig_that_never_settles_is_refused():
     [
         ({"n_assemblies": 0}, "n_assemblies must be at least 1, got 0"),
         ({"defect_counts": 3}, "defect_counts must be several whole numbers, .* got 3"),
-        ({"defect_counts": []}, "defect_counts must be distinct and from 0 to 15"),
         ({"defect_counts": [16]}, "defect_counts must be at most 15, got 16"),
-        ({"defect_counts": [-1]}, "defect_counts must be at least 0, got -1"),
         ({"rig": "R3"}, "rig must be one of .* or a Rig, got 'R3'"),
         ({"lobes": "even"}, "lobes must be one of .* got 'even'"),
         ({"wheels": "both"}, "wheels must be 'random', .* got 'both'"),
@@ -530,15 +411,29 @@ def test_a_rig_that_never_settles_is_refused():
         ({"duration": 1e-6}, "duration must hold at least 2 samples"),
         ({"sampling_rate": -1.0}, "sampling_rate must be positive and finite, got -1.0"),
         ({"sampling_rate": 1e6}, "sampling_rate must not exceed"),
-        ({"sampling_rate": "25k"}, "sampling_rate must be a number"),
         ({"random_state": -1}, "random_state must be at least 0, got -1"),
         ({"n_jobs": 0}, "n_jobs must be a whole number"),
+        ({"keep": 3}, "keep must be a function of a recording, got 3"),
+        ({"quantity": "torque"}, "quantity must be one of 'output_torque', .* got 'torque'"),
+        ({"speed_rpm": (500, 100)}, "speed_rpm must be a range"),
+        ({"load_nm": (3, 4, 5)}, "load_nm must be a number of Nm or a range"),
+        ({"speed_rpm": -1}, "speed_rpm must be positive"),
+        ({"output_turns": 1}, "duration and output_turns exclude each other, got 0.05 s and 1 turns"),
+        ({"output_turns": 0, "duration": None}, "output_turns must be positive"),
+        ({"wear_um": 300}, "wear_um must be a number of um or a range .* within 0 to 200, got"),
+        ({"radial_share": 0.5}, "radial_share needs wear_um, the depth of the wear, got 0.5"),
     ],
 )
 def test_bad_arguments_are_named(arguments, message):
     given = {"n_assemblies": 1, "duration": 0.05, "random_state": 0} | arguments
     with pytest.raises((TypeError, ValueError), match=message):
         make_rig_recordings(**given)
+
+
+def test_defects_that_are_none_are_refused():
+    for defects, message in ((3, "defects must be of type LobeDefects"), (LobeDefects.worn(15), "lobe 15")):
+        with pytest.raises((TypeError, ValueError), match=message):
+            make_rig_recording(defects=defects, **SHORT)
 
 
 def test_speeds_and_loads_are_drawn_per_assembly():
@@ -561,25 +456,10 @@ def test_speeds_and_loads_are_drawn_per_assembly():
 def test_load_drift_shrinks_with_the_load():
     drifts = []
     for load in (11.0, 22.0, 40.0):
-        (one,) = make_rig_recordings(1, [0], rig="R0", load_nm=load, duration=0.05, random_state=0)
+        (one,) = make_rig_recordings(1, [0], load_nm=load, **SHORT)
         (drift,) = (e for e in one.meta["effects"] if e["effect"] == "load_drift")
         drifts.append(drift["rms_nm"])
     assert drifts == [1.5, 3.0, 3.0]
     rig = rig_preset("R0").with_effects(Drift(uniform(1.0, 2.0)))
     with pytest.raises(ValueError, match="load_nm scales the load drift"):
         make_rig_recordings(1, [0], rig=rig, load_nm=11.0, duration=0.05, random_state=0)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"speed_rpm": (500, 100)}, "speed_rpm must be a range"),
-        ({"load_nm": (3, 4, 5)}, "load_nm must be a number of Nm or a range"),
-        ({"speed_rpm": -1}, "speed_rpm must be positive"),
-        ({"duration": 1.0, "output_turns": 1}, "duration and output_turns exclude each other"),
-        ({"output_turns": 0}, "output_turns must be positive"),
-    ],
-)
-def test_wrong_conditions_and_lengths(wrong, message):
-    with pytest.raises(ValueError, match=message):
-        make_rig_recordings(1, [0], **wrong)

@@ -31,6 +31,7 @@ from cyclofeat.simulators.effects import (
     Noise,
     Offset,
     PinErrors,
+    ProportionalDrift,
     Quantisation,
     Rattle,
     RunOut,
@@ -100,28 +101,32 @@ def test_look_alikes_are_grouped_with_the_proposed_first():
 
 
 @every_effect
-def test_each_says_what_it_is_and_what_tells_it_apart(effect):
-    text = " ".join(type(effect).__doc__.split())
+def test_each_states_itself_with_defaults_and_priors_within_the_bounds(effect):
+    text = type(effect).__doc__
     assert effect.summary.endswith(".")
     assert len(effect.summary) <= 110
     assert effect.separated_by
-    for name in effect.parameters:
-        assert f"{name} : " in text
-
-
-@every_effect
-def test_defaults_and_priors_lie_within_the_bounds(effect):
     assert effect.check() is effect
     for name, parameter in effect.parameters.items():
-        value = getattr(effect, name)
-        assert parameter.low <= value <= parameter.high
+        assert text.count(f"\n{name} : ") == 1
+        assert parameter.low <= getattr(effect, name) <= parameter.high
         if parameter.neutral is not None:
             assert parameter.low <= parameter.neutral <= parameter.high
         if parameter.prior is not None:
-            assert parameter.low < parameter.prior.ppf(0.001) < parameter.prior.ppf(0.999)
-            assert parameter.prior.ppf(0.999) < parameter.high
-        if parameter.log and parameter.prior is not None:
-            assert parameter.prior.dist.name == "loguniform"
+            low, high = parameter.prior.ppf((0.001, 0.999))
+            assert parameter.low < low < high < parameter.high
+            assert not parameter.log or parameter.prior.dist.name == "loguniform"
+
+
+def test_documentation_is_completed_from_the_table_of_parameters():
+    text = Hum.__doc__
+    assert "of an input at 500 RPM.\n\nSeparating measurement: a record with the motor off" in text
+    entry = (
+        "\n----------\namplitude_nm : float or (low, high), default 0.2\n    In Nm, 0 to 1000; 0 is neutral."
+    )
+    assert text.index(entry) < text.index("Set by hand") < text.index("\nharmonics : ")
+    assert text.count("Parameters\n---") == 1
+    assert ProportionalDrift.__doc__.index("\nrelative : ") < ProportionalDrift.__doc__.index("Examples\n---")
 
 
 @every_effect
@@ -237,35 +242,22 @@ def test_bounds_come_back_exactly_and_beyond_them_nothing_is_clipped():
     with pytest.raises(ValueError, match="inertia of brake_rotor must be a number to be fitted"):
         brake.with_parameters(inertia=(0.01, 0.02)).to_vector()
     with pytest.raises(ValueError, match="must lie between"):
-        brake.from_vector([1e6, 9.0, -3.0])
-    with pytest.raises(ValueError, match="must lie between"):
         Offset().from_vector([math.nan])
 
 
-def test_draws_follow_the_prior():
+def test_draws_follow_the_prior_and_ranges_are_log_uniform_or_uniform():
     random = np.random.default_rng(8)
-    drawn = [BrakeRotor().draw_parameters(random) for _ in range(400)]
-    for name, parameter in BrakeRotor.parameters.items():
-        values = np.array([getattr(one, name) for one in drawn])
-        found = stats.kstest(values, parameter.prior.cdf)
-        assert found.pvalue > 1e-3
-    offsets = [Offset().draw_parameters(random).offset_nm for _ in range(400)]
-    assert stats.kstest(offsets, stats.norm(0, 0.5).cdf).pvalue > 1e-3
-
-
-# Ranges
-
-
-def test_ranges_are_drawn_log_uniformly_or_uniformly():
-    random = np.random.default_rng(4)
     both = TorqueMeterLowPass((100, 1600)), Offset((-0.5, 1.5))
-    drawn = [[effect.for_assembly(random) for effect in both] for _ in range(400)]
-    cutoffs = [one.cutoff_hz for one, _ in drawn]
-    offsets = [other.offset_nm for _, other in drawn]
-    assert stats.kstest(cutoffs, stats.loguniform(100, 1600).cdf).pvalue > 1e-3
-    assert stats.kstest(offsets, stats.uniform(-0.5, 2).cdf).pvalue > 1e-3
+    for effect, name, draw, expected in (
+        *((BrakeRotor(), name, Effect.draw_parameters, p.prior) for name, p in BrakeRotor.parameters.items()),
+        (Offset(), "offset_nm", Effect.draw_parameters, stats.norm(0, 0.5)),
+        (both[0], "cutoff_hz", Effect.for_assembly, stats.loguniform(100, 1600)),
+        (both[1], "offset_nm", Effect.for_assembly, stats.uniform(-0.5, 2)),
+    ):
+        drawn = [draw(effect, random) for _ in range(400)]
+        assert stats.kstest([getattr(one, name) for one in drawn], expected.cdf).pvalue > 1e-3
+        assert not drawn[0].has_spread
     assert both[0].has_spread
-    assert not drawn[0][0].has_spread
     assert TorqueMeterLowPass((250, 250)).for_assembly(random).cutoff_hz == 250.0
     assert PinErrors((0, 0)).for_assembly(random).rms == 0
 
@@ -432,25 +424,19 @@ drifts = pytest.mark.parametrize("of", ["load", "sensor"])
 
 
 @drifts
-@pytest.mark.parametrize("order", [1, 3])
-def test_rms_of_a_drift_is_that_of_theory(of, order):
-    cutoff, duration = 2.0, 750.0
-    values = drift_values(Drift(1.7, cutoff, order, of), duration, 997.0)
-    # Mean square of Gaussian noise: relative std sqrt(2 * integral of rho^2 / T), below 1/cutoff here.
-    assert np.mean(values**2) == pytest.approx(1.7**2, rel=4 * math.sqrt(2 / (cutoff * duration)))
-    assert abs(values.mean()) < 4 * 1.7 / math.sqrt(cutoff * duration)
-
-
-@drifts
-def test_spectrum_of_a_drift_is_that_of_its_low_pass(of):
-    cutoff, rate, order = 3.0, 256.0, 2
-    values = drift_values(Drift(1.7, cutoff, order, of), 100 * 16.0, rate)
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_spectrum_of_a_drift_is_that_of_its_low_pass(of, order):
+    cutoff, rate, duration = 3.0, 256.0, 1600.0
+    values = drift_values(Drift(1.7, cutoff, order, of), duration, rate)
     f, psd = signal.welch(values, rate, nperseg=4096, detrend=False)
     noise_bandwidth = cutoff * (np.pi / (2 * order)) / math.sin(np.pi / (2 * order))
     theory = 1.7**2 / noise_bandwidth / (1 + (f / cutoff) ** (2 * order))
     for low, high in ((0.3, 2), (2, 4), (6, 12), (16, 32)):
         band = (f >= low) & (f < high)
         assert psd[band].sum() == pytest.approx(theory[band].sum(), rel=0.1)
+    # Mean square of Gaussian noise: relative std sqrt(2 * integral of rho^2 / T), below 1/cutoff here.
+    assert np.mean(values**2) == pytest.approx(1.7**2, rel=4 * math.sqrt(2 / (cutoff * duration)))
+    assert abs(values.mean()) < 4 * 1.7 / math.sqrt(cutoff * duration)
 
 
 @drifts
@@ -489,8 +475,6 @@ def test_low_pass_has_the_response_of_a_butterworth(cutoff, order):
         _, expected = signal.freqs(*analogue, 2 * np.pi * frequency)
         # The bilinear transform moves frequencies by (pi f/fs)^2/3: below 2 % of the attenuation here.
         assert abs(found) == pytest.approx(abs(expected[0]), rel=0.02)
-        exact = signal.sosfreqz(signal.butter(order, cutoff, fs=FS, output="sos"), [frequency], fs=FS)[1][0]
-        assert found == pytest.approx(exact, abs=1e-9)
     at_cutoff = torque_of(effect, wave(cutoff))[round(FS) :]
     assert abs(phasor(at_cutoff, cutoff)) == pytest.approx(math.sqrt(0.5), rel=1e-6)
 
@@ -526,10 +510,12 @@ def test_low_pass_from_rest_knows_of_nothing_before():
     np.testing.assert_allclose(torque_of(effect, ramp, from_rest=True), padded[50_000:], atol=1e-9)
 
 
-def test_gain_and_offset_are_exact():
-    torque = np.random.default_rng(0).normal(22, 3, 100)
+def test_gain_offset_and_clipping_are_exact():
+    torque = np.random.default_rng(0).normal(22, 3, 1000)
     np.testing.assert_array_equal(torque_of(Gain(1.03), torque), 1.03 * torque)
     np.testing.assert_array_equal(torque_of(Offset(-0.4), torque), torque - 0.4)
+    for effect in (Clipping(22.5), Quantisation(0.0, 22.5)):
+        np.testing.assert_array_equal(torque_of(effect, -torque), np.clip(-torque, -22.5, 22.5))
 
 
 # Noise and hum
@@ -555,11 +541,6 @@ def test_coloured_noise_falls_as_its_power(exponent):
     theory = np.maximum(f, 1.0) ** -exponent
     expected = [np.log(theory[(f >= a) & (f < b)].mean()) for a, b in itertools.pairwise(bands)]
     np.testing.assert_allclose(np.diff(levels), np.diff(expected), atol=0.1)
-    # the whole density, flat below 1 Hz, holds the rms
-    lines = np.maximum(np.linspace(0, rate / 2, 400_001), 1.0) ** -exponent
-    share = np.mean(lines[200:]) * 399_801 / 400_001 / np.mean(lines)  # above 0.5 Hz
-    above = psd[f >= 0.5].sum() * f[1]
-    assert above == pytest.approx(0.3**2 * share, rel=0.1)
 
 
 def test_rms_of_coloured_noise_is_free_of_the_duration():
@@ -638,7 +619,6 @@ def test_quantisation_rounds_exactly():
 def test_quantisation_clips_at_its_range():
     ramp = np.linspace(-12, 12, 2401)
     assert np.unique(torque_of(Quantisation(1.0, 8.0), ramp)).tolist() == list(range(-8, 8))
-    np.testing.assert_array_equal(torque_of(Quantisation(0.0, 3.0), ramp), np.clip(ramp, -3, 3))
     assert torque_of(Quantisation(0.1, 0.3), ramp).max() == pytest.approx(0.2)
 
 
@@ -711,13 +691,6 @@ def test_rattle_is_separate_blows_of_alternating_sign():
     assert np.mean(np.abs(peaks)) == pytest.approx(4.0, rel=0.1)
     # A triangle fills half of its base.
     assert np.mean(np.abs(load)) == pytest.approx(len(peaks) / 100 * 4.0 * 0.002, rel=0.1)
-
-
-def test_clipping_is_that_of_a_converter_without_steps():
-    torque = np.random.default_rng(0).normal(0, 3, 1000)
-    found = torque_of(Clipping(2.5), torque)
-    np.testing.assert_array_equal(found, torque_of(Quantisation(0.0, 2.5), torque))
-    assert np.abs(found).max() == 2.5
 
 
 @pytest.mark.parametrize(("block", "share"), [(64, 0.03), (7.4, 0.2), (500, 0.01)])

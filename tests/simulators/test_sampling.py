@@ -74,3 +74,12 @@ def test_conditions_are_drawn_and_without_ranges_the_rig_is_itself() -> None:
     at = draw_conditions(RIG, (300.0, 600.0), None, SEEDS[0]).gearbox
     assert 300 <= 60 * at.input_speed_hz <= 600
     assert at.load_torque == RIG.gearbox.load_torque
+
+
+def test_mixed_lobes_are_neighbours_in_half_of_the_assemblies() -> None:
+    wear, neighbours = Wear(lobes="mixed"), 0
+    for index in range(200):
+        worn = set(wear.draw(4, 15, recording_seed(3, "mine", index)).worn_lobes)
+        neighbours += any(worn == {(first + k) % 15 for k in range(4)} for first in range(15))
+    # one set of four in 91 is a row by chance
+    assert 80 <= neighbours <= 122  # 101 +- 7
