@@ -67,7 +67,8 @@ def make_rig_recordings(
     defect_counts : iterable of int, default 0 to 7
         Numbers of worn lobes.
     rig : {"R0", "R1", "R2", "published"} or Rig, default "R1"
-        Gearbox and effects. All presets are assumptions; see :func:`rig_preset`.
+        Gearbox and effects. All presets are assumptions (:func:`rig_preset`);
+        ``rig_preset("R0").with_added(Hum((0.05, 0.3)))`` has mains hum that differs between assemblies.
     lobes : {"consecutive", "random", "mixed"}
         Worn lobes: neighbours from a random first one; any; or one or the other with equal chances.
     wheels : "random" or sequence of int
@@ -150,15 +151,6 @@ def make_rig_recordings(
     >>> recordings = make_rig_recordings(1, [0, 2], rig="R0", duration=0.1, random_state=0)
     >>> [(r.assembly, r.defect_count, r.source, r.n_samples) for r in recordings]
     [('R0-0-0000', 0, 'surrogate', 2560), ('R0-0-0001', 2, 'surrogate', 2560)]
-
-    A converter of 12 bits behind a low-pass, and mains hum that differs between assemblies:
-
-    >>> from cyclofeat.simulators import Hum, Quantisation, TorqueMeterLowPass
-    >>> effects = [Quantisation(0.05, 102.4), TorqueMeterLowPass(300.0), Hum((0.05, 0.3))]
-    >>> rig = rig_preset("R0").with_added(*effects)
-    >>> (one,) = make_rig_recordings(1, [2], rig=rig, duration=0.1, random_state=0)
-    >>> [effect["effect"] for effect in one.meta["effects"][-3:]]
-    ['noise', 'hum', 'quantisation']
     """
     run = _Run(
         _rig_of(rig), duration, output_turns, sampling_rate,

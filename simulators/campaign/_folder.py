@@ -257,16 +257,16 @@ def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> Camp
         kind = FileNotFoundError if all(text.endswith("is missing") for text in wrong) else ValueError
         raise kind(f"{folder}: {wrong[0]}{more}; run the campaign again to mend it")
     table = tables.read_table(folder / PARAMETERS)
-    columns = {name: table.column(name).to_numpy() for name in ("defect_count", "assembly", "status")}
+    parameters = {name: table.column(name).to_numpy() for name in table.column_names}
     paths = [folder / shard_file(shard, "npy") for shard in range(campaign.n_shards)]
     sizes = [campaign.shard_size(shard) for shard in range(campaign.n_shards)]
     shards = Shards(paths, sizes, campaign.n_samples)
     return CampaignData(
         X=shards if len(paths) > 1 else np.load(paths[0], mmap_mode="r", allow_pickle=False),
-        y=columns["defect_count"].astype(np.int64),
-        groups=columns["assembly"].astype(np.str_),
-        ok=columns["status"] == OK,
-        parameters={name: table.column(name).to_numpy() for name in table.column_names},
+        y=parameters["defect_count"].astype(np.int64),
+        groups=parameters["assembly"].astype(np.str_),
+        ok=parameters["status"] == OK,
+        parameters=parameters,
         sampling_rate=campaign.sampling_rate,
         campaign=campaign,
         manifest=manifest,
@@ -312,8 +312,9 @@ def complete_campaign(
         digests = {shard: store.shard_digests(shard) for shard in range(campaign.n_shards)}
         missing = [shard for shard, names in digests.items() if not names]
         done = campaign.n_runs - sum(map(campaign.shard_size, missing))
-        if progress is not None and done:
-            progress(done, campaign.n_runs)
+        report = progress or (lambda done, total: None)
+        if done:
+            report(done, campaign.n_runs)
         if not missing and store.is_finished():
             return
         needed = sum(map(campaign.shard_size, missing)) * campaign.n_samples * 4
@@ -327,8 +328,7 @@ def complete_campaign(
 
         def count_runs(runs: Iterable[RunResult]) -> Iterator[RunResult]:
             for number, run in enumerate(runs, done + 1):
-                if progress is not None:
-                    progress(number, campaign.n_runs)
+                report(number, campaign.n_runs)
                 yield run
 
         length = campaign.shard_length
@@ -503,12 +503,8 @@ def _digest_lines(digests: Mapping[str, str]) -> bytes:
 
 def _table_schema(campaign: Campaign) -> Any:
     pyarrow, _ = import_pyarrow()
-    types = {
-        int: pyarrow.int64(),
-        float: pyarrow.float64(),
-        str: pyarrow.string(),
-        list: pyarrow.list_(pyarrow.int64()),
-    }
+    types = {int: pyarrow.int64(), float: pyarrow.float64(), str: pyarrow.string()}
+    types[list] = pyarrow.list_(types[int])
     return pyarrow.schema([(name, types[kind]) for name, kind in table_columns(campaign).items()])
 
 

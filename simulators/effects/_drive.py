@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -418,14 +419,11 @@ class CurrentSensor(Effect):
 def motor_effects(gearbox: CycloidalGearbox | None = None) -> tuple[Effect, ...]:
     """Return a motor with its errors, which differ between assemblies, of the size that a gearbox needs.
 
-    All values are *assumptions*, wide enough for servo motors of 50 to 750 W. By the mean input torque T
-    (load over number of lobes, at least 0.01 Nm): rotor of 4e-5 to 7e-5 kg m2 per Nm of T; cogging of 0.5 to
-    2 % of T at the least common multiple of slots and poles, 0.1 to 0.5 % at slots and at poles; Coulomb
-    friction of 0.5 to 3 % of T, and as much viscous friction at nominal speed; offset within 1 %, noise of
-    0.3 to 1 % and steps of 0.15 % of T. Speed control of 20 to 100 Hz, and at least 250 Hz divided by the
-    input's turns per second (30 Hz at 500 RPM), below which lobes worn to the papers' chord stall the motor;
-    current control of 200 to 1000 Hz; torque constant of 0.05 to 0.5 Nm/A with 1 to 3 % ripple; 3 to 8 pairs
-    of poles, 9 to 24 slots.
+    All values are *assumptions*, wide enough for servo motors of 50 to 750 W; ``print(motor_effects())``
+    lists the ranges. Rotor, cogging, friction (the viscous part as large at nominal speed as the Coulomb
+    one), offset, noise and steps are in proportion to the mean input torque, load over number of lobes, of at
+    least 0.01 Nm. The speed control has at least 250 Hz divided by the input's turns per second (30 Hz at 500
+    RPM), below which lobes worn to the papers' chord stall the motor.
 
     Parameters
     ----------
@@ -475,36 +473,32 @@ def seed_from(random: Generator) -> NDArray[np.int64]:
     return random.integers(2**63, size=4)
 
 
+@dataclass(eq=False)
 class LowPassed:
     """Stationary low-passed noise with the given expected rms, as a function of time from 0 to ``end`` (s).
 
     It is made at its first use, from its seed: planned runs wait without their noise.
     """
 
-    def __init__(
-        self,
-        seed: NDArray[np.int64],
-        rms: float,
-        low_pass: tuple[float, int],
-        end: float,
-        oversampling: int = FINE,
-    ) -> None:
-        self._seed, self._rms, (self._cutoff, self._order) = seed, rms, low_pass
-        self._end, self._oversampling = end, oversampling
+    seed: NDArray[np.int64]
+    rms: float
+    low_pass: tuple[float, int]  #: cutoff in Hz, order
+    end: float
+    oversampling: int = FINE
 
     @functools.cached_property
     def knots(self) -> tuple[Float, Float]:
         """Times in s, and the values between which lines are straight."""
-        rate = self._oversampling * self._cutoff
-        warm_up = math.ceil(decay_time(self._cutoff, self._order) * rate)
-        sos, power = _low_pass(self._cutoff, self._order, warm_up, self._oversampling)
-        n = math.ceil(self._end * rate) + 1
-        noise = np.random.default_rng(self._seed).normal(size=warm_up + n)
-        return np.arange(n) / rate, self._rms / math.sqrt(power) * sosfilt(sos, noise)[warm_up:]
+        rate = self.oversampling * self.low_pass[0]
+        warm_up = math.ceil(decay_time(*self.low_pass) * rate)
+        sos, power = _low_pass(*self.low_pass, warm_up, self.oversampling)
+        n = math.ceil(self.end * rate) + 1
+        noise = np.random.default_rng(self.seed).normal(size=warm_up + n)
+        return np.arange(n) / rate, self.rms / math.sqrt(power) * sosfilt(sos, noise)[warm_up:]
 
     def __call__(self, time: Float) -> Float:
         """Return the values at increasing times in s; raise ValueError for times outside 0 to the end."""
-        return np.asarray(on_lines(check_time(time, self._end), *self.knots))
+        return np.asarray(on_lines(check_time(time, self.end), *self.knots))
 
 
 @functools.lru_cache(maxsize=64)

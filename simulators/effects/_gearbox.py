@@ -145,7 +145,9 @@ class Scale(Effect):
     """One quantity of the rig by a factor: stiffness or damping of all contacts, set-point of load or speed.
 
     The stiffness is the K of paper B eq. 14 and the damping the C of eq. 11, for external and internal
-    sleeves; load and speed are the means of brake and input.
+    sleeves; load and speed are the means of brake and input. A search proposes neither load, as the gain of
+    the torque meter looks the same, nor speed, as recordings are compared at their own. Damping shortens the
+    ringing, which a low-pass in the torque meter does not.
 
     Parameters
     ----------
@@ -154,11 +156,6 @@ class Scale(Effect):
         ``load_scale`` or ``speed_scale``.
     factor : float or (low, high)
         A pure number; 1 is neutral.
-
-    Notes
-    -----
-    A search proposes neither load, as the gain of the torque meter looks the same, nor speed, as recordings
-    are compared at their own. Damping shortens the ringing, which a low-pass in the torque meter does not.
     """
 
     effect_id: ClassVar[Any] = Of(
@@ -211,7 +208,8 @@ class ContactDampingForm(Effect):
     damping is matched so that small torsional vibration about the mean load loses the same energy in the
     ring of pins: sum C a_j^2 = sum D F_j a_j^2, hence D = C sum a_j^2 / sum F_j a_j^2 over the loaded half
     of the pins, with the lever arms a_j = e z_s sin(pi (j + 1/2) / (z_k // 2)) and the Hertzian shares
-    F_j = (T/2) a_j^1.5 / sum a_j^2.5 of the mean load T (which do not depend on K).
+    F_j = (T/2) a_j^1.5 / sum a_j^2.5 of the mean load T (which do not depend on K). The match holds neither
+    for the internal sleeves nor in impacts, where the forms differ; the weighted damping grows with the load.
 
     Parameters
     ----------
@@ -219,11 +217,6 @@ class ContactDampingForm(Effect):
         Form after the effect. The form of the gearbox is neutral.
     factor : float or (low, high), default 1
         Factor on the matched damping, a pure number.
-
-    Notes
-    -----
-    The match holds for the pins at mean load, not for the internal sleeves, nor in impacts, where the
-    forms differ. The weighted damping grows with the load.
     """
 
     place = "contact"
@@ -319,14 +312,10 @@ class BrakeRotor(Effect):
     """Rotor of the brake behind the compliance of shaft and torque meter, which answers the gearbox.
 
     J w' = k (psi - psi_b) + c (psi' - w) - T_load with the ``inertia`` J, the torsional ``stiffness`` k of
-    shaft and meter, and c = 2 ``damping_ratio`` sqrt(k J); the torque is that in the meter,
-    k (psi - psi_b) + c (psi' - w) (:meth:`cyclofeat.simulators.CycloidalGearbox.with_brake`). Without inertia
-    the output is free.
-
-    Notes
-    -----
-    The gearbox must not have a brake already. The resonance stays at its frequency in Hz where lobe lines
-    move with the speed, and it rings on after a blow, which a low-pass in the meter does not.
+    shaft and meter, and c = 2 ``damping_ratio`` sqrt(k J); the torque is that in the meter, k (psi - psi_b) +
+    c (psi' - w) (:meth:`cyclofeat.simulators.CycloidalGearbox.with_brake`). Without inertia the output is
+    free. The gearbox must not have a brake already. The resonance stays at its frequency in Hz where lobe
+    lines move with the speed, and it rings on after a blow, which a low-pass in the meter does not.
     """
 
     place = "shaft_and_meter"

@@ -11,7 +11,7 @@ from scipy.fft import next_fast_len
 from scipy.signal import butter, fftconvolve, sosfilt, sosfilt_zi
 from scipy.stats import loguniform, norm
 
-from cyclofeat._base.checks import is_number, one_of
+from cyclofeat._base.checks import is_number, list_members, one_of
 from cyclofeat.simulators._jit import njit
 from cyclofeat.simulators.courses import interpolate_rows
 from cyclofeat.simulators.effects._drive import check_order, check_phase, decay_time
@@ -178,15 +178,11 @@ class Hum(_MeterEffect):
 
     def check_settings(self) -> None:
         check_phase(self)
-        given = self.harmonics
-        if (
-            not isinstance(given, (tuple, list, np.ndarray))
-            or len(given) == 0
-            or not all(is_number(share) and math.isfinite(share) for share in given)
-        ):
+        given = list_members(self.harmonics)
+        if not given or not all(is_number(share) and math.isfinite(share) for share in given):
             raise ValueError(
                 f"harmonics of {self.effect_id} must be one or more finite relative amplitudes like "
-                f"(1, 0, 0.3), got {given!r}"
+                f"(1, 0, 0.3), got {self.harmonics!r}"
             )
 
     def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:

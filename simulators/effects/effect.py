@@ -53,20 +53,11 @@ HOOKS = (*_PLACE_OF_HOOK, "resample")
 
 @dataclass(frozen=True)
 class TorqueContext:
-    """What effects on the torque need to know of a record, apart from its torque.
+    """What effects on the torque need to know of a record, apart from its torque."""
 
-    Parameters
-    ----------
-    gearbox : CycloidalGearbox, optional
-        The gearbox with all effects on it.
-    input_angle : ndarray, shape (n,), optional
-        Angle of the input shaft at each sample, in rad.
-    from_rest : bool, default False
-        The machine stood still before the first sample; else it ran as in the record.
-    """
-
-    gearbox: CycloidalGearbox | None = None
-    input_angle: Float | None = None
+    gearbox: CycloidalGearbox | None = None  #: with all effects on it
+    input_angle: Float | None = None  #: angle of the input shaft at each sample, in rad
+    #: The machine stood still before the first sample; else it ran as in the record.
     from_rest: bool = False
 
 

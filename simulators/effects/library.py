@@ -87,13 +87,7 @@ def known_effects(*, proposed: bool = False) -> Mapping[str, Effect]:
 
 
 def look_alikes() -> tuple[tuple[str, ...], ...]:
-    """Return groups of effects that look alike in records at one speed, load and direction.
-
-    Returns
-    -------
-    tuple of tuple of str
-        Names of the effects, of each group those first that a search proposes.
-    """
+    """Return groups of effects that look alike at one speed, load and direction, the proposed ones first."""
     groups: dict[str, list[str]] = {}
     for effect in sorted(in_chain(_KNOWN.values()), key=lambda effect: not effect.proposed):
         groups.setdefault(effect.shows_as, []).append(effect.effect_id)
