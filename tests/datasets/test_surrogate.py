@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from joblib import parallel_config
-from scipy.stats import skew, uniform
+from scipy.stats import uniform
 
 from cyclofeat.datasets import (
     load_published_tables,
@@ -33,15 +33,8 @@ from cyclofeat.simulators import (
 from cyclofeat.simulators.effects._drive import Cogging
 from cyclofeat.simulators.simulation import SimulationDiverged
 
-QUIET = Rig.r1().without("load_drift", "noise")
 SHORT = {"duration": 0.05, "rig": "R0", "random_state": 0}
 LABELLED = {"rig": "R2", "duration": 0.06, "with_angle": True, "random_state": 9}
-
-
-@pytest.fixture(scope="module")
-def quiet():
-    """Healthy and worn assemblies of R1 without drift and noise, one output turn each."""
-    return make_rig_recordings(6, [0, 5], rig=QUIET, wheels=(0, 1), random_state=1)
 
 
 @pytest.fixture(scope="module")
@@ -146,34 +139,6 @@ def test_more_assemblies_and_a_longer_duration_append():
     assert len({r.meta["true_load_nm"] for r in many}) == 4
 
 
-def test_seeds_and_rigs_make_other_assemblies():
-    loads = {
-        make_rig_recordings(1, [0], rig=rig, random_state=seed, duration=0.05)[0].meta["true_load_nm"]
-        for rig, seed in (("R0", 0), ("R0", 1), ("R1", 0), ("R2", 0))
-    }
-    assert len(loads) == 4
-
-
-# What the rig does
-
-
-def test_records_rest_on_the_load_from_the_start_and_wear_ripples(quiet):
-    for recording in quiet:
-        assert recording.n_samples == 46_080
-        # The ripple does not cancel exactly, since the window is an output turn at nominal speed only.
-        assert recording.torque.mean() == pytest.approx(recording.meta["true_load_nm"], abs=0.06)
-        assert recording.torque.mean() == pytest.approx(22, rel=0.035)
-        assert recording.meta["settling_s"] > 0.6  # R1: ramp of 0.2 s, then five time constants
-        begin, later = np.split(recording.torque, [46_080 // 15])
-        assert abs(begin.mean() - later.mean()) < 0.5
-        assert begin.std() < 3 * later.std()
-    healthy, worn = (
-        np.median([r.torque.std() for r in quiet if r.defect_count == count]) for count in (0, 5)
-    )
-    assert 0.2 < healthy < 2
-    assert worn > 2 * healthy
-
-
 def test_a_rig_of_ones_own():
     mine = Rig(
         name="mine", gearbox=CycloidalGearbox.steel(n_pins=14, load_torque=18.0, input_speed=40 * math.pi / 3)
@@ -231,48 +196,7 @@ def test_effects_of_a_rig_are_drawn_applied_and_listed(tmp_path):
         assert back.source == "surrogate"
 
 
-def test_each_recording_has_one_of_a_rigs_variants(tmp_path):
-    variants = [[Hum(0.1 + 0.01 * k)] for k in range(9)]
-    Rig(variants=variants).to_json(tmp_path / "rig.json")
-    rig, some = Rig.from_json(tmp_path / "rig.json"), {"duration": 0.05, "random_state": 0}
-    made = make_rig_recordings(4, [0, 2], rig=rig, **some)
-    hums = [recording.meta["effects"][0]["amplitude_nm"] for recording in made]
-    assert len(set(hums)) > 3
-    assert made == make_rig_recordings(4, [0, 2], rig=rig, n_jobs=2, **some)
-    alone = make_rig_recordings(4, [0, 2], rig=Rig(effects=[Hum(hums[3])]), **some)
-    np.testing.assert_array_equal(made[3].torque, alone[3].torque)
-
-
-def test_one_effect_more_leaves_the_assembly_as_it_is():
-    plain, offset = (
-        make_rig_recordings(1, [2], **SHORT | {"rig": Rig.r2().with_added(*effects)})[0]
-        for effects in ((), (Offset(0.5),))
-    )
-    np.testing.assert_allclose(offset.torque, plain.torque + 0.5, rtol=1e-12)
-    listed = [*plain.meta["effects"], {"effect": "offset", "offset_nm": 0.5}]
-    assert offset.meta == plain.meta | {"effects": listed}
-
-
 # The rig with the statistics of the published measurements
-
-
-def test_a_drift_in_proportion_keeps_the_mean_and_is_normal_in_its_logarithm():
-    gearbox = CycloidalGearbox.steel(load_torque=17.0)
-    drift = ProportionalDrift(0.2, 50.0)
-    time = np.linspace(0, 60, 60_001)
-    load = drift.load_fluctuation(gearbox, 60.0, np.random.default_rng(1))
-    logarithm = np.log1p(load(time) / 17.0)
-    n = 60 * 2 * 50  # independent values, about
-    assert logarithm.std() == pytest.approx(0.2, rel=4 / math.sqrt(2 * n))
-    assert logarithm.mean() == pytest.approx(-0.02, abs=4 * 0.2 / math.sqrt(n))
-    assert abs(skew(logarithm)) < 4 * math.sqrt(6 / n)
-    assert load(time).mean() == pytest.approx(0, abs=4 * 17 * 0.2 / math.sqrt(n))
-    # A log-normal variable's own skewness: (e^(s^2) + 2) sqrt(e^(s^2) - 1).
-    own = (math.exp(0.04) + 2) * math.sqrt(math.exp(0.04) - 1)
-    assert skew(load(time)) == pytest.approx(own, rel=0.25)
-    longer = drift.load_fluctuation(gearbox, 90.0, np.random.default_rng(1))
-    np.testing.assert_allclose(longer(time), load(time), rtol=1e-12, atol=1e-12)
-    assert drift.neutral().load_fluctuation(gearbox, 1.0, np.random.default_rng(1)) is None
 
 
 @pytest.mark.slow

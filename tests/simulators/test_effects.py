@@ -460,6 +460,21 @@ def test_a_longer_run_begins_like_a_shorter_one(effect):
     assert np.array_equal(short, drift_values(effect, 2.0, 500.0, seed=6)) == same
 
 
+def test_a_drift_in_proportion_keeps_the_mean_and_is_normal_in_its_logarithm():
+    gearbox = CycloidalGearbox.steel(load_torque=17.0)
+    time, n = np.linspace(0, 60, 60_001), 60 * 2 * 50  # independent values, about
+    load, longer = (
+        ProportionalDrift(0.2, 50.0).load_fluctuation(gearbox, end, np.random.default_rng(1))(time)
+        for end in (60.0, 90.0)
+    )
+    logarithm = np.log1p(load / 17.0)
+    assert logarithm.std() == pytest.approx(0.2, rel=4 / math.sqrt(2 * n))
+    assert logarithm.mean() == pytest.approx(-0.02, abs=4 * 0.2 / math.sqrt(n))
+    assert abs(stats.skew(logarithm)) < 4 * math.sqrt(6 / n)
+    assert load.mean() == pytest.approx(0, abs=4 * 17 * 0.2 / math.sqrt(n))
+    np.testing.assert_allclose(longer, load, rtol=1e-12, atol=1e-12)
+
+
 # The torque meter
 
 

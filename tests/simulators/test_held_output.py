@@ -87,14 +87,11 @@ def test_the_printed_drive() -> None:
     ("error", "options", "message"),
     [
         (ValueError, {"peak_torque": 0.0}, "peak_torque must be positive and finite, got 0.0"),
-        (ValueError, {"period": float("nan")}, "period must be positive and finite, got nan"),
         (ValueError, {"n_cycles": 0}, "n_cycles must be at least 1"),
         (ValueError, {"input_angle": float("inf")}, "input_angle must be finite"),
         (ValueError, {"period": 1e6}, "more than 1e\\+08"),
         (ValueError, {"defects": LobeDefects.worn((15,))}, "defects name lobe 15"),
         (TypeError, {"gearbox": 3}, "gearbox must be of type CycloidalGearbox, got 3"),
-        (TypeError, {"peak_torque": "22"}, "peak_torque must be a number, got '22'"),
-        (TypeError, {"input_angle": None}, "input_angle must be a number, got None"),
         (TypeError, {"n_points": 100.5}, "n_points must be a whole number, got 100.5"),
     ],
 )
@@ -103,12 +100,8 @@ def test_bad_input(error: type[Exception], options: dict, message: str) -> None:
         torque_deflection(**options)
 
 
-def test_the_stiffness_of_a_loop_needs_points() -> None:
-    loop = torque_deflection(STEEL, period=0.2, n_points=8)
+def test_too_few_points_and_divergence_are_found() -> None:
     with pytest.raises(ValueError, match="fewer than 3 points: raise n_points"):
-        loop.stiffness()
-
-
-def test_divergence_is_found() -> None:
+        torque_deflection(STEEL, period=0.2, n_points=8).stiffness()
     with pytest.raises(SimulationDiverged):
         torque_deflection(STEEL.replace(stiffness_scale=100.0), peak_torque=500.0, period=0.05, dt=1e-4)

@@ -87,22 +87,12 @@ def test_parameters_and_one_method_are_all_that_it_takes() -> None:
 
 
 def test_the_place_follows_from_the_hook_where_it_can() -> None:
-    class OfGearbox(Effect):
-        def change_gearbox(self, gearbox, random):  # type: ignore[no-untyped-def]
-            return gearbox
-
-    class OfLoad(Effect):
-        def load_fluctuation(self, gearbox, duration, random):  # type: ignore[no-untyped-def]
-            return None
-
-    class OfBoth(OfGearbox):
-        def change_torque(self, torque, sampling_rate, random, context=None):  # type: ignore[no-untyped-def]
-            return torque
-
-    assert (OfGearbox.place, OfLoad.place) == ("geometry", "load_and_speed")
-    assert OfBoth.place == "geometry"  # as its parent's
-    assert OfGearbox().needs_simulation()
-
+    of_gearbox = type("OfGearbox", (Effect,), {"change_gearbox": print})
+    of_load = type("OfLoad", (Effect,), {"load_fluctuation": print})
+    of_both = type("OfBoth", (of_gearbox,), {"change_torque": print})  # as its parent's
+    kinds = (of_gearbox, of_load, of_both)
+    assert [kind.place for kind in kinds] == ["geometry", "load_and_speed", "geometry"]
+    assert of_gearbox().needs_simulation()
     everything = type("Everything", (Effect,), {"change_gearbox": print, "change_torque": print})
     with pytest.raises(ValueError, match="place of Everything must be stated, one of nominal, geometry"):
         register_effect(everything)
@@ -152,6 +142,10 @@ def test_a_registered_effect_is_in_the_library_in_its_place() -> None:
     assert register_effect(mine) is mine  # again
     names = list(known_effects(proposed=True))
     assert names.index("load_drift") < names.index("my_drift") < names.index("sleeve_friction")
+    register_effect(effect("OnlyMine"))  # no fitted parameter: for rigs only
+    assert "only_mine" not in known_effects(proposed=True)
+    assert Rig.from_dict({"effects": [{"effect": "only_mine"}]}).effects[0].effect_id == "only_mine"
+    unregister_effect("only_mine")
     # A cell of a notebook that is run again defines the class anew.
     again = register_effect(effect("MyDrift", parameters={"size": AMOUNT}, place="load_and_speed"))
     assert type(known_effects()["my_drift"]) is again is not mine
@@ -160,15 +154,6 @@ def test_a_registered_effect_is_in_the_library_in_its_place() -> None:
     for name in ("my_drift", "hum"):
         with pytest.raises(ValueError, match=f"one of the effects registered, .* got '{name}'"):
             unregister_effect(name)
-
-
-def test_an_effect_without_fitted_parameters_is_for_rigs_only() -> None:
-    register_effect(effect("OnlyMine"))
-    try:
-        assert "only_mine" not in known_effects(proposed=True)
-        assert Rig.from_dict({"effects": [{"effect": "only_mine"}]}).effects[0].effect_id == "only_mine"
-    finally:
-        unregister_effect("only_mine")
 
 
 # Files
