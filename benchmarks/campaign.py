@@ -34,7 +34,7 @@ from cyclofeat.simulators import (
 )
 from cyclofeat.simulators.batch import runs as batch_runs
 from cyclofeat.simulators.batch.runs import n_lanes
-from cyclofeat.simulators.campaign import _run
+from cyclofeat.simulators.campaign import _folder
 from cyclofeat.simulators.courses import DriveAndLoad
 from cyclofeat.simulators.machine import Machine, MachineRun
 
@@ -133,7 +133,7 @@ def shares(campaign: Campaign) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         warm_up(campaign, Path(folder) / "compiled")
         inside = stack.enter_context(timed(*KERNEL[campaign.kernel]))
-        runs = stack.enter_context(timed(_run, "simulate_runs"))
+        runs = stack.enter_context(timed(_folder, "simulate_runs"))
         parts = {what: stack.enter_context(timed(*where)) for what, where in OUTSIDE.items()}
         began = time.process_time()
         run_campaign(campaign, Path(folder) / "profiled")

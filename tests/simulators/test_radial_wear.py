@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.simulators import Campaign, CycloidalGearbox, LobeDefects, simulate, simulate_many
-from cyclofeat.simulators.campaign import _run
+from cyclofeat.simulators.campaign import _design
 from cyclofeat.simulators.reference import ReferenceGearbox
 
 STEEL = CycloidalGearbox.steel()
@@ -187,9 +187,9 @@ def test_campaigns_explore_the_wear() -> None:
     plans = list(campaign.plans())
     assert "wear_um" in campaign.explored_names
     assert 20 <= plans[1].values["wear_um"] <= 100
-    rows = [result.row for result in _run.simulate_runs(campaign.replace(kernel="exact"), plans)]
+    rows = [result.row for result in _design.simulate_runs(campaign.replace(kernel="exact"), plans)]
     assert [row["wear_um"] for row in rows] == [0.0, plans[1].values["wear_um"]]
-    assert all(row.keys() == _run.table_columns(campaign).keys() for row in rows)
+    assert all(row.keys() == _design.table_columns(campaign).keys() for row in rows)
     assert Campaign.from_dict(campaign.to_dict()) == campaign
     with pytest.raises(ValueError, match="depth has no effect with wear_um: leave it out, got 0.5"):
         campaign.replace(depth=0.5)
