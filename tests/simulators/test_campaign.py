@@ -289,16 +289,18 @@ def test_the_same_bytes_for_any_workers(whole: Path, tmp_path: Path, backend: st
 
 
 @pytest.mark.parametrize(
-    ("one", "other"),
+    ("one", "other", "repeats", "most"),
     [
-        ({"kernel": "exact"}, {"kernel": "auto"}),
-        ({"kernel": "exact"}, {"kernel": "exact", "integrator": "adams_bashforth"}),
-        ({"kernel": "batch"}, {"kernel": "batch", "integrator": "adams_bashforth"}),
+        ({"kernel": "exact"}, {"kernel": "auto"}, 5, 1e-3),
+        ({"kernel": "exact"}, {"kernel": "exact", "integrator": "adams_bashforth"}, 2, 2e-3),
+        ({"kernel": "batch"}, {"kernel": "batch", "integrator": "adams_bashforth"}, 2, 2e-3),
     ],
     ids=str,
 )
-def test_another_kernel_or_integrator_makes_the_same_assemblies(one: dict, other: dict) -> None:
-    campaign = SMALL.replace(duration=0.1)
+def test_another_kernel_or_integrator_makes_the_same_assemblies(
+    one: dict, other: dict, repeats: int, most: float
+) -> None:
+    campaign = SMALL.replace(duration=0.1, repeats=repeats)
     plans = list(campaign.plans())
     pairs = zip(*(_design.simulate_runs(campaign.replace(**c), plans) for c in (one, other)), strict=True)
     for (first, row), (second, row_of_second) in pairs:
@@ -306,7 +308,7 @@ def test_another_kernel_or_integrator_makes_the_same_assemblies(one: dict, other
         assert row_of_second["kernel"] == other["kernel"].replace("auto", "batch")
         assert first is not None
         assert second is not None
-        assert 0 < np.abs(first - second).max() < 2e-3 * np.ptp(first)
+        assert 0 < np.abs(first - second).max() < most * np.ptp(first)
 
 
 STIFF = Rig.r0().replace(name="stiff", gearbox=CycloidalGearbox.steel(ramp_time=0.0))
