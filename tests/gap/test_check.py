@@ -83,14 +83,8 @@ class Detector:
 @pytest.fixture(scope="module")
 def checked():
     told = []
-    result = check_recordings(
-        [AT] * 4,
-        posterior=Detector(),
-        n_rigs=40,
-        random_state=0,
-        progress=lambda *numbers: told.append(numbers),
-    )
-    return result, told
+    options = {"posterior": Detector(), "n_rigs": 40, "random_state": 0}
+    return check_recordings([AT] * 4, progress=lambda *numbers: told.append(numbers), **options), told
 
 
 @pytest.mark.slow
@@ -172,10 +166,7 @@ ROWS = (
 def asked(monkeypatch):
     """What the command hands over, without any simulation."""
     given = {}
-    score = PosteriorScore(
-        40, 0.9, 0.5, 0.625, 0.75, 0.02, {}, {},
-        np.full((40, 3), 0.5),
-    )  # fmt: skip
+    score = PosteriorScore(40, 0.9, 0.5, 0.625, 0.75, 0.02, {}, {}, np.full((40, 3), 0.5))
     nexts = (NextMeasurement("recordings at 10 Nm", (), 0.41),)
 
     def check(recordings, **others):

@@ -1,4 +1,4 @@
-"""The hidden effects: a generator that is the simulator's equal, its truth, oracle and score.
+"""The hidden effects: a generator that is the simulator's equal, and its frozen truth.
 
 The generator is compiled by itself and no part of the package, so all of this is slow.
 """

@@ -33,14 +33,8 @@ def table_of(effects, seed: int, duration: float = 0.1) -> dict[str, np.ndarray]
     population = Comparison(sampling_rate=25_600, rig=Rig(CycloidalGearbox.steel(), effects)).population
     population = dataclasses.replace(population, n_samples=round(duration * 25_600))
     torque = [population.record(k, np.random.SeedSequence([seed, k])).torque.astype(float) for k in range(8)]
-    columns = {
-        "defect_count": range(8),
-        "min_nm": [x.min() for x in torque],
-        "max_nm": [x.max() for x in torque],
-        "mean_nm": [x.mean() for x in torque],
-        "std_nm": [x.std() for x in torque],
-    }
-    return {name: np.array(column) for name, column in columns.items()}
+    columns = {f"{name}_nm": [getattr(x, name)() for x in torque] for name in ("min", "max", "mean", "std")}
+    return {name: np.array(column) for name, column in ({"defect_count": range(8)} | columns).items()}
 
 
 def statistics_of(table) -> np.ndarray:
