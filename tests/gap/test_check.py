@@ -207,7 +207,7 @@ def test_options_without_effect_on_a_check_are_refused(asked, tmp_path, capsys):
         (["--check", "--cache", str(tmp_path)], "--cache has no effect with --check"),
         (["--check", "--speed", "500"], "--speed has no effect without MEASURED"),
         (["--check", str(tmp_path), "--recordings", "6"], "--recordings has no effect with MEASURED"),
-        (["--check", "--recordings", "0"], "--recordings must be at least 1, got 0"),
+        (["--check", "--recordings", "0"], "--recordings: must be a whole number of at least 1, got '0'"),
         (["--rigs", "9", str(tmp_path)], "--rigs has no effect without --check"),
         (["--check", "--prepare", str(tmp_path / "p.npz")], "--check has no effect with --prepare"),
     ):
