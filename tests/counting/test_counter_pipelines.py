@@ -1,11 +1,9 @@
-"""Ready counters of every kind: parameters, search, recordings of assemblies never seen."""
+"""Ready counters of every kind: parameters, recordings of assemblies never seen."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from sklearn.base import clone
-from sklearn.experimental import enable_halving_search_cv  # noqa: F401 - makes HalvingGridSearchCV importable
-from sklearn.model_selection import GroupKFold, HalvingGridSearchCV
 
 from cyclofeat.counting import LobeCounter, make_lobe_counter
 from cyclofeat.counting.estimators.pipelines import KINDS
@@ -18,9 +16,8 @@ SAMPLING_RATE = 25_600
 def data(surrogates):
     X = np.stack([r.torque for r in surrogates])
     y = np.array([r.defect_count for r in surrogates])
-    groups = np.array([r.assembly for r in surrogates])
     rank = np.array([np.sum(y[:i] == label) for i, label in enumerate(y)])
-    return X, y, groups, rank < 6
+    return X, y, rank < 6
 
 
 def test_trees_asked_together_answer_as_one_by_one():
@@ -54,7 +51,7 @@ PARAMETERS = {
     "kind", [pytest.param(kind, marks=[pytest.mark.slow] * (kind == "network")) for kind in KINDS]
 )
 def test_every_kind_takes_parameters_and_counts(kind, data):
-    X, y, _, train = data
+    X, y, train = data
     counter = make_lobe_counter(SAMPLING_RATE, kind=kind, n_trees=20).set_params(**PARAMETERS[kind])
     copy = clone(counter)
     assert PARAMETERS[kind].items() <= copy.get_params().items()
@@ -65,24 +62,6 @@ def test_every_kind_takes_parameters_and_counts(kind, data):
     # The entropy cannot, eight assemblies are few for 340 features, and networks need to know the worn lobes.
     if kind not in ("ladder", "features", "network"):
         assert np.mean(copy.predict(X[~train]) == y[~train]) >= 6 / 8
-
-
-@pytest.mark.slow
-def test_parameters_of_a_counter_can_be_searched_by_assembly(data):
-    X, y, groups, train = data
-    search = HalvingGridSearchCV(
-        make_lobe_counter(SAMPLING_RATE, random_state=0),
-        {"trees__max_depth": [None, 1, 2], "lobe_map__ar_order": [16]},
-        cv=list(GroupKFold(3).split(X[train], y[train], groups[train])),
-        resource="trees__n_estimators",
-        max_resources=60,
-        min_resources=20,
-        random_state=0,
-    ).fit(X[train], y[train])
-    assert search.n_resources_ == [20, 60]
-    # A single split tells two of the four counts apart.
-    assert search.best_params_["trees__max_depth"] != 1
-    assert search.score(X[~train], y[~train]) >= 6 / 8
 
 
 def test_unknown_kinds_are_refused():

@@ -22,7 +22,6 @@ from cyclofeat.counting.evaluation.scores import (
     calibration_sums,
     expected_calibration_error,
     limits_at_ends,
-    macro_f1,
     rule_of_three,
 )
 
@@ -227,14 +226,6 @@ def test_scores_by_hand():
     scores = json.loads(json.dumps(result.to_dict()))
     assert scores["exact_lobes"] == pytest.approx(22 / 48)
     assert "by_condition" not in scores
-
-
-def test_macro_f1_is_scikit_learns():
-    random = np.random.default_rng(0)
-    y, p = random.integers(0, 4, 100), random.integers(0, 4, 100)
-    cells = np.zeros((4, 4))
-    np.add.at(cells, (y, p), 1)
-    assert macro_f1(cells) == pytest.approx(f1_score(y, p, average="macro"))
 
 
 def test_calibration_error_by_hand():

@@ -176,12 +176,6 @@ def test_expected_count_is_the_sum_over_the_lobes(counter, judged):
 
 
 @pytest.mark.slow
-def test_scale_and_mean_of_the_torque_do_not_matter(counter, judged):
-    X = windows_of(judged)[0].X
-    np.testing.assert_allclose(counter.predict_proba(50 * X + 3), counter.predict_proba(X), atol=1e-4)
-
-
-@pytest.mark.slow
 def test_model_of_rows_counts_recordings_and_is_small_on_disk(training, judged, tmp_path):
     model = LobeModel(n_splits=0, counter="rows", random_state=0).fit(training)
     answers = model.count_all(judged)
