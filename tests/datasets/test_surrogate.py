@@ -355,7 +355,10 @@ def test_bad_arguments_are_named(arguments, message):
 
 
 def test_defects_that_are_none_are_refused():
-    for defects, message in ((3, "defects must be of type LobeDefects"), (LobeDefects.worn(15), "lobe 15")):
+    for defects, message in (
+        (3, "defects must be of type LobeDefects"),
+        (LobeDefects.worn((15,)), "lobe 15"),
+    ):
         with pytest.raises((TypeError, ValueError), match=message):
             make_rig_recording(defects=defects, **SHORT)
 
