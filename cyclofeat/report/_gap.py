@@ -126,15 +126,15 @@ def summarise_gap(
     answers = [result.effect(effect.effect_id).answer for effect in result.named]
     rows = effect_rows(result)
     shown = {name for row in rows for name in row["ids"]}
-    where = result.where[0]
+    first = result.where[0]
     settings = dict(settings or {})
     circumstances = {
         "recordings": n,
-        "conditions": "; ".join(one.condition.text for one in result.where),
-        "simulated recordings": sum(one.n_simulated for one in result.where),
+        "conditions": "; ".join(where.condition.text for where in result.where),
+        "simulated recordings": sum(where.n_simulated for where in result.where),
         "quantity": in_words(result.quantity),
-        "sampling rate": f"{where.sampling_rate:g} Hz",
-        "random state": where.random_state,
+        "sampling rate": f"{first.sampling_rate:g} Hz",
+        "random state": first.random_state,
         "computing time": f"{result.seconds:.0f} s" if math.isfinite(result.seconds) else None,
     }
     word = "measurement" if label == "measured" else "recordings"

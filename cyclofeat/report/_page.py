@@ -82,7 +82,7 @@ def template_environment(*packages: str) -> jinja2.Environment:
 
 
 def describe_origin(sources: Sequence[str | None]) -> tuple[str, dict[str, str] | None, str]:
-    """Name of the recordings, banner for surrogates, and a line on their origin."""
+    """Return the name of the recordings, the banner for surrogates, and a line on their origin."""
     n, n_made = len(sources), sum(source in SIMULATED for source in sources)
     if n and all(source == "measured" for source in sources):
         return "measured", None, f"{number_of(n, 'recording')}, stated to be measured on a machine."
@@ -135,7 +135,7 @@ def range_text(low: float, high: float) -> str:
 
 
 def quantity_text(values: Sequence[float], unit: str) -> str:
-    """One value, or a range, with its unit."""
+    """Return one value, or a range, with its unit."""
     if unit == "m" and all(abs(value) < 1e-3 for value in values):
         values, unit = [1e6 * value for value in values], "\N{MICRO SIGN}m"
     unit = re.sub(r"(?<=[a-z])2", "\N{SUPERSCRIPT TWO}", unit)
@@ -154,7 +154,7 @@ def signed_text(value: float) -> str:
 
 
 def rounded_text(value: float) -> str:
-    """Two significant digits, without powers of ten."""
+    """Return two significant digits, without powers of ten."""
     if value < 10:
         return f"{value:.2g}"
     digits = 1 - math.floor(math.log10(value))

@@ -133,15 +133,6 @@ def test_slots_are_drawn_by_the_lobes_of_the_disc(model, lobe, absolute):
     assert display.ax_.get_xlabel() == f"lobe, {start}"
 
 
-def test_axes_speak_plainly(model):
-    display = TrainingDisplay.from_estimator(model, recording((4, 5, 6), seed=100))
-    for kind in display.kinds:
-        display.plot(kind=kind, counts=(3, 0))
-        axes = f"{display.ax_.get_xlabel()} {display.ax_.get_ylabel()}"
-        assert "_" not in axes
-        assert ("dB" in axes) == kind.endswith("_db")
-
-
 def test_kinds_that_tell_counts_apart_come_first():
     names = [f"{kind}(k{k})" for kind in ("dull", "telling") for k in range(3)] + ["alone"]
     means = np.zeros((2, 7))
