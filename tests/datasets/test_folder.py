@@ -52,16 +52,8 @@ def test_every_label_of_a_manifest_arrives(folder, separator, encoding):
 
 
 def test_wrong_and_missing_entries_are_all_named_by_line(folder):
-    text = (
-        "file,defect_count,worn_lobes_from_1,sampling_rate\n"
-        "a.csv,two,,1\n"
-        "missing.csv,1,,1\n"
-        ",1,,1\n"
-        "b.csv,1,1;x,1\n"
-        "b.csv,3,1 5,1\n"
-        "c.csv,1,,fast\n"
-        "c.csv,1\n"
-    )
+    rows = ("a.csv,two,,1", "missing.csv,1,,1", ",1,,1", "b.csv,1,1;x,1", "b.csv,3,1 5,1", "c.csv,1,,fast")
+    text = "\n".join(["file,defect_count,worn_lobes_from_1,sampling_rate", *rows, "c.csv,1", ""])
     with pytest.raises(ValueError) as caught:
         read_folder(manifest(folder, text))
     message = str(caught.value)

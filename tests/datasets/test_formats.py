@@ -100,17 +100,16 @@ LINEAR = {
 COUNTS = np.arange(100, 160, dtype=np.int16)
 
 
+def scaled_tdms(path, place, scale):
+    """Counts with a scale of the channel, its group or its file."""
+    scales = {name: scale if name == place else {} for name in ("channel", "group", "file")}
+    channel = ChannelObject("g", "torque", COUNTS, wave() | scales["channel"])
+    return write_tdms(path, [RootObject(scales["file"]), GroupObject("g", scales["group"]), channel])
+
+
 @pytest.mark.parametrize("place", ["channel", "group", "file"])
 def test_a_tdms_scale_is_applied_wherever_it_stands(tmp_path, place):
-    scales = {name: LINEAR if name == place else {} for name in ("channel", "group", "file")}
-    path = write_tdms(
-        tmp_path / "rig.tdms",
-        [
-            RootObject(scales["file"]),
-            GroupObject("g", scales["group"]),
-            ChannelObject("g", "torque", COUNTS, wave() | scales["channel"]),
-        ],
-    )
+    path = scaled_tdms(tmp_path / "rig.tdms", place, LINEAR)
     np.testing.assert_array_equal(read_recording(path).torque, 0.25 * COUNTS - 3)
 
 
@@ -125,19 +124,9 @@ def test_a_tdms_scale_is_applied_wherever_it_stands(tmp_path, place):
     ],
 )
 def test_a_tdms_scale_that_is_not_known_is_an_error_never_raw_counts(tmp_path, place, change):
-    scales = {name: LINEAR | change if name == place else {} for name in ("channel", "group", "file")}
-    path = write_tdms(
-        tmp_path / "rig.tdms",
-        [
-            RootObject(scales["file"]),
-            GroupObject("g", scales["group"]),
-            ChannelObject("g", "torque", COUNTS, wave() | scales["channel"]),
-        ],
-    )
+    path = scaled_tdms(tmp_path / "rig.tdms", place, LINEAR | change)
     for arguments in ({}, {"scale": 2.0}):
-        with pytest.raises(
-            ValueError, match=r"rig.tdms: channel 'g/torque' has a scale that cannot be computed"
-        ):
+        with pytest.raises(ValueError, match=r"rig.tdms: channel 'g/torque' has a scale that cannot be comp"):
             read_recording(path, **arguments)
 
 

@@ -188,31 +188,21 @@ def run_of(worn=(), removed=(), n=2_560):
     defects = SimpleNamespace(worn_lobes=worn, removed_lobes=removed, defect_count=len(worn) + len(removed))
     gearbox = SimpleNamespace(input_speed=500 * TURN / 60, load_torque=22.0)
     return SimpleNamespace(
-        torque_out=noise(n),
-        sampling_rate=RATE,
-        input_angle=steady_angle(n / RATE),
-        defects=defects,
+        torque_out=noise(n), sampling_rate=RATE, input_angle=steady_angle(n / RATE), defects=defects,
         gearbox=gearbox,
-    )
+    )  # fmt: skip
 
 
 def test_a_run_brings_its_labels():
     recording = Recording.from_run(run_of((0, 4)), assembly="A1", run="r1")
-    assert recording.worn_lobes == (0, 4)
-    assert recording.defect_count == 2
-    assert recording.speed_rpm == 500
-    assert recording.load_nm == 22
-    assert recording.source == "simulated"
-    assert (recording.assembly, recording.run) == ("A1", "r1")
-    assert recording.angle_is_absolute
-    assert recording.angle_of == "input"
+    expected = {
+        "worn_lobes": (0, 4), "defect_count": 2, "speed_rpm": 500, "load_nm": 22, "source": "simulated",
+        "assembly": "A1", "run": "r1", "angle_is_absolute": True, "angle_of": "input",
+    }  # fmt: skip
+    assert {name: getattr(recording, name) for name in expected} == expected
     np.testing.assert_array_equal(recording.angle, run_of().input_angle)
-
-
-def test_a_run_can_be_recorded_without_a_tachometer():
-    recording = Recording.from_run(run_of((1,)), with_angle=False)
-    assert recording.angle is None
-    assert not recording.angle_is_absolute
+    bare = Recording.from_run(run_of((1,)), with_angle=False)  # without a tachometer
+    assert (bare.angle, bare.angle_is_absolute) == (None, False)
 
 
 def test_labels_that_are_given_replace_those_of_the_run():
@@ -370,10 +360,8 @@ def test_a_window_is_one_whole_output_turn():
     assert Windower().windows(record(2.0)).X.shape == (1, 46_080)
     assert Windower().windows(record(3.0, speed_rpm=400)).X.shape == (1, 57_600)
     assert Windower(2).windows(record(4.0)).X.shape == (1, 92_160)
-    assert Windower(input_speed_hz=10, reduction=13).windows(record(2.0, speed_rpm=None)).X.shape == (
-        1,
-        33_280,
-    )
+    fast = Windower(input_speed_hz=10, reduction=13).windows(record(2.0, speed_rpm=None))
+    assert fast.X.shape == (1, 33_280)
     assert Windower(duration=0.6).windows(record(2.0)).X.shape == (3, 15_360)
 
 
@@ -454,20 +442,11 @@ def test_the_remainder_follows_the_policy_that_is_chosen():
 
 
 def test_the_error_of_a_short_record_says_what_it_lacks():
-    with pytest.raises(ValueError, match="too short") as caught:
+    words = (
+        r"recording 1 .*'rig.csv'.*'r7'.*too short.*1.5 s.*38400 samples.*1 output turn.*skip_s = 0.3.*2.1 s"
+    )
+    with pytest.raises(ValueError, match=words):
         Windower(skip_s=0.3).windows([record(3.0), record(1.5, run="r7", meta={"file": "rig.csv"})])
-    message = str(caught.value)
-    for word in (
-        "recording 1",
-        "'rig.csv'",
-        "'r7'",
-        "1.5 s",
-        "38400 samples",
-        "1 output turn",
-        "skip_s = 0.3",
-        "2.1 s",
-    ):
-        assert word in message
 
 
 def test_unknown_speed_names_both_remedies():
