@@ -8,7 +8,6 @@ whose centre is the origin; the tip of lobe 0 lies on the real axis. SI units an
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -423,7 +422,7 @@ class CycloidalGearbox:
                 f"({4 * self.n_lobes}), got {points!r}"
             )
         object.__setattr__(self, "profile_points", int(points))
-        smallest = _least_radius(self.eccentricity, self.n_pins, self.shortening)
+        smallest = 1 / float(self.profile.curvature(np.linspace(0, math.pi / self.n_lobes, 181)).max())
         if self.pin_radius + self.pin_clearance >= smallest:
             raise ValueError(
                 f"pin_radius must be below {smallest - self.pin_clearance:.6g} m, the least radius of "
@@ -457,26 +456,12 @@ class CycloidalGearbox:
         :meth:`abs`.
         """
         return cls(
-            n_pins=14,
-            eccentricity=1.5e-3,
-            shortening=1.5e-3 * 14 / 34e-3,
-            pin_radius=3.5e-3,
-            pin_clearance=5e-5,
-            internal_pitch_radius=20e-3,
-            internal_sleeve_radius=4.5e-3,
-            clearance=5e-5,
-            wheel_mass=0.08,
-            wheel_inertia=4e-5,
-            internal_sleeve_mass=0.005,
-            input_shaft_inertia=5e-6,
-            output_shaft_inertia=5e-5,
-            wheel_youngs_modulus=2.5e9,
-            wheel_poisson_ratio=0.37,
-            sleeve_youngs_modulus=2.5e9,
-            sleeve_poisson_ratio=0.37,
-            contact_damping=20.0,
-            stiffness_scale=0.2,
-        ).replace(**changes)
+            n_pins=14, eccentricity=1.5e-3, shortening=1.5e-3 * 14 / 34e-3, pin_radius=3.5e-3,
+            pin_clearance=5e-5, internal_pitch_radius=20e-3, internal_sleeve_radius=4.5e-3, clearance=5e-5,
+            wheel_mass=0.08, wheel_inertia=4e-5, internal_sleeve_mass=0.005, input_shaft_inertia=5e-6,
+            output_shaft_inertia=5e-5, wheel_youngs_modulus=2.5e9, wheel_poisson_ratio=0.37,
+            sleeve_youngs_modulus=2.5e9, sleeve_poisson_ratio=0.37, contact_damping=20.0, stiffness_scale=0.2,
+        ).replace(**changes)  # fmt: skip
 
     def replace(self, **changes: Any) -> CycloidalGearbox:
         """Return a copy with single fields changed."""
@@ -545,10 +530,3 @@ class CycloidalGearbox:
             raise ValueError(f"damping_ratio must lie in [0, 1), got {damping_ratio!r}")
         damping = 2 * damping_ratio * math.sqrt(stiffness * inertia)
         return self.replace(brake_inertia=inertia, meter_stiffness=stiffness, meter_damping=damping)
-
-
-@functools.lru_cache
-def _least_radius(eccentricity: float, n_pins: int, shortening: float) -> float:
-    """Return the least radius of curvature of the path of a pin's centre, in m."""
-    path = CycloidalProfile(eccentricity, n_pins, shortening, 0.0)
-    return 1 / float(path.curvature(np.linspace(0, math.pi / path.n_lobes, 181)).max())

@@ -477,11 +477,6 @@ class Rig:
         PlannedRun
             Its ``simulate`` makes it; :func:`cyclofeat.simulators.sampling.sample_runs` makes many at once.
 
-        Raises
-        ------
-        TypeError, ValueError
-            As :meth:`simulate`.
-
         Examples
         --------
         One simulation, recorded by two chains of measurement:
@@ -591,11 +586,6 @@ class Rig:
         path : path
             File to write; an existing file is replaced.
 
-        Raises
-        ------
-        OSError
-            If the file cannot be written; the message names it.
-
         See Also
         --------
         from_json : Describes the file.
@@ -606,10 +596,7 @@ class Rig:
     def from_dict(cls, content: Any) -> Rig:
         """Return the rig of a content as :meth:`to_dict` gives it.
 
-        Raises
-        ------
-        TypeError, ValueError
-            If a key or value is wrong; the message names it.
+        A key or value that is wrong raises TypeError or ValueError, which names it.
         """
         given = dict(_check_object("the file", content))
         reject_unknown(given, ["format", "note", "name", "gearbox", "effects", "variants", "simulator"])

@@ -43,7 +43,7 @@ from cyclofeat.simulators.batch._vectors import (
 
 # Of all modules whose functions and constants are compiled here: numba's cache on disk notices changes of
 # this file only.
-SOURCES_CHECKSUM = 0x2FA90378
+SOURCES_CHECKSUM = 0x463AFB6F
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)

@@ -190,12 +190,9 @@ def batch_tables(
     )
     tables.flanks[:, :, F_GAP] = 1.0
     tables.lined[:, :, F_GAP] = 1.0
-    pins = np.arange(n_pins)
-    angles = 2 * np.pi * pins / n_pins
-    tables.pins[PIN_COS, :n_pins], tables.pins[PIN_SIN, :n_pins] = np.cos(angles), np.sin(angles)
-    tables.pins[PIN_SHARE, :n_pins] = pins / n_pins
-    sleeves = 2 * np.pi * np.arange(joint.n_sleeves) / joint.n_sleeves
-    tables.sleeves[:] = np.cos(sleeves), np.sin(sleeves)
+    tables.pins[: PIN_SIN + 1, :n_pins] = _pin_rows(machines[0])[:2]
+    tables.pins[PIN_SHARE, :n_pins] = np.arange(n_pins) / n_pins
+    tables.sleeves[:] = _two_rows(machines[0].sleeves)[:, : joint.n_sleeves]
     # A lane without a machine computes nothing that is not a number.
     tables.lanes[[GAP, INVERSE_RAMP, PIN_RADIUS]] = 1.0
     tables.lanes[CAM_LESS_GAP : CAM_LESS_GAP + 2] = -0.5
@@ -203,24 +200,16 @@ def batch_tables(
         _fill_lane(tables.lanes[:, lane], machine, dt, limits)
         _fill_geometry(tables.geometry[lane], machine)
         tables.pins[3 + 2 * lane : 5 + 2 * lane, :n_pins] = _pin_rows(machine)[2:]
+        wear, radial = machine.wear.reshape(2, 2, _outline.COLUMNS)[:, :, : wheel.n_lobes]
+        removed = 1.0 * (wear == _outline.REMOVED)
+        worn, tips = wear * (1.0 - removed), removed - np.roll(removed, 1, axis=1)
+        errors = _two_rows(machine.lobes[int(_outline.PITCH_ERROR) :])[:, : wheel.n_lobes]
+        # In the order of the rows of the weights.
+        weights = np.stack([1.0 - removed - worn, 1.0 - removed, worn, tips, errors, radial], axis=1)
         lobes = (np.arange(n_places) - FIRST_PLACE - wheel.n_lobes) % wheel.n_lobes
-        tables.weights[lane] = _lobe_weights(machine)[:, :, lobes]
+        tables.weights[lane] = weights[:, :, lobes]
     tables.rounded[:] = tables.geometry
     return tables
-
-
-def _lobe_weights(machine: KernelInput) -> NDArray[np.float64]:
-    """Return the weights of all lobes: (2, N_WEIGHTS, n_lobes)."""
-    wear, radial = machine.wear.reshape(2, 2, _outline.COLUMNS)[:, :, : machine.wheel.n_lobes]
-    removed = 1.0 * (wear == _outline.REMOVED)
-    worn = wear * (1.0 - removed)
-    weights = np.empty((2, N_WEIGHTS, wear.shape[1]))
-    lobes = _wheel_rows(machine.lobes[int(_outline.PITCH_ERROR) :])
-    weights[:, PITCH_ERROR] = lobes[:, : machine.wheel.n_lobes]
-    weights[:, FIRST_HALF], weights[:, SECOND_HALF] = 1.0 - removed - worn, 1.0 - removed
-    weights[:, RADIAL] = radial
-    weights[:, CHORD], weights[:, TIP] = worn, removed - np.roll(removed, 1, axis=1)
-    return weights
 
 
 def _spin_table(machines: Sequence[KernelInput], lanes: int, dtype: type) -> NDArray[Any]:
@@ -235,8 +224,8 @@ def _spin_table(machines: Sequence[KernelInput], lanes: int, dtype: type) -> NDA
         c, s, radial, tangential = _pin_rows(machine)
         radial = machine.wheel.pin_circle_radius + radial
         axles[:, :n_pins, lane] = c * radial - s * tangential, s * radial + c * tangential
-        angles = 2 * np.pi * np.arange(joint.n_sleeves) / joint.n_sleeves
-        axles[:, n_pins:, lane] = machine.joint.pitch_radius * np.array([np.cos(angles), np.sin(angles)])
+        sleeves = _two_rows(machine.sleeves)[:, : joint.n_sleeves]
+        axles[:, n_pins:, lane] = machine.joint.pitch_radius * sleeves
     return spins
 
 
@@ -245,8 +234,8 @@ def _pin_rows(machine: KernelInput) -> NDArray[np.float64]:
     return machine.pins.reshape(-1, _outline.COLUMNS)[:4, : machine.wheel.n_lobes + 1]
 
 
-def _wheel_rows(table: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rows of one of the exact kernel's tables, one for each wheel."""
+def _two_rows(table: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the two rows of one of the exact kernel's tables."""
     return table.reshape(2, _outline.COLUMNS)
 
 
@@ -275,7 +264,7 @@ def _fill_lane(lane: NDArray[Any], machine: KernelInput, dt: float, limits: tupl
     contact, joint, body, wheel = machine.contact, machine.joint, machine.body, machine.wheel
     hunt_crossley = contact.law == _kernels.HUNT_CROSSLEY_LAW
     gap = joint.gap_at_centre
-    mounts = _wheel_rows(machine.mounts)
+    mounts = _two_rows(machine.mounts)
     cams = np.hypot(mounts[:, _outline.CAM_X], mounts[:, _outline.CAM_Y])
     chord = np.array([wheel.pit_y, wheel.tip_x - wheel.pit_x])
     chord /= np.hypot(*chord)
@@ -332,7 +321,7 @@ def _fill_lane(lane: NDArray[Any], machine: KernelInput, dt: float, limits: tupl
 
 def _fill_geometry(columns: NDArray[np.float64], machine: KernelInput) -> None:
     """Fill the geometry of one lane."""
-    wheel, mounts = machine.wheel, _wheel_rows(machine.mounts)
+    wheel, mounts = machine.wheel, _two_rows(machine.mounts)
     z, e, inverse_m = float(wheel.n_lobes), wheel.eccentricity, 1 / wheel.shortening
     inverse_ez = 1 / (e * (z + 1))
     length = np.hypot(wheel.pit_x - wheel.tip_x, wheel.pit_y)
