@@ -58,12 +58,7 @@ class Progress:
     """
 
     def __init__(
-        self,
-        label: str,
-        stream: TextIO | None = None,
-        *,
-        quiet_s: float = _QUIET_S,
-        tick_s: float = _TICK_S,
+        self, label: str, stream: TextIO | None = None, *, quiet_s: float = _QUIET_S, tick_s: float = _TICK_S
     ) -> None:
         self.label, self.quiet_s, self.tick_s = label, quiet_s, tick_s
         self.stream = sys.stderr if stream is None else stream

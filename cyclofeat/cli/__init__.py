@@ -25,7 +25,6 @@ import os
 import sys
 import warnings
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
 from types import ModuleType
 from typing import Any, Literal
 
@@ -44,41 +43,29 @@ from cyclofeat.cli._options import (
 __all__ = ["main", "make_parser"]
 
 
-@dataclass(frozen=True)
-class Command:
-    """One command: its help, its module, and its JSON: one document, a list, or a line for each result."""
-
-    text: str
-    module_name: str
-    output: Literal["one", "list", "lines"] = "one"
-
-    def module(self) -> ModuleType:
-        """Import the command's module."""
-        return importlib.import_module(f"cyclofeat.cli.{self.module_name}")
-
-
-COMMANDS = {
-    "simulate": Command("simulate one recording and write it to a file", "simulate"),
-    "animate": Command(
-        "simulate the gearbox and write a page that animates it with its forces and its torque",
-        "animate",
+# Help of each command, and its JSON: one document, a list, or a line for each result.
+COMMANDS: dict[str, tuple[str, Literal["one", "list", "lines"]]] = {
+    "simulate": ("simulate one recording and write it to a file", "one"),
+    "animate": (
+        "simulate the gearbox and write a page that animates it with its forces and its torque", "one",
     ),
-    "inspect": Command("show what recordings contain and what would spoil a count", "inspect", "list"),
-    "train": Command("train a model and write it to a file", "train"),
-    "count": Command("count the worn lobes of recordings", "count", "list"),
-    "watch": Command("count recordings as they arrive in a folder", "watch", "lines"),
-    "history": Command("show the counts of each gearbox over time, and alarms", "history", "list"),
-    "evaluate": Command("cross-validate counters, with whole assemblies held out", "evaluate"),
-    "plan": Command("state how long to record, at what noise, to tell N worn lobes from N + 1", "plan"),
-    "campaign": Command(
-        "simulate thousands of assemblies to files, or complete an interrupted run", "campaign"
-    ),
-    "gap": Command(
-        "find where model and measurement disagree, name all missing effects, correct the model", "gap"
-    ),
-    "serve": Command("open a page in the browser that inspects, counts and compares", "serve", "lines"),
-    "demo": Command("train a model, write surrogate recordings, count them, and write the pages", "demo"),
-}
+    "inspect": ("show what recordings contain and what would spoil a count", "list"),
+    "train": ("train a model and write it to a file", "one"),
+    "count": ("count the worn lobes of recordings", "list"),
+    "watch": ("count recordings as they arrive in a folder", "lines"),
+    "history": ("show the counts of each gearbox over time, and alarms", "list"),
+    "evaluate": ("cross-validate counters, with whole assemblies held out", "one"),
+    "plan": ("state how long to record, at what noise, to tell N worn lobes from N + 1", "one"),
+    "campaign": ("simulate thousands of assemblies to files, or complete an interrupted run", "one"),
+    "gap": ("find where model and measurement disagree, name all missing effects, correct the model", "one"),
+    "serve": ("open a page in the browser that inspects, counts and compares", "lines"),
+    "demo": ("train a model, write surrogate recordings, count them, and write the pages", "one"),
+}  # fmt: skip
+
+
+def command_module(name: str) -> ModuleType:
+    """Import the module of a command."""
+    return importlib.import_module(f"cyclofeat.cli.{name}")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -113,8 +100,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         finally:
             sys.stdout and sys.stdout.flush()  # help and version
         with warnings.catch_warnings(), progress_hidden(arguments.quiet):
-            warnings.showwarning = _show_warning
-            return _run_and_print(COMMANDS[arguments.command], arguments)
+            # One line, without the place in the code.
+            warnings.showwarning = lambda message, *_, **__: print_message(
+                f"cyclofeat: warning: {' '.join(str(message).split())}"
+            )
+            return _run_and_print(arguments)
     except BrokenPipeError:
         # The reader (head, less) has closed the pipe.
         _close_output()
@@ -128,7 +118,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 130
 
 
-def _run_and_print(command: Command, arguments: argparse.Namespace) -> int:
+def _run_and_print(arguments: argparse.Namespace) -> int:
     """Run a command, print each result as soon as it is known, and return the exit code.
 
     Errors of input and surroundings are results too; any other error is a defect of the toolkit and keeps its
@@ -136,10 +126,11 @@ def _run_and_print(command: Command, arguments: argparse.Namespace) -> int:
     """
     failed = refused = False
     # Results of "lines" are lines of JSON anyway, a list on request.
-    in_lines = arguments.json if command.output == "lines" else getattr(arguments, "jsonl", False)
+    _, output = COMMANDS[arguments.command]
+    in_lines = arguments.json if output == "lines" else getattr(arguments, "jsonl", False)
     documents = []
     try:
-        for printed in _printed_results(command, arguments):
+        for printed in _printed_results(arguments):
             failed = failed or printed.failed
             refused = refused or printed.refused
             erase_progress()
@@ -155,11 +146,11 @@ def _run_and_print(command: Command, arguments: argparse.Namespace) -> int:
     finally:
         # What is finished is printed although the work was interrupted.
         if documents:
-            print(json.dumps(documents if command.output == "list" else documents[0], indent=2), flush=True)
+            print(json.dumps(documents if output == "list" else documents[0], indent=2), flush=True)
     return 2 if failed else 3 * refused
 
 
-def _printed_results(command: Command, arguments: argparse.Namespace) -> Iterator[Printed]:
+def _printed_results(arguments: argparse.Namespace) -> Iterator[Printed]:
     """Run a command and yield what is printed of each result, and of the error that ends it."""
     try:
         if sys.stdout is None:
@@ -169,7 +160,7 @@ def _printed_results(command: Command, arguments: argparse.Namespace) -> Iterato
             from cyclofeat.simulators import load_effects
 
             load_effects(path)
-        result = command.module().run(arguments)
+        result = command_module(arguments.command).run(arguments)
         yield from result if isinstance(result, Iterator) else (result,)
     except _expected_errors() as error:
         cause: BaseException | None = error
@@ -188,11 +179,6 @@ def _expected_errors() -> tuple[type[Exception], ...]:
     return ValueError, TypeError, OSError, ImportError, MemoryError, *failed
 
 
-def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    """Print a warning as one line, without the place in the code."""
-    print_message(f"cyclofeat: warning: {' '.join(str(message).split())}")
-
-
 def _close_output() -> None:
     """Write nothing more to standard output, not even at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -208,11 +194,11 @@ def make_parser(complete: Collection[str] = tuple(COMMANDS)) -> argparse.Argumen
     parsers = parser.add_subparsers(
         required=True, metavar="COMMAND", dest="command", parser_class=CommandParser
     )
-    for name, command in COMMANDS.items():
-        subparser = parsers.add_parser(name, help=command.text, description=command.text)
+    for name, (text, output) in COMMANDS.items():
+        subparser = parsers.add_parser(name, help=text, description=text)
         printing = subparser.add_mutually_exclusive_group()
         printing.add_argument("--json", action="store_true", help="print JSON for programs")
-        if command.output == "list":
+        if output == "list":
             printing.add_argument(
                 "--jsonl", action="store_true", help="print one line of JSON per result, at once"
             )
@@ -222,5 +208,5 @@ def make_parser(complete: Collection[str] = tuple(COMMANDS)) -> argparse.Argumen
             help="print results, warnings and errors, but no progress or notes",
         )
         if name in complete:
-            command.module().add_arguments(subparser)
+            command_module(name).add_arguments(subparser)
     return parser

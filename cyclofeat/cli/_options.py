@@ -68,10 +68,7 @@ class Idle(NamedTuple):
 
 
 def add_idle(
-    parser: argparse.ArgumentParser,
-    *names: str,
-    beside: Collection[str] = (),
-    without: Collection[str] = (),
+    parser: argparse.ArgumentParser, *names: str, beside: Collection[str] = (), without: Collection[str] = ()
 ) -> None:
     """State that the arguments named have no effect beside any of some others, or without all of them."""
     parser.set_defaults(idle=(*(parser.get_default("idle") or ()), Idle(names, beside, without)))
@@ -289,10 +286,7 @@ _OPTIONS: dict[str, tuple[str, dict[str, Any]]] = {
         "--angle-absolute",
         {"action": "store_true", "default": None, "help": "the angle is zero where cam 0 is at pin 0"},
     ),
-    "speed_rpm": (
-        "--speed",
-        {"type": positive_number, "metavar": "RPM", "help": "nominal input speed, RPM"},
-    ),
+    "speed_rpm": ("--speed", {"type": positive_number, "metavar": "RPM", "help": "nominal input speed, RPM"}),
     "n_lobes": ("--n-lobes", {"type": int, "metavar": "N", "help": "lobes of a disc (default 15)"}),
     "scale": ("--scale", {"type": float, "help": "Nm (or A) per unit of the channel"}),
     "delimiter": ("--delimiter", {"choices": tuple(_DELIMITERS), "help": "separator in CSV files"}),
@@ -350,21 +344,6 @@ def list_entries(paths: Sequence[str]) -> list[Entry | UnreadableFolder]:
     return files
 
 
-def read_all(paths: Sequence[str], arguments: argparse.Namespace) -> list[Recording]:
-    """Return all recordings that the paths name, read as the options state."""
-    options = reading_arguments(arguments)
-    files = list_entries(paths)
-    recordings: list[Recording] = []
-    with Progress("reading recordings") as progress:
-        for entry in files:
-            try:
-                recordings.append(entry.read(**options))
-            except UNREADABLE as error:
-                raise ValueError(name_file(entry.path, error_text(error, arguments))) from error
-            progress(len(recordings), len(files))
-    return recordings
-
-
 @dataclass(frozen=True)
 class FileResult(Generic[T]):
     """Result of one file, or the error; ``title`` is its path and content in one line."""
@@ -411,6 +390,16 @@ def each_recording(
                 result = FileResult(entry.path, title, error=error_text(error, arguments))
             progress(done, len(files))
             yield result
+
+
+def read_all(paths: Sequence[str], arguments: argparse.Namespace) -> list[Recording]:
+    """Return all recordings that the paths name, read as the options state."""
+    recordings: list[Recording] = []
+    for result in each_recording("reading recordings", list_entries(paths), arguments, lambda _, read: read):
+        if result.value is None:
+            raise ValueError(name_file(result.path, result.error))
+        recordings.append(result.value)
+    return recordings
 
 
 def name_file(path: Path, message: str) -> str:

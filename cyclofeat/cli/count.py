@@ -78,7 +78,14 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
         for result in each_recording("counting", files, arguments, count_file):
             results.append(result)
             if arguments.csv:
-                _write_row(arguments.csv, "a", _table_row(result))
+                row: dict[str, Any] = {"file": str(result.path), "error": result.error}
+                if result.value is not None:
+                    count = result.value[0]
+                    row |= count.to_dict()
+                    row["probability"] = f"{count.probability[count.defect_count]:.6g}"
+                    row["worn_lobes_from_1"] = " ".join(map(str, row["worn_lobes_from_1"]))
+                    row["warnings"] = "; ".join(count.warnings)
+                _write_row(arguments.csv, "a", row)
             yield _print_count(arguments, result)
     if arguments.csv:
         note(f"table: {arguments.csv}")
@@ -107,17 +114,6 @@ def _write_row(path: str, mode: str, row: dict[str, Any]) -> None:
     # that the file is UTF-8.
     with name_in_errors(path), open(path, mode, encoding="utf-8-sig", newline="") as stream:
         csv.DictWriter(stream, COLUMNS, extrasaction="ignore").writerow(row)
-
-
-def _table_row(result: FileResult[Counted]) -> dict[str, Any]:
-    row: dict[str, Any] = {"file": str(result.path), "error": result.error}
-    if result.value is not None:
-        count = result.value[0]
-        row |= count.to_dict()
-        row["probability"] = f"{count.probability[count.defect_count]:.6g}"
-        row["worn_lobes_from_1"] = " ".join(map(str, row["worn_lobes_from_1"]))
-        row["warnings"] = "; ".join(count.warnings)
-    return row
 
 
 def _print_count(arguments: argparse.Namespace, result: FileResult[Counted]) -> Printed:

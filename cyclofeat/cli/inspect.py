@@ -11,7 +11,6 @@ from cyclofeat._base.quantities import number_of
 from cyclofeat.cli._options import (
     FILES,
     UNREADABLE,
-    FileResult,
     Printed,
     add_reading_options,
     each_recording,
@@ -27,33 +26,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     from cyclofeat.datasets import describe
-
-    files = list_entries(arguments.files)
-    for result in each_recording("inspecting", files, arguments, lambda _, recording: describe(recording)):
-        yield _print_facts(arguments, result)
-
-
-def _print_facts(arguments: argparse.Namespace, result: FileResult[dict[str, Any]]) -> Printed:
     from cyclofeat.datasets.readers import list_channels
 
-    facts = result.value
-    channels: dict[str, str | None] = {}  # none where the file cannot be opened
-    with contextlib.suppress(*UNREADABLE):
-        channels = list_channels(result.path, delimiter=reading_arguments(arguments).get("delimiter"))
-    if facts is None:
-        return result.format_result(facts={"channels": channels})
-    lines = [f"started:   {facts['start_time']} (UTC)"] if facts["start_time"] else []
-    others = [name if unit is None else f"{name} ({unit})" for name, unit in channels.items()]
-    if len(others) > 1:
-        lines.append(f"channels:  {', '.join(others)}")
-    lines.append(f"speed:     {_speed_text(facts)}")
-    if facts["output_turns"] is not None:
-        turns = number_of(facts["whole_output_turns"], "whole output turn")
-        lines.append(f"length:    {turns}, {facts['unused_s']:.3g} s left over")
-    lines.append(f"clipped:   {100 * facts['clipped_share']:.3g} %")
-    lines.append(f"dropouts:  {100 * facts['dropout_share']:.3g} %")
-    lines += [f"warning:   {warning}" for warning in facts["warnings"]]
-    return result.format_result(lines, {**facts, "channels": channels})
+    files = list_entries(arguments.files)
+    delimiter = reading_arguments(arguments).get("delimiter")
+    for result in each_recording("inspecting", files, arguments, lambda _, recording: describe(recording)):
+        facts = result.value
+        channels: dict[str, str | None] = {}  # none where the file cannot be opened
+        with contextlib.suppress(*UNREADABLE):
+            channels = list_channels(result.path, delimiter=delimiter)
+        if facts is None:
+            yield result.format_result(facts={"channels": channels})
+            continue
+        lines = [f"started:   {facts['start_time']} (UTC)"] if facts["start_time"] else []
+        others = [name if unit is None else f"{name} ({unit})" for name, unit in channels.items()]
+        if len(others) > 1:
+            lines.append(f"channels:  {', '.join(others)}")
+        lines.append(f"speed:     {_speed_text(facts)}")
+        if facts["output_turns"] is not None:
+            turns = number_of(facts["whole_output_turns"], "whole output turn")
+            lines.append(f"length:    {turns}, {facts['unused_s']:.3g} s left over")
+        lines.append(f"clipped:   {100 * facts['clipped_share']:.3g} %")
+        lines.append(f"dropouts:  {100 * facts['dropout_share']:.3g} %")
+        lines += [f"warning:   {warning}" for warning in facts["warnings"]]
+        yield result.format_result(lines, {**facts, "channels": channels})
 
 
 def _speed_text(facts: dict[str, Any]) -> str:

@@ -69,16 +69,11 @@ def run(arguments: argparse.Namespace) -> Printed:
         speed_rpm=arguments.speed_rpm,
         **by_simulation,
     )
-    lines = _table_lines(plan) if plan.depths_um is None else _simulation_lines(plan)
-    if plan.depths_um is None and arguments.speed_rpm != _TABULATED_RPM:
-        lines.append(
-            f"  note: the table is of {_TABULATED_RPM:g} RPM; another speed is taken to need as many turns"
-        )
-    return Printed("\n".join(lines), plan.to_dict())
-
-
-def _simulation_lines(plan: MeasurementPlan) -> list[str]:
-    assert plan.depths_um is not None
+    if plan.depths_um is None:
+        lines = _table_lines(plan)
+        if arguments.speed_rpm != _TABULATED_RPM:
+            lines.append(f"  note: the table is of {_TABULATED_RPM:g} RPM; another speed takes as many turns")
+        return Printed("\n".join(lines), plan.to_dict())
     assert isinstance(plan.probability, tuple)
     shows = f"no depth up to {plan.depths_um[-1]:g} um shows"
     if plan.least_um is not None:
@@ -86,13 +81,14 @@ def _simulation_lines(plan: MeasurementPlan) -> list[str]:
         shows = f"radial wear shows from {plan.least_um:.3g} um {up_to}on"
     shares = ", ".join(f"{d:g} um: {p:.2f}" for d, p in zip(plan.depths_um, plan.probability, strict=True))
     at = f"{plan.noise_nm:g} Nm noise, {plan.speed_rpm:g} RPM, {plan.load_nm:g} Nm"
-    return [
+    lines = [
         f"{shows} with {plan.confidence:g}, {number_of(plan.worn, 'worn lobe')} or none: {at}, "
         f"{_format_length(plan.turns, plan.seconds)}",
         f"  probability of telling worn from healthy: {shares}",
         f"  by the lobe lines of {plan.assemblies} simulated assemblies of rig {plan.rig}, healthy and worn",
         "  note: an ideal detector trained for this rig; counting the lobes takes deeper wear",
     ]
+    return Printed("\n".join(lines), plan.to_dict())
 
 
 def _table_lines(plan: MeasurementPlan) -> list[str]:

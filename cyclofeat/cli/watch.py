@@ -9,11 +9,11 @@ import signal
 import threading
 import time
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from cyclofeat._base.files import check_parent
 from cyclofeat._base.quantities import lobes_text, number_of
@@ -92,7 +92,16 @@ class FolderWatch:
 
     def poll(self, now: float) -> list[Path]:
         """Return files to count, sorted by name; ``now`` in s of a clock that never goes back."""
-        present = dict(sorted(self._present_files()))
+        present: dict[str, Signature] = {}
+        with os.scandir(self.folder) as entries:
+            for entry in sorted(entries, key=lambda entry: entry.name):
+                hidden = entry.name.startswith(".") or entry.name in self.ignored
+                if hidden or not entry.name.lower().endswith(self.suffixes):
+                    continue
+                with suppress(OSError):  # gone, or a link to nothing
+                    if entry.is_file():
+                        state = os.stat(entry.path)
+                        present[entry.name] = (state.st_size, state.st_mtime_ns, state.st_ino)
         for name in self._seen.keys() - present.keys():
             del self._seen[name]
         ready = []
@@ -129,20 +138,6 @@ class FolderWatch:
             # Not done: the next start may read it, with other options.
             seen.message, seen.reported = None, True
         return files
-
-    def _present_files(self) -> Iterator[tuple[str, Signature]]:
-        with os.scandir(self.folder) as entries:
-            for entry in entries:
-                name = entry.name
-                hidden = name.startswith(".") or name in self.ignored
-                if hidden or not name.lower().endswith(self.suffixes):
-                    continue
-                try:
-                    if entry.is_file():
-                        state = os.stat(entry.path)
-                        yield name, (state.st_size, state.st_mtime_ns, state.st_ino)
-                except OSError:
-                    continue  # gone, or a link to nothing
 
 
 class DoneList:
@@ -241,7 +236,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
             raise NotADirectoryError(f"{folder} is a file: watch takes a folder")
         raise FileNotFoundError(f"no such folder: {folder}")
     options = reading_arguments(arguments)
-    with _stop_on_signals() as stop:
+    with _Stop() as stop:
         done = DoneList(None if arguments.done is None else Path(arguments.done))
         ignored = {MANIFEST} | ({Path(arguments.done).name} if arguments.done else set())
         watch = FolderWatch(folder, tuple(SOURCES), arguments.settle, done, ignored=ignored)
@@ -262,10 +257,24 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
 
 
 class _Stop:
-    """Request to stop, set by signals; a handler must not take the lock of a threading.Event."""
+    """Request to stop by Ctrl-C or SIGTERM, after which the file in hand is finished first.
+
+    A signal's handler must not take the lock of a threading.Event.
+    """
 
     def __init__(self) -> None:
         self.asked = False
+        self._before: dict[signal.Signals, Any] = {}
+
+    def __enter__(self) -> Self:
+        if threading.current_thread() is threading.main_thread():  # Python allows handlers nowhere else
+            for name in (signal.SIGINT, signal.SIGTERM):
+                self._before[name] = signal.signal(name, self)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for name, handler in self._before.items():
+            signal.signal(name, handler)
 
     def __call__(self, *_: object) -> None:
         if self.asked:  # a second signal: do not wait for work that hangs
@@ -367,21 +376,6 @@ class _Trouble:
         return False
 
 
-@contextmanager
-def _stop_on_signals() -> Iterator[_Stop]:
-    """Ctrl-C and SIGTERM ask to stop: the file in hand is finished first."""
-    stop = _Stop()
-    before: dict[signal.Signals, Any] = {}
-    if threading.current_thread() is threading.main_thread():  # Python allows handlers nowhere else
-        for name in (signal.SIGINT, signal.SIGTERM):
-            before[name] = signal.signal(name, stop)
-    try:
-        yield stop
-    finally:
-        for name, handler in before.items():
-            signal.signal(name, handler)
-
-
 def _print_count(
     arguments: argparse.Namespace, path: Path, count: LobeCount, state: GearboxState | None
 ) -> Printed:
@@ -398,11 +392,7 @@ def _print_count(
     if state is not None:
         line += f"; {state.gearbox}: {state}"
         facts |= {"gearbox": state.gearbox, "alarm": state.alarm, "history": state.to_dict()}
-    return Printed(
-        f"{facts['time']} {path.name}: {line}",
-        facts,
-        refused=count.refused and arguments.strict,
-    )
+    return Printed(f"{facts['time']} {path.name}: {line}", facts, refused=count.refused and arguments.strict)
 
 
 def _time_text() -> str:

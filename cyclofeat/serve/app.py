@@ -50,11 +50,7 @@ _REPORT_POLICY = (
 
 
 def make_app(
-    key: str,
-    *,
-    model: Sequence[str] = (),
-    limits: Limits | None = None,
-    program: Sequence[str] = PROGRAM,
+    key: str, *, model: Sequence[str] = (), limits: Limits | None = None, program: Sequence[str] = PROGRAM
 ) -> Starlette:
     """Make the web application; its uploads lie in a private folder that its end deletes.
 

@@ -44,8 +44,7 @@ def folder(tmp_path_factory, surrogates):
     """A model and some recordings as files."""
     folder = tmp_path_factory.mktemp("cli")
     save_model(
-        folder / "model.joblib",
-        LobeModel(n_splits=0, n_trees=60, random_state=0).fit(surrogates[12:]),
+        folder / "model.joblib", LobeModel(n_splits=0, n_trees=60, random_state=0).fit(surrogates[12:])
     )
     for recording in surrogates[:8]:
         write_recording(folder / f"{recording.assembly}.npz", recording)
@@ -692,10 +691,7 @@ def test_bad_recordings(capsys, folder, make, message, model):
         (["simulate", "--worn-count", "1", "--wear-um", "300", "--out", "x.npz"], "between 0 and 200 um"),
         (["simulate", "--duration", "-1", "--out", "x.npz"], "--duration: must be a positive"),
         (["simulate", "--duration", "1e7", "--out", "x.npz"], "duration 1e.07 s takes 1e.12 steps"),
-        (
-            ["simulate", "--rig", "r3", "--out", "x.npz"],
-            "--rig must be .*, published or .* no such file: r3",
-        ),
+        (["simulate", "--rig", "r3", "--out", "x.npz"], "--rig must be .*, published or .* no such file: r3"),
         (["train", "--rig", "r3", "--out", "x.joblib"], "--rig must be .*, published or .* no such file: r3"),
         (["simulate", "--rig", "{folder}/worn.csv", "--out", "x.npz"], "worn.csv: is not valid JSON"),
         (["train", "--out", "absent/model.joblib"], "folder absent for --out does not exist"),

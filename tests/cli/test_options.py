@@ -2,7 +2,7 @@
 
 import pytest
 
-from cyclofeat.cli import COMMANDS, main, make_parser
+from cyclofeat.cli import COMMANDS, command_module, main, make_parser
 from cyclofeat.cli._options import name_of
 
 PARSERS = make_parser()._subparsers._group_actions[0].choices
@@ -29,8 +29,8 @@ def no_work(monkeypatch):
     def reached(arguments):
         raise ValueError("the work is reached")
 
-    for command in COMMANDS.values():
-        monkeypatch.setattr(command.module(), "run", reached)
+    for command in COMMANDS:
+        monkeypatch.setattr(command_module(command), "run", reached)
 
 
 def words_of(action, value="x"):

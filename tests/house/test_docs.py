@@ -236,8 +236,7 @@ def run_commands(block: Block, page: str, capsys: pytest.CaptureFixture[str]) ->
 
 
 @pytest.mark.parametrize(
-    "path",
-    [pytest.param(p, id=named(p), marks=pytest.mark.slow if p.name in SLOW else ()) for p in RUN],
+    "path", [pytest.param(p, id=named(p), marks=pytest.mark.slow if p.name in SLOW else ()) for p in RUN]
 )
 def test_page_runs_from_top_to_bottom(path, desk, capsys):
     space: dict[str, object] = {"__name__": path.stem}

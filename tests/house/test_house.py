@@ -96,11 +96,7 @@ def test_the_stated_licence_is_that_of_all_that_is_in_the_wheel():
     assert ROOT / "datasets" / "jelmerv_cycloidal" in shipped
     texts = [ROOT / "LICENSE", *(text for folder in shipped for text in folder.glob("LICENSE*"))]
     assert {ROOT / name for name in project["license-files"]} == set(texts)
-    names = {
-        "BSD 3-Clause License": "BSD-3-Clause",
-        "CC BY-SA 4.0": "CC-BY-SA-4.0",
-        "The MIT License": "MIT",
-    }
+    names = {"BSD 3-Clause License": "BSD-3-Clause", "CC BY-SA 4.0": "CC-BY-SA-4.0", "The MIT License": "MIT"}
     stated = {
         spdx for text in texts for name, spdx in names.items() if name in text.read_text(encoding="utf-8")
     }
