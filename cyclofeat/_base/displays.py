@@ -32,20 +32,10 @@ def html_card(
     notes: Sequence[str] = (),
     code: str = "",
 ) -> str:
-    """Return the card of an object.
+    """Return the card of an object: a title with its main number, rows of numbers with units, and warnings.
 
-    Parameters
-    ----------
-    title : str
-        What the object is, and its main number.
-    rows : mapping from str to object
-        Numbers with units by their names; rows whose value is None or empty text are left out.
-    pictures : sequence of str
-        From :mod:`cyclofeat._base.displays`: the only argument that is not escaped.
-    notes : sequence of str
-        Warnings.
-    code : str
-        One line that shows what to do next.
+    Rows whose value is None or empty text are left out. ``pictures``, which this module draws, are the only
+    argument that is not escaped. ``code`` is one line that shows what to do next.
 
     Examples
     --------
@@ -217,13 +207,7 @@ def _svg_figure(parts: Iterable[str], width: float, height: float, label: str) -
 
 
 def data_frame(rows: Any) -> pd.DataFrame:
-    """Return dicts by row, arrays by column or a structured array as a data frame.
-
-    Raises
-    ------
-    ImportError
-        If pandas is not installed.
-    """
+    """Return dicts by row, arrays by column or a structured array as a data frame."""
     try:
         import pandas as pd
     except ImportError as error:

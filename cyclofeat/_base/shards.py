@@ -19,15 +19,9 @@ T = TypeVar("T")
 
 
 class ShardStore:
-    """Folder of shards: files that appear whole or not at all, beside a description of what they are.
+    """Folder of shards: files that appear whole or not at all, beside a JSON file that describes the work.
 
     Work that was interrupted goes on with the shards that are missing.
-
-    Parameters
-    ----------
-    folder : path
-    description : str
-        Name of the JSON file that describes the work.
     """
 
     def __init__(self, folder: str | os.PathLike[str], description: str = "") -> None:
@@ -87,33 +81,29 @@ class ShardStore:
     @contextlib.contextmanager
     def hold_lock(self, work: str) -> Iterator[None]:
         """Lock the folder, until the end of this process at most; errors name the ``work``."""
+        held: int | None = None
         try:
-            held = self._lock_folder()
+            if (
+                sys.platform == "win32"
+            ):  # no folder can be opened; the system removes the file with its process
+                held = os.open(self.path_of(".lock"), os.O_CREAT | os.O_EXCL | os.O_TEMPORARY)
+            else:
+                import fcntl
+
+                held = os.open(self.folder, os.O_RDONLY)
+                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except (BlockingIOError, FileExistsError):
-            raise BlockingIOError(
-                errno.EWOULDBLOCK,
-                f"{self.folder}: another process is at work on this {work}: wait for its end",
-            ) from None
+            if held is not None:
+                os.close(held)
+            problem = f"{self.folder}: another process is at work on this {work}: wait for its end"
+            raise BlockingIOError(errno.EWOULDBLOCK, problem) from None
+        except OSError:
+            if held is None:
+                raise  # else a file system without locks
         try:
             yield
         finally:
             os.close(held)
-
-    def _lock_folder(self) -> int:
-        """Return a descriptor that locks the folder until it is closed."""
-        if sys.platform == "win32":  # folders cannot be opened; the system removes the file with its process
-            return os.open(self.path_of(".lock"), os.O_CREAT | os.O_EXCL | os.O_TEMPORARY)
-        import fcntl
-
-        held = os.open(self.folder, os.O_RDONLY)
-        try:
-            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(held)
-            raise
-        except OSError:
-            pass  # a file system without locks
-        return held
 
 
 def json_bytes(content: Any) -> bytes:

@@ -56,16 +56,8 @@ def make_descent(
 ) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Return the optimiser's first state and one step of training, as functions.
 
-    AdamW (Loshchilov and Hutter 2019) with one cycle of the learning rate; biases do not decay.
-
-    Parameters
-    ----------
-    loss : callable
-        Of weights (a dictionary of arrays), a batch and a random key.
-    n_steps : int
-        Of the whole training.
-    rate, decay : float
-        Largest learning rate, and decay of the weights.
+    AdamW (Loshchilov and Hutter 2019) with one cycle of the learning rate over ``n_steps`` steps, at most
+    ``rate``; biases do not decay. ``loss`` is of weights (a dictionary of arrays), a batch and a random key.
     """
     jax, _, optax = import_jax()
 

@@ -432,12 +432,9 @@ def add_model_file(
         help="load a joblib model, which can run any code (a .skops model needs no trust)",
     )
     parser.add_argument(
-        "--allow",
-        action="append",
-        default=[],
-        metavar="NAME",
+        "--allow", action="append", default=[], metavar="NAME",
         help="accept a version other than the model's, of scikit-learn, numpy, features, ...",
-    )
+    )  # fmt: skip
     add_idle(parser, "--trust", beside=["--model *.skops"])
     add_idle(parser, "--trust", "--allow", without=["--model"])
 

@@ -32,21 +32,17 @@ def add_machine(parser: argparse.ArgumentParser, *, drawn: Sequence[str] = ("--r
         "--removed-lobes", type=_lobes_from_0, metavar="LOBES", help="removed lobes, counted from 1"
     )
     parser.add_argument(
-        "--wheels",
-        choices=("both", "1", "2"),
-        default="both",
+        "--wheels", choices=("both", "1", "2"), default="both",
         help="wheels that have these lobes (default: both)",
-    )
+    )  # fmt: skip
     parser.add_argument("--depth", type=float, default=1.0, help="depth of the wear, 0 to 1 (default 1)")
     parser.add_argument(
         "--wear-um", type=float, metavar="UM", help="radial wear in um, 0 to 200, in place of --depth"
     )
     parser.add_argument(
-        "--material",
-        choices=("steel", "abs"),
-        default="steel",
+        "--material", choices=("steel", "abs"), default="steel",
         help="material of the gearbox (default: steel)",
-    )
+    )  # fmt: skip
     add_seed(parser, "assembly, drift and noise", default=1000)
     add_idle(parser, "--depth", "--wear-um", beside=["--removed-lobes"])
     add_idle(parser, "--depth", beside=["--wear-um"])
@@ -73,13 +69,10 @@ def add_rig(parser: argparse.ArgumentParser, default: str) -> None:
 def add_effects(parser: argparse.ArgumentParser) -> None:
     """Add the option that names files with effects of the user."""
     parser.add_argument(
-        "--effects-from",
-        metavar="FILE.py",
-        action="append",
-        default=[],
+        "--effects-from", metavar="FILE.py", action="append", default=[],
         help="Python file with effects and simulators of your own, which rigs may then name "
         "(may be given several times)",
-    )
+    )  # fmt: skip
 
 
 def defects_of(arguments: argparse.Namespace) -> LobeDefects:

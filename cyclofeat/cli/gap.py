@@ -47,21 +47,15 @@ def add_check(parser: argparse.ArgumentParser) -> None:
         "two cores)",
     )
     parser.add_argument(
-        "--recordings",
-        type=whole_number(1),
-        default=_RECORDINGS,
-        metavar="N",
+        "--recordings", type=whole_number(1), default=_RECORDINGS, metavar="N",
         help="planned recordings, at the middle speed and load that the posterior knows "
         f"(default {_RECORDINGS})",
-    )
+    )  # fmt: skip
     parser.add_argument(
-        "--rigs",
-        type=whole_number(1),
-        default=_RIGS,
-        metavar="N",
+        "--rigs", type=whole_number(1), default=_RIGS, metavar="N",
         help=f"simulated rigs with known effects that --check uses (default {_RIGS}); more rigs give "
         "more precise sizes",
-    )
+    )  # fmt: skip
     add_idle(parser, "--recordings", beside=["MEASURED"])
     add_idle(parser, "--recordings", "--rigs", without=["--check"])
     add_idle(
@@ -126,13 +120,11 @@ _TRAINED_BY = ("jax", "optax")
 def add_preparation(parser: argparse.ArgumentParser) -> None:
     """Add the options of a preparation."""
     add_target(
-        parser,
-        "--prepare",
-        metavar="FILE",
+        parser, "--prepare", metavar="FILE",
         help="learn --posterior for the model from simulated rigs, at conditions like those of MEASURED if "
         "there are some (of input torque without them: --quantity input_torque), and write it to FILE, .npz; "
         "with --posterior, start from that one",
-    )
+    )  # fmt: skip
     parser.add_argument(
         "--effects",
         metavar="NAMES",
@@ -140,13 +132,10 @@ def add_preparation(parser: argparse.ArgumentParser) -> None:
         "but lacks)",
     )
     parser.add_argument(
-        "--machines",
-        type=whole_number(1),
-        default=_MACHINES,
-        metavar="N",
+        "--machines", type=whole_number(1), default=_MACHINES, metavar="N",
         help=f"simulated machines that --prepare learns from (default {_MACHINES}: about an hour on two "
         "cores); more of them can be added later with the same --cache",
-    )
+    )  # fmt: skip
     add_idle(parser, "--machines", "--effects", without=["--prepare"])
     add_idle(
         parser, "--hold-out", "--out", "--save-simulator", "--simulated", "--alpha",
@@ -297,19 +286,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="recordings of another simulator: show where MEASURED differs from them, and name no effects",
     )
     parser.add_argument(
-        "--hold-out",
-        dest="by",
-        metavar="FOLDER|SHARE|speed|load",
+        "--hold-out", dest="by", metavar="FOLDER|SHARE|speed|load",
         help="recordings on which the corrected model is judged: a folder, a share of MEASURED like 0.4, or "
         "those at the middle of at least three speeds or loads",
-    )
+    )  # fmt: skip
     add_target(parser, "--out", "page", metavar="FILE", help="page to write, .html")
     add_target(
-        parser,
-        "--save-simulator",
-        metavar="FILE",
+        parser, "--save-simulator", metavar="FILE",
         help="corrected model to write, .json, with the effects and sizes that the recordings leave possible",
-    )
+    )  # fmt: skip
     add_check(parser)
     add_preparation(parser)
     parser.add_argument(

@@ -72,7 +72,8 @@ def run(arguments: argparse.Namespace) -> Printed:
     if plan.depths_um is None:
         lines = _table_lines(plan)
         if arguments.speed_rpm != _TABULATED_RPM:
-            lines.append(f"  note: the table is of {_TABULATED_RPM:g} RPM; another speed takes as many turns")
+            table = f"the table is of {_TABULATED_RPM:g} RPM"
+            lines.append(f"  note: {table}; another speed is assumed to need as many turns")
         return Printed("\n".join(lines), plan.to_dict())
     assert isinstance(plan.probability, tuple)
     shows = f"no depth up to {plan.depths_um[-1]:g} um shows"

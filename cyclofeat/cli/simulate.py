@@ -16,11 +16,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--duration", type=positive_number, default=3.0, help="seconds (default 3)")
     parser.add_argument("--sampling-rate", type=positive_number, default=25_600.0, help="Hz (default 25600)")
     parser.add_argument(
-        "--quantity",
-        choices=QUANTITIES,
-        default=QUANTITIES[0],
+        "--quantity", choices=QUANTITIES, default=QUANTITIES[0],
         help="quantity to record (default output_torque); for a current, a rig without a motor gets one",
-    )
+    )  # fmt: skip
     parser.add_argument("--no-angle", action="store_true", help="do not write the shaft's angle")
 
 

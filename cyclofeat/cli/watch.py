@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from cyclofeat.history import GearboxState
 
 
-_DAY_S = 86_400
 # A file that cannot be read is bad, and not only half written, after this many times the time to settle.
 _PATIENCE = 5
 _BEGINNING = b'{"file": '  # of the list of files that are done
@@ -65,17 +64,8 @@ class _Seen:
 class FolderWatch:
     """Report every file once it no longer changes, and again if it changes afterwards.
 
-    Parameters
-    ----------
-    folder : pathlib.Path
-    suffixes : tuple of str
-        Endings of recordings, in lower case, with the dot.
-    settle_s : float
-        Time for which size and time of change must stay the same.
-    done : DoneList
-        Files that need not be reported.
-    ignored : collection of str
-        Names of files that are no recordings.
+    Recordings end in one of ``suffixes`` (lower case, with the dot), unless their name is ``ignored``. Size
+    and time of change must stay the same for ``settle_s``; files that are ``done`` are not reported.
     """
 
     folder: Path
@@ -202,28 +192,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--once", action="store_true", help="count the files of the folder and stop")
     parser.add_argument("--done", metavar="FILE", help="list of counted files, which the next start skips")
     parser.add_argument(
-        "--interval", type=_pause, default=1.0, help="seconds between checks of the folder (default 1)"
+        "--interval",
+        type=positive_number,
+        default=1.0,
+        help="seconds between checks of the folder (default 1)",
     )
     parser.add_argument(
-        "--settle",
-        type=_pause,
-        default=1.0,
+        "--settle", type=positive_number, default=1.0,
         help="seconds for which a file must not change before it is read (default 1); longer than the "
         "writer's longest pause",
-    )
+    )  # fmt: skip
     parser.add_argument(
         "--strict", action=argparse.BooleanOptionalAction, default=True,
         help="exit with code 3 at the end if a recording was refused (default)",
     )  # fmt: skip
     add_history_options(parser, ", else the name of the folder")
     add_reading_options(parser)
-
-
-def _pause(text: str) -> float:
-    """Return seconds of less than a day: the type of an option."""
-    if (seconds := positive_number(text)) >= _DAY_S:
-        raise argparse.ArgumentTypeError(f"must be seconds of less than a day, got {text!r}")
-    return seconds
 
 
 def run(arguments: argparse.Namespace) -> Iterator[Printed]:

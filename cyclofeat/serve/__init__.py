@@ -13,9 +13,7 @@ The page computes nothing: every answer is what ``cyclofeat inspect``, ``count``
 ``simulate`` prints with ``--json``, run as a process. So a job can be cancelled or die while the page lives,
 and its errors are those of the command line.
 
-Built on starlette and uvicorn (extra ``serve``), which check types, stream uploads, so that a bound is
-enforced while a file arrives, and are meant to stay up; Flask's own server is for development only. With
-what they need they take 5 MB.
+Starlette and uvicorn (extra ``serve``) stream uploads, so that a bound is enforced while a file arrives.
 """
 
 from cyclofeat.serve.app import make_app

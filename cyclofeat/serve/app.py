@@ -215,13 +215,7 @@ class Address:
 
     @classmethod
     def of_port(cls, port: int) -> Address:
-        """Open a port for this machine alone, with a new key; 0 takes any free port.
-
-        Raises
-        ------
-        OSError
-            If it is taken or may not be opened.
-        """
+        """Open a port for this machine alone, with a new key; 0 takes any free port."""
         try:
             listener = socket.create_server((HOST, port))
         except OSError as error:
@@ -239,15 +233,7 @@ class Address:
 
 
 def serve(app: ASGIApp, address: Address, *, browser: bool = True) -> None:
-    """Serve an application until Ctrl-C or the system ends it.
-
-    Parameters
-    ----------
-    app : ASGI application
-    address : Address
-    browser : bool
-        Open the page in the user's browser.
-    """
+    """Serve an application until Ctrl-C or the system ends it, and open its page in the user's browser."""
     config = uvicorn.Config(
         app, log_level="warning", access_log=False, timeout_graceful_shutdown=_GRACE_S, server_header=False
     )

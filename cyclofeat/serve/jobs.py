@@ -31,23 +31,13 @@ _LONGEST_VALUE = 200
 
 
 class Order(NamedTuple):
-    """One command to run.
+    """One command to run, with its arguments but ``--json``.
 
-    Parameters
-    ----------
-    command : str
-    title : str
-        What the page calls it.
-    arguments : list of str
-        Of the command, ``--json`` left out.
-    recordings : tuple of str
-        Names of the recordings that it reads.
-    outputs : tuple of str
-        Names of the files that it writes into its folder and that can be downloaded.
+    It reads ``recordings``, and writes ``outputs`` into its folder, which can be downloaded by these names.
     """
 
     command: str
-    title: str
+    title: str  # on the page
     arguments: list[str]
     recordings: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
@@ -56,15 +46,8 @@ class Order(NamedTuple):
 def make_order(asked: Mapping[str, Any], store: Store, model: Sequence[str], folder: Path) -> Order:
     """Return the command for a request of the page, or raise Refused if the page may not ask this.
 
-    Parameters
-    ----------
-    asked : mapping
-        ``command``, ``recordings`` (names), ``options`` (name to text).
-    store : Store
-    model : sequence of str
-        Options that name the model; empty for the packaged ones.
-    folder : pathlib.Path
-        For the files that the command writes.
+    The page asks for ``command``, ``recordings`` (names) and ``options`` (name to text). ``model`` holds the
+    options that name the model, none for the packaged ones; the command writes its files into ``folder``.
     """
     command = asked.get("command")
     if command == "simulate":
@@ -144,18 +127,9 @@ State = Literal["running", "done", "failed", "cancelled", "died"]
 
 @dataclass
 class Job:
-    """One run of a command.
+    """One run of a command: its messages so far, the documents that it printed, and why it failed or died.
 
-    Attributes
-    ----------
-    state : str
-        ``"failed"``: the command says why; ``"died"``: it could not.
-    messages : deque of str
-        Progress, warnings and errors, the latest last.
-    result : list of dict
-        Documents that the command printed.
-    error : str
-        Why the job failed or died.
+    A command that has failed says why; one that died could not.
     """
 
     number: int
@@ -205,17 +179,9 @@ class Job:
 
 
 class Session:
-    """Recordings, model and jobs of one server.
+    """Recordings, model and jobs of one server, whose files lie in the private folder ``root``.
 
-    Parameters
-    ----------
-    root : pathlib.Path
-        Private folder for uploads and for the files of jobs.
-    limits : Limits
-    given : sequence of str
-        Options that name the model, from the command line: ``--model FILE`` and what goes with it.
-    program : sequence of str
-        The command line's program.
+    ``given`` are the options that name the model on the command line, ``program`` is the command line itself.
     """
 
     def __init__(

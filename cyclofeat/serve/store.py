@@ -25,40 +25,19 @@ class Refused(Exception):
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds of what one server takes.
+    """Bounds of what one server takes."""
 
-    Parameters
-    ----------
-    total_bytes : int
-        Of all uploads together.
-    files : int
-        Number of files, those in folders included.
-    jobs : int
-        Number of commands that run at a time.
-    model_bytes : int
-        Of an uploaded model.
-    """
-
-    total_bytes: int = 4 * 2**30
-    files: int = 1000
-    jobs: int = 4
+    total_bytes: int = 4 * 2**30  # of all uploads together
+    files: int = 1000  # those in folders included
+    jobs: int = 4  # that run at a time
     model_bytes: int = 2**29
 
 
 @dataclass
 class Store:
-    """Uploaded recordings and models.
+    """Uploaded recordings and models, in the folder ``root`` that nobody else can read.
 
-    Parameters
-    ----------
-    root : pathlib.Path
-        Folder that nobody else can read.
-    limits : Limits
-
-    Attributes
-    ----------
-    items : dict of str to bool
-        Names of recordings in the folder ``recordings``, and whether each is a folder of its own.
+    ``items`` holds the name of each recording in the folder ``recordings``, and whether it is a folder.
     """
 
     root: Path
