@@ -25,7 +25,7 @@ from cyclofeat.gap.confirm.confirm import confirm_effects, draw_effects
 from cyclofeat.gap.measured import MeasuredRig
 from cyclofeat.gap.posterior.answers import named_effects
 from cyclofeat.gap.simulations import Bank
-from cyclofeat.gap.world.world import FLOOR
+from cyclofeat.gap.world.world import NOISE_AND_DRIFT
 from cyclofeat.simulators import Effect, Rig
 
 COUNTS, TRAINED, JUDGED = range(8), 16, 128  # recordings of each count, and of all
@@ -73,7 +73,7 @@ def case(posterior: EffectPosterior, seed: int) -> tuple[list[str], list[float]]
     """Return the true and the named effects, and the share of each counter; no share if nothing is lost."""
     world, effects = posterior.world, hidden(posterior, seed)
     comparison = Comparison(sampling_rate=world.sampling_rate, rig=world.rig)
-    truth = world.rig.with_added(*FLOOR, *effects)
+    truth = world.rig.with_added(*NOISE_AND_DRIFT, *effects)
     judged = comparison.replace(rig=truth).bank(JUDGED, COUNTS, random_state=1000 + seed)
     names = [", ".join(one.effect_id for one in effects)]
     before, best = (right(comparison, judged, model) for model in (comparison.rig, truth))

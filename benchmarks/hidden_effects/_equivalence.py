@@ -21,7 +21,7 @@ from cyclofeat.gap.summaries.turns import class_means, less_class_means
 from cyclofeat.gap.where.locate import locate
 from cyclofeat.gap.where.permutation import family_p
 from cyclofeat.gap.world.cells import recording_cells
-from cyclofeat.gap.world.world import FLOOR
+from cyclofeat.gap.world.world import NOISE_AND_DRIFT
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Solver, simulate
 
 Float = NDArray[np.float64]
@@ -175,7 +175,7 @@ def false_alarms(n: int) -> tuple[int, str]:
     counts = COUNTS * 2
     planned = [Planned(FIT, i, STANDARD, counts[i % 8]) for i in range(8 * n)]
     X = np.array([_recorded(one, (10**6 + 1, one.number)) for one in planned])
-    comparison = Comparison(sampling_rate=SAMPLING_RATE, may_differ=(*MAY_DIFFER, *FLOOR))
+    comparison = Comparison(sampling_rate=SAMPLING_RATE, may_differ=(*MAY_DIFFER, *NOISE_AND_DRIFT))
     sets = [comparison.measured(X[8 * k : 8 * k + 8], y=counts) for k in range(n)]
     located = locate(comparison, sets[0], n_permutations=_N_PERMUTATIONS)
     # All sets use one bank: they are compared as in locate, without a new bank for each.

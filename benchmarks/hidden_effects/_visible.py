@@ -33,7 +33,7 @@ from cyclofeat.gap.simulations import (
 )
 from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.world.cells import recording_cells
-from cyclofeat.gap.world.world import FLOOR
+from cyclofeat.gap.world.world import NOISE_AND_DRIFT
 from cyclofeat.simulators import Effect, Rig, known_effects
 from cyclofeat.simulators.machine import MachineRun
 from cyclofeat.simulators.sampling import sample_runs
@@ -84,7 +84,7 @@ def simulated_cells(
 
 
 def _population(effects: Sequence[Effect], planned: Planned) -> Population:
-    rig, at = with_may_differ(Rig(), (*MAY_DIFFER, *FLOOR)).with_added(*effects), planned.condition
+    rig, at = with_may_differ(Rig(), (*MAY_DIFFER, *NOISE_AND_DRIFT)).with_added(*effects), planned.condition
     return Population(rig.at(at.speed_rpm, at.load_nm), n_samples(at.speed_rpm), SAMPLING_RATE, _WHEELS)
 
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from cyclofeat._base.checks import is_number
 from cyclofeat.gap.comparison import GapSettings
-from cyclofeat.gap.confirm.confirm import Confirmed, confirm_effects, draw_effects
-from cyclofeat.gap.confirm.next_measurement import simulate_possible
+from cyclofeat.gap.confirm.confirm import Confirmation, confirm_effects, draw_effects
+from cyclofeat.gap.confirm.next_measurement import simulate_possible_rigs
 from cyclofeat.gap.measured import SAME_LOAD, SAME_SPEED, Condition, MeasuredRig, set_points
 from cyclofeat.gap.overlays import Overlay, summarise_overlays
 from cyclofeat.gap.posterior.answers import ABSENT, answer_of, named_effects
@@ -87,16 +87,17 @@ def find_gap(
     say("comparing measurement and model")
     located = locate_all(rig, world, settings)
     say("simulating rigs that the recordings leave possible")
-    possible = simulate_possible(posterior, session, random_state=settings.seed, n_jobs=settings.n_jobs)
+    possible = simulate_possible_rigs(posterior, session, random_state=settings.seed, n_jobs=settings.n_jobs)
     named = named_effects(presence)
     confirmed = confirm_effects(
         posterior, session, named, possible=possible.sessions,
         random_state=settings.seed, n_jobs=settings.n_jobs, progress=say,
     )  # fmt: skip
-    model, gearbox = located[0].comparison, world.rig.gearbox
-    corrected = model.corrected_rig(confirmed.effects).replace(gearbox=gearbox)
+    # Of any condition: its speed and load are replaced.
+    comparison, gearbox = located[0].comparison, world.rig.gearbox
+    corrected = comparison.corrected_rig(confirmed.effects).replace(gearbox=gearbox)
     variants = draw_effects(posterior, session, confirmed, _VARIANTS, random_state=settings.seed)
-    left = _remainder_of_result(world, confirmed)
+    remainder = _make_remainder(world, confirmed)
     proof: tuple[Proof, ...] = ()
     if held is not None and named:
         say("judging on recordings held out")
@@ -111,27 +112,27 @@ def find_gap(
         where=tuple(where_of(gap, pictures=settings.pictures) for gap in located),
         rig=corrected,
         quantity=rig.quantity,
-        posterior_rig=model.corrected_rig(variants=variants).replace(gearbox=gearbox),
-        effects=_found_effects(posterior, session, presence, confirmed),
+        posterior_rig=comparison.corrected_rig(variants=variants).replace(gearbox=gearbox),
+        effects=_effect_rows(posterior, session, presence, confirmed),
         named=confirmed.effects,
-        remainder=left,
+        remainder=remainder,
         next_measurements=possible.next_measurements(posterior),
-        overlays=_draw_overlays(located, settings, corrected),
+        overlays=_simulate_overlays(located, settings, corrected),
         proof=proof,
         warnings=tuple(warnings),
         seconds=time.monotonic() - began,
     )
 
 
-def _found_effects(
-    posterior: EffectPosterior, session: Session, presence: dict[str, float], confirmed: Confirmed
+def _effect_rows(
+    posterior: EffectPosterior, session: Session, presence: dict[str, float], confirmed: Confirmation
 ) -> tuple[FoundEffect, ...]:
     """Return what is known of each effect, the most probable first."""
     quantiles = {name: (row[0], row[2], row[-1]) for name, row in posterior.sizes(session).items()}
     quantiles |= dict(zip(confirmed.names, confirmed.quantiles, strict=True))
     limits = posterior.visible_from()
     visible = dict(zip(posterior.names_, posterior.predict_visible([session])[0].tolist(), strict=True))
-    effects = []
+    rows = []
     for effect in posterior.world.effects or ():
         name = effect.effect_id
         if not np.isfinite(presence[name]):
@@ -147,28 +148,30 @@ def _found_effects(
             sizes.append(Size(key, effect.parameters[key].unit, middle, low, high))
         others = [other for group in look_alikes() if name in group for other in group if other != name]
         ties = tuple(other for other in others if presence.get(other, 0.0) > ABSENT)
-        effects.append(
+        rows.append(
             FoundEffect(
                 name, p, answer_of(p), tuple(sizes), ties if p > ABSENT else (),
                 visible[name], seen_from,
             )
         )  # fmt: skip
-    return tuple(sorted(effects, key=lambda one: -one.probability))
+    return tuple(sorted(rows, key=lambda row: -row.probability))
 
 
-def _remainder_of_result(world: World, confirmed: Confirmed) -> Remainder:
-    left, cells = confirmed.remainder, world.described_cells
+def _make_remainder(world: World, confirmed: Confirmation) -> Remainder:
+    """Return the remainder of the corrected model, the clearest statistics first."""
+    test, cells = confirmed.remainder, world.described_cells
     rows = [
-        RemainderRow(**vars(cells[k]), difference=float(confirmed.difference[k]), z=float(left.z[k]))
-        for k in np.argsort(-np.abs(left.z[: len(cells)]))[:_ROWS]
+        RemainderRow(**vars(cells[k]), difference=float(confirmed.difference[k]), z=float(test.z[k]))
+        for k in np.argsort(-np.abs(test.z[: len(cells)]))[:_ROWS]
     ]
-    p_open = None if confirmed.accepted or not np.isfinite(left.p_open) else left.p_open
-    return Remainder(left.p, not (confirmed.accepted or confirmed.open), tuple(rows), p_open)
+    p_open = None if confirmed.accepted or not np.isfinite(test.p_open) else test.p_open
+    return Remainder(test.p, not (confirmed.accepted or confirmed.open), tuple(rows), p_open)
 
 
-def _draw_overlays(
+def _simulate_overlays(
     located: Sequence[LocatedGap], settings: GapSettings, corrected: Rig | None = None
 ) -> tuple[Overlay, ...]:
+    """Return the overlays of each condition; none without ``settings.pictures``."""
     overlays: list[Overlay] = []
     for gap in located if settings.pictures else ():
         after = None
@@ -251,7 +254,7 @@ def compare_recordings(
         where=tuple(where_of(gap, pictures=settings.pictures) for gap in located),
         rig=rig,
         quantity=both.quantity,
-        overlays=_draw_overlays(located, settings),
+        overlays=_simulate_overlays(located, settings),
         warnings=tuple(warnings),
         seconds=time.monotonic() - began,
     )

@@ -17,7 +17,7 @@ from cyclofeat._base.displays import data_frame, html_card
 from cyclofeat.gap.confirm.next_measurement import FurtherRecordings
 from cyclofeat.gap.confirm.sessions import simulate_prior
 from cyclofeat.gap.measured import Condition, MeasuredRig
-from cyclofeat.gap.posterior.answers import detection_limit, strengths_of, visible_ends
+from cyclofeat.gap.posterior.answers import NAMED, detection_limit, strengths_of, visible_ends
 from cyclofeat.gap.posterior.effect_posterior import EffectPosterior, load_posterior
 from cyclofeat.gap.posterior.score import PosteriorScore, score_posterior
 from cyclofeat.gap.result import EffectRows, NextMeasurement, replace_nonfinite
@@ -31,13 +31,12 @@ if TYPE_CHECKING:
 
 Float = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-Tell = Callable[[int, int], object]
+ProgressCall = Callable[[int, int], object]
 
 _FORMAT = "cyclofeat gap check 1"
 _FOR_NEXT = 5  # one rig of so many more has further recordings
 _SURE = 2.0  # standard errors by which these must help
 _HALF, _MOST = 0.5, 0.9
-_NAMED = 0.5
 _CONFUSED = 0.1  # rise of another effect's probability
 _FEWEST, _MOST_NAMES = 3, 3  # rigs in which an effect is missed, and names that it is confused with
 
@@ -164,7 +163,7 @@ def check_recordings(
     n_rigs: int = 240,
     random_state: int | None = None,
     n_jobs: int = 1,
-    progress: Tell | None = None,
+    progress: ProgressCall | None = None,
 ) -> GapCheck:
     """Find out what recordings can tell, before they are made or before their gap is looked for.
 
@@ -207,11 +206,11 @@ def check_recordings(
     whole("n_rigs", n_rigs, 1)
     state = seed_number(random_state)
     world = posterior.world
-    template = _planned_session(tuple(recordings), world)
+    template = _session_template(tuple(recordings), world)
     posterior.predict_proba([template])  # conditions that it has not learned fail at once
     n_next = -(-n_rigs // _FOR_NEXT)
 
-    def count_from(n: int) -> Tell | None:
+    def count_from(n: int) -> ProgressCall | None:
         return None if progress is None else lambda done, _: progress(n + done, n_rigs + n_next)
 
     rigs = simulate_prior(world, template, n_rigs, random_state=state, n_jobs=n_jobs, progress=count_from(0))
@@ -219,7 +218,7 @@ def check_recordings(
         posterior, rigs, counts=template.counts is not None, tachometer=template.speeds_rpm is not None
     )
     p = score.probabilities
-    wrong = np.sum((p > _NAMED) & ~rigs.present, axis=0)
+    wrong = np.sum((p > NAMED) & ~rigs.present, axis=0)
     counted = sorted(zip(wrong.tolist(), world.names, strict=True), key=lambda one: -one[0])
     return GapCheck(
         conditions=tuple(Condition(at[0], at[1], int(at[2])) for at in template.conditions.tolist()),
@@ -239,7 +238,7 @@ def _rank_further(
     n_rigs: int,
     random_state: int,
     n_jobs: int,
-    progress: Tell | None,
+    progress: ProgressCall | None,
 ) -> tuple[NextMeasurement, ...]:
     """Return the recordings with which the posterior gives more probability to what rigs have and lack."""
     world = posterior.world
@@ -253,7 +252,7 @@ def _rank_further(
     return further.rank(posterior, sessions, complete.present, n_errors=_SURE)
 
 
-def _planned_session(recordings: tuple[Any, ...], world: World) -> Session:
+def _session_template(recordings: tuple[Any, ...], world: World) -> Session:
     """Return a session with the conditions of recordings, and what is known of them."""
     if not recordings or isinstance(recordings[0], Recording):
         rig = MeasuredRig.of(recordings, world.rig, world.sampling_rate, quantity=world.quantity)
@@ -271,7 +270,7 @@ def _planned_session(recordings: tuple[Any, ...], world: World) -> Session:
 def _check_effect(column: int, p: Float, rigs: Rigs, world: World) -> CheckedEffect:
     """Return how well an effect is found, given the probabilities of all in each rig."""
     effect: Effect = (world.effects or ())[column]
-    having, found = rigs.present[:, column], p[:, column] > _NAMED
+    having, found = rigs.present[:, column], p[:, column] > NAMED
     name = effect.main_parameter
     parameter = effect.parameters[name]
     sizes = rigs.sizes[having, world.size_names.index(f"{effect.effect_id}.{name}")]

@@ -20,7 +20,7 @@ from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.summaries.turns import MeasuredTurns
 from cyclofeat.gap.world.cells import turn_samples
 from cyclofeat.gap.world.rigs import Session
-from cyclofeat.gap.world.world import FLOOR, World
+from cyclofeat.gap.world.world import NOISE_AND_DRIFT, World
 from cyclofeat.recordings import Recording, Windower
 from cyclofeat.recordings.recording import common_n_lobes, common_quantity
 from cyclofeat.recordings.windower import recording_label
@@ -86,16 +86,17 @@ class Condition:
 class MeasuredRig:
     """Recordings of one rig, at one condition or at several, made by :meth:`of`.
 
-    The recordings are at one sampling rate, with the torque referred to the output; ``of_recording`` is the
-    condition of each. Counts of worn lobes (``has_counts``) and the angle of a shaft (``has_tachometer``) are
-    used if all recordings state them. ``warnings`` name what was not stated or had to be changed.
+    The recordings are at one sampling rate, with the torque referred to the output. ``recording_conditions``
+    has the condition of each. Counts of worn lobes (``has_counts``) and the angle of a shaft
+    (``has_tachometer``) are used if all recordings state them. ``warnings`` name what was not stated or had
+    to be changed.
     """
 
     recordings: tuple[Recording, ...] = field(repr=False)
     sampling_rate: float
     quantity: str
     n_lobes: int
-    of_recording: tuple[Condition, ...] = field(repr=False)
+    recording_conditions: tuple[Condition, ...] = field(repr=False)
     has_counts: bool
     has_tachometer: bool
     warnings: tuple[str, ...] = ()
@@ -168,7 +169,9 @@ class MeasuredRig:
                 "output"
             )
         at_one_rate = _bring_to_one_rate(given, sampling_rate, warnings)
-        of_recording = _sort_by_condition(at_one_rate, float(rig.gearbox.load_torque), conditions, warnings)
+        recording_conditions = _sort_by_condition(
+            at_one_rate, float(rig.gearbox.load_torque), conditions, warnings
+        )
         assemblies = {recording.assembly for recording in given}
         if None not in assemblies and 1 < len(assemblies) < len(given):
             warnings.append(
@@ -180,7 +183,7 @@ class MeasuredRig:
             sampling_rate=at_one_rate[0].sampling_rate,
             quantity=measured,
             n_lobes=n_lobes,
-            of_recording=of_recording,
+            recording_conditions=recording_conditions,
             has_counts=all(recording.defect_count is not None for recording in given),
             has_tachometer=all(recording.angle is not None for recording in given),
             warnings=tuple(warnings),
@@ -189,7 +192,9 @@ class MeasuredRig:
     @property
     def conditions(self) -> tuple[Condition, ...]:
         """Distinct conditions: forward before reverse, then by speed and load."""
-        return tuple(sorted(set(self.of_recording), key=lambda at: (-at.direction, at.speed_rpm, at.load_nm)))
+        return tuple(
+            sorted(set(self.recording_conditions), key=lambda at: (-at.direction, at.speed_rpm, at.load_nm))
+        )
 
     @property
     def doubts(self) -> list[str]:
@@ -226,7 +231,7 @@ class MeasuredRig:
         """Return the recordings of a condition."""
         return tuple(
             recording
-            for recording, at in zip(self.recordings, self.of_recording, strict=True)
+            for recording, at in zip(self.recordings, self.recording_conditions, strict=True)
             if at == condition
         )
 
@@ -241,7 +246,7 @@ class MeasuredRig:
         return dataclasses.replace(
             self,
             recordings=tuple(self.recordings[i] for i in numbers),
-            of_recording=tuple(self.of_recording[i] for i in numbers),
+            recording_conditions=tuple(self.recording_conditions[i] for i in numbers),
         )
 
     def known_as(self, other: MeasuredRig) -> MeasuredRig:
@@ -270,7 +275,7 @@ class MeasuredRig:
         return comparison.measured(cut.X * condition.direction, y, cut.recording, angle)
 
     def world(self, world: World) -> World:
-        """Return a world of the recordings' quantity and rate whose speeds, loads and counts hold theirs.
+        """Return ``world`` widened to cover the recordings.
 
         Speeds and loads reach 10 % further than the recordings; a rate above that of ``world`` stays its.
         """
@@ -300,7 +305,7 @@ class MeasuredRig:
             input_speed_hz=speed_hz,
             direction=condition.direction,
             quantity=self.quantity,
-            may_differ=(*world.may_differ, *FLOOR),
+            may_differ=(*world.may_differ, *NOISE_AND_DRIFT),
             defect_counts=world.defect_counts,
             wheels=world.wheels,
             tachometer=self.has_tachometer,
@@ -329,7 +334,7 @@ class MeasuredRig:
         With ``one_assembly`` all are of one. Default: as they state; an assembly each where one states none.
         """
         needed = []
-        for i, (recording, at) in enumerate(zip(self.recordings, self.of_recording, strict=True)):
+        for i, (recording, at) in enumerate(zip(self.recordings, self.recording_conditions, strict=True)):
             needed.append(turn_samples(Kinematics(self.sampling_rate, at.speed_rpm / 60, self.n_lobes)))
             if recording.n_samples < needed[-1]:
                 raise ValueError(
@@ -345,7 +350,7 @@ class MeasuredRig:
         return Session.of(
             [recording.torque for recording in self.recordings],
             self.sampling_rate,
-            [(at.speed_rpm, at.load_nm, at.direction) for at in self.of_recording],
+            [(at.speed_rpm, at.load_nm, at.direction) for at in self.recording_conditions],
             counts=[recording.defect_count or 0 for recording in self.recordings]
             if self.has_counts
             else None,

@@ -75,7 +75,7 @@ class VisibleFrom:
 
 @dataclass(frozen=True)
 class FoundEffect:
-    """Answer about one effect: its probability of being missing in the model.
+    """Answer about one effect, present or not: its probability of being missing in the model.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class FoundEffect:
 
 @dataclass(frozen=True, kw_only=True)
 class RemainderRow(Cell):
-    """Number of which the corrected model is still wrong.
+    """Statistic that the corrected model still misses.
 
     Attributes
     ----------

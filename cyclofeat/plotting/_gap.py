@@ -17,7 +17,7 @@ from cyclofeat.plotting.drawing import (
     plain_log_ticks,
     theme_colours,
 )
-from cyclofeat.plotting.gap_words import difference_words, family_name, in_words, p_words, short_name
+from cyclofeat.plotting.gap_words import difference_words, family_name, p_words, row_words, short_name
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -180,7 +180,7 @@ class GapDisplay(Display):
                 self.flags_.append(dot)
             ax.plot(max(least, _LEAST_SPREADS), place, "|", color=ink, markersize=9, zorder=4)
             ax.text(
-                _LEAST_SPREADS * 1.05, place - 0.17, in_words(row), va="bottom", fontsize="small",
+                _LEAST_SPREADS * 1.05, place - 0.17, row_words(row), va="bottom", fontsize="small",
                 color=ink, alpha=1.0 if flagged else 0.75,
             )  # fmt: skip
         ax.set_yticks(range(len(names)), [family_name(name) for name in names])

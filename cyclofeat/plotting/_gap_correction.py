@@ -17,7 +17,7 @@ from cyclofeat.plotting.drawing import (
     plain_log_ticks,
     theme_colours,
 )
-from cyclofeat.plotting.gap_words import CONDITIONS, alternative_name
+from cyclofeat.plotting.gap_words import COUNT_GROUPS, alternative_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -226,6 +226,6 @@ class GapReductionDisplay(Display):
             ylim=(len(names) - 0.5, -0.5),
         )
         if len(conditions) > 1:
-            marks = [(*styles[name][:2], styles[name][1], CONDITIONS[name]) for name in conditions]
+            marks = [(*styles[name][:2], styles[name][1], COUNT_GROUPS[name]) for name in conditions]
             draw_mark_legend(ax, marks, ncols=len(marks), loc="lower center", bbox_to_anchor=(0.35, 1.0))
         return self

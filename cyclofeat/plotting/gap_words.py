@@ -31,9 +31,9 @@ _FAMILY_NAMES = {
 }
 # Names that say too little alone.
 _OF_FAMILY = ("modulation", "course", "decays", "slips", "codes", "mains", "slow bands")
-OURS = "after"  # the correction itself among the alternatives
+AFTER = "after"  # the correction itself among the alternatives
 _ALTERNATIVES = {
-    OURS: "named effects added",
+    AFTER: "named effects added",
     "nothing": "nothing changed",
     "oracle": "the true simulator",
 }
@@ -42,7 +42,8 @@ VERDICTS = {
     "equivalent": "model and measurement agree within the margins",
     "unresolved": "no single number differs clearly; more recordings could show one",
 }
-CONDITIONS = {
+# Which counts of the recordings held out a row is about (``ProofRow.condition``).
+COUNT_GROUPS = {
     "all": "all recordings held out",
     "seen": "counts of worn lobes seen in the fit",
     "unseen": "counts never seen in the fit",
@@ -101,7 +102,7 @@ def mean_difference_words(difference: float, unit: str) -> str:
     return f"{_size_text(abs(difference))} {unit} {'less' if difference < 0 else 'more'}"
 
 
-def in_words(row: Row) -> str:
+def row_words(row: Row) -> str:
     """Cell and difference in words: ``third octave at 400 Hz: 6.0 dB less``."""
     return f"{cell_name(row.cell)}: {difference_words(row)}"
 

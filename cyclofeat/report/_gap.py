@@ -151,7 +151,7 @@ def summarise_gap(
         "n_likely": len(answers) - answers.count("present"),
         "n_effects": len(result.effects),
         "effects": rows,
-        "absent": [describe_absent(effect) for effect in result.effects if effect.effect not in shown],
+        "absent": [describe_absent(row) for row in result.effects if row.effect not in shown],
         "warnings": list(dict.fromkeys(given)),
         "next": [
             {

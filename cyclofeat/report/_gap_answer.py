@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from cyclofeat._base.quantities import beyond_text
 from cyclofeat.plotting import GapReductionDisplay
 from cyclofeat.plotting.gap_words import (
-    CONDITIONS,
-    OURS,
+    AFTER,
+    COUNT_GROUPS,
     alternative_name,
     cell_name,
     effect_name,
@@ -35,25 +35,25 @@ if TYPE_CHECKING:
 
 
 def effect_rows(result: GapResult) -> list[dict[str, Any]]:
-    """Return the effects that are missing or may be; those tied to an earlier one stand beside it."""
+    """List the effects that are missing or open, each with its look-alikes."""
     named = {effect.effect_id for effect in result.named}
-    asked = {effect.effect: effect.probability for effect in result.effects}
+    asked = {row.effect: row.probability for row in result.effects}
     rows: list[dict[str, Any]] = []
     seen: set[str] = set()
-    for effect in result.effects:
-        may_be = effect.answer == "present" or (effect.answer == "unresolved" and not effect.small)
-        if effect.effect not in named and (not may_be or effect.effect in seen):
+    for row in result.effects:
+        may_be = row.answer == "present" or (row.answer == "unresolved" and not row.small)
+        if row.effect not in named and (not may_be or row.effect in seen):
             continue
-        ties = [name for name in effect.ties if name not in named]
-        seen |= {effect.effect, *ties}
-        likely = "probably missing" if effect.effect in named else "open"
+        ties = [name for name in row.ties if name not in named]
+        seen |= {row.effect, *ties}
+        likely = "probably missing" if row.effect in named else "open"
         rows.append({
-            "id": effect.effect,
-            "ids": [effect.effect, *ties],
-            "name": effect_name(effect.effect),
-            "answer": "missing" if effect.answer == "present" else likely,
-            "named": effect.effect in named,
-            "probability": effect.probability,
+            "id": row.effect,
+            "ids": [row.effect, *ties],
+            "name": effect_name(row.effect),
+            "answer": "missing" if row.answer == "present" else likely,
+            "named": row.effect in named,
+            "probability": row.probability,
             "sizes": [
                 {
                     "name": re.sub("_(nm|hz|s)$", "", size.name).replace("_", " "),
@@ -62,20 +62,20 @@ def effect_rows(result: GapResult) -> list[dict[str, Any]]:
                     if math.isnan(size.low) or math.isnan(size.high)
                     else quantity_text([size.low, size.high], size.unit),
                 }
-                for size in effect.sizes
+                for size in row.sizes
             ],
             "ties": [effect_name(name) for name in ties],
-            "together": min(effect.probability + sum(asked.get(name, 0.0) for name in ties), 1.0),
+            "together": min(row.probability + sum(asked.get(name, 0.0) for name in ties), 1.0),
         })  # fmt: skip
     return rows
 
 
-def describe_absent(effect: FoundEffect) -> str:
+def describe_absent(row: FoundEffect) -> str:
     """Return an effect that is not missing, its probability, and the size that would have been seen."""
-    text, seen = probability_text(effect.probability), effect.visible_from
+    text, seen = probability_text(row.probability), row.visible_from
     if seen is not None:
         text += f"; seen {beyond_text(seen.below, seen.above, lambda end: quantity_text([end], seen.unit))}"
-    return f"{effect_name(effect.effect)} ({text})"
+    return f"{effect_name(row.effect)} ({text})"
 
 
 def summarise_remainder(remainder: Remainder) -> dict[str, Any]:
@@ -100,7 +100,7 @@ def summarise_reduction(proof: Proof) -> dict[str, Any]:
     rows = proof.rows
     if not any(row.condition == "unseen" for row in rows):  # then all counts were seen
         rows = tuple(row for row in rows if row.condition == "all")
-    ours = {row.condition: row for row in rows if row.alternative == OURS}
+    ours = {row.condition: row for row in rows if row.alternative == AFTER}
     finite = [row for row in rows if math.isfinite(row.grr)]
     drawn = None
     if finite:
@@ -113,12 +113,12 @@ def summarise_reduction(proof: Proof) -> dict[str, Any]:
         }
         for row in reversed(rows)
     }  # fmt: skip
-    conditions = [name for name in CONDITIONS if any(row.condition == name for row in rows)]
+    conditions = [name for name in COUNT_GROUPS if any(row.condition == name for row in rows)]
     distances: dict[str, dict[str, float]] = {}
     for distance in proof.distances:
         if distance.condition == "all":
             distances.setdefault(distance.alternative, {})[distance.family] = distance.distance
-    before, after, floor = (distances.get(name, {}) for name in ("nothing", OURS, "floor"))
+    before, after, floor = (distances.get(name, {}) for name in ("nothing", AFTER, "floor"))
     return {
         "condition": proof.condition.text if proof.condition else "",
         "share": proof.result.grr if math.isfinite(proof.result.grr) else None,
@@ -128,7 +128,7 @@ def summarise_reduction(proof: Proof) -> dict[str, Any]:
         ).removesuffix("."),
         "by_condition": [
             {
-                "name": CONDITIONS[name],
+                "name": COUNT_GROUPS[name],
                 "share": ours[name].grr if math.isfinite(ours[name].grr) else None,
                 "undefined": ours[name].undefined.removesuffix("."),
             }
@@ -142,7 +142,7 @@ def summarise_reduction(proof: Proof) -> dict[str, Any]:
             }
             for alternative in dict.fromkeys(row.alternative for row in rows)
         ],
-        "conditions": [CONDITIONS[name] for name in conditions],
+        "conditions": [COUNT_GROUPS[name] for name in conditions],
         "distances": [
             {
                 "name": family_name(name),

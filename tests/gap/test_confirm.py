@@ -10,14 +10,14 @@ import pytest
 from scipy import stats
 
 from cyclofeat.gap import EffectPosterior, GapSettings, World, find_gap, load_posterior, prepare_world
-from cyclofeat.gap.confirm.confirm import Confirmed, confirm_effects, draw_effects, lies_farther
-from cyclofeat.gap.confirm.next_measurement import simulate_possible
+from cyclofeat.gap.confirm.confirm import Confirmation, confirm_effects, draw_effects, lies_farther
+from cyclofeat.gap.confirm.next_measurement import simulate_possible_rigs
 from cyclofeat.gap.confirm.sessions import simulate_sessions
 from cyclofeat.gap.confirm.sizes import Gaussian, judge_remainder, size_posterior
 from cyclofeat.gap.measured import MeasuredRig
 from cyclofeat.gap.posterior.answers import named_effects
 from cyclofeat.gap.world.rigs import Session
-from cyclofeat.gap.world.world import FLOOR
+from cyclofeat.gap.world.world import NOISE_AND_DRIFT
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Drift, Gain, Hum, Noise, Offset, Rig, Scale
 from cyclofeat.simulators.effects import ShaftLine, SleeveFriction
@@ -115,7 +115,7 @@ NO_SIZES = Gaussian(np.zeros(0), np.zeros((0, 0)))
 
 
 def drawn_sets(presence, n=2000, effects=(), sizes=NO_SIZES, seed=0):
-    confirmed = Confirmed(effects, (), sizes, None, True, None)
+    confirmed = Confirmation(effects, (), sizes, None, True, None)
     return draw_effects(Stated(presence), None, confirmed, n, random_state=seed)
 
 
@@ -184,7 +184,7 @@ def posterior(tmp_path_factory):
 
 def recordings(*effects, loads=(22.0,), n=6, seed=0, quantity="output_torque"):
     """Recordings of a rig with effects, at one load or several."""
-    rig = Rig().with_added(*FLOOR, *effects)
+    rig = Rig().with_added(*NOISE_AND_DRIFT, *effects)
     made = []
     for i in range(n):
         load = loads[i % len(loads)]
@@ -301,6 +301,6 @@ def test_a_rig_without_effects_needs_nothing_more_than_what_stays_open(posterior
     assert confirmed.effects == ()
     assert confirmed.quantiles == []
     assert confirmed.remainder.p > 0.001
-    ranked = simulate_possible(posterior, session, random_state=0).next_measurements(posterior)
+    ranked = simulate_possible_rigs(posterior, session, random_state=0).next_measurements(posterior)
     assert [one.gain for one in ranked] == sorted((one.gain for one in ranked), reverse=True)
     assert all(one.gain > 0.1 for one in ranked)

@@ -26,7 +26,7 @@ from benchmarks.hidden_effects._machine import Machine, run
 from cyclofeat.gap import World, load_posterior
 from cyclofeat.gap.confirm.confirm import confirm_effects
 from cyclofeat.gap.posterior.answers import named_effects
-from cyclofeat.gap.world.world import FLOOR
+from cyclofeat.gap.world.world import NOISE_AND_DRIFT
 from cyclofeat.simulators import CycloidalGearbox, Drift, Effect, Noise, known_effects
 from cyclofeat.simulators.effects.effect import TorqueContext
 from cyclofeat.simulators.simulation import settling_time
@@ -63,7 +63,7 @@ def test_generator_takes_nothing_but_dimensions_from_the_package(file: str) -> N
 
 
 def test_floor_is_that_of_the_training_world() -> None:
-    noise, drift = FLOOR
+    noise, drift = NOISE_AND_DRIFT
     assert isinstance(noise, Noise)
     assert isinstance(drift, Drift)
     assert noise.rms_nm == _effects.FLOOR_NOISE

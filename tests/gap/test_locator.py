@@ -247,9 +247,9 @@ def test_a_damaged_file_of_the_cache_is_made_anew(tmp_path: Path) -> None:
 def test_no_effect_is_not_flagged(comparison: Comparison, simulations: Path) -> None:
     located = compared(comparison, recordings([], 6, 101, simulations))
     assert located.verdict == "unresolved"
-    assert min(located.p_global.values()) > 0.01
-    assert all(row.low <= row.difference <= row.high for row in located.table)
-    assert all(row.detectable > 0 for row in located.table if row.spread > 0)
+    assert min(located.global_p.values()) > 0.01
+    assert all(row.low <= row.difference <= row.high for row in located.rows)
+    assert all(row.detectable > 0 for row in located.rows if row.spread > 0)
 
 
 @pytest.mark.slow
@@ -283,7 +283,7 @@ def test_an_effect_is_found_where_it_is(
     located = compared(comparison, recordings([effect], 6, 102, simulations))
     assert located.verdict == "disagree"
     assert located.family_p[family] <= 0.05
-    flagged = [row.cell.name for row in located.table if row.p <= 0.05 and row.cell.family == family]
+    flagged = [row.cell.name for row in located.rows if row.p <= 0.05 and row.cell.family == family]
     assert any(cell.startswith(name) for cell in flagged)
 
 
@@ -292,7 +292,7 @@ def test_windows_of_one_recording_are_no_replicates(comparison: Comparison, simu
     bank = recordings([], 6, 101, simulations)
     twice = dataclasses.replace(bank, X=np.repeat(bank.X, 2, axis=0), counts=np.repeat(bank.counts, 2))
     alone, doubled = (
-        np.median([row.high - row.low for row in located.table])
+        np.median([row.high - row.low for row in located.rows])
         for located in (
             compared(comparison, bank),
             compared(comparison, twice, groups=np.repeat(range(6), 2)),
@@ -304,13 +304,13 @@ def test_windows_of_one_recording_are_no_replicates(comparison: Comparison, simu
 def test_together_is_one_row_and_paid_for(comparison: Comparison, simulations: Path) -> None:
     located = compared(comparison, recordings([Hum(0.2)], 6, 102, simulations))
     n_cells = len(located.cells)
-    assert [row.of for row in located.table] == ["mean"] * n_cells + ["spread"] * n_cells + ["mean"]
-    assert located.table[-1].cell is TOGETHER
+    assert [row.of for row in located.rows] == ["mean"] * n_cells + ["spread"] * n_cells + ["mean"]
+    assert located.rows[-1].cell is TOGETHER
     assert set(located.family_p) == {*FAMILIES, SPREADS, TOGETHER.family}
     for family, p in located.family_p.items():
         of_family = [
             row.p
-            for row in located.table
+            for row in located.rows
             if (row.cell.family == family and row.of == "mean") or (family == SPREADS and row.of == "spread")
         ]
         assert min(of_family) == pytest.approx(p)
@@ -323,10 +323,10 @@ def test_a_tachometer_adds_its_cells(comparison: Comparison, simulations: Path) 
     angle = 2 * np.pi * bank.speeds[:, None] * np.arange(bank.X.shape[1]) / RATE
     for factor, flagged in ((1.0, False), (1.01, True)):
         located = compared(comparison.replace(tachometer=True), bank, angle=factor * angle)
-        row = next(row for row in located.table if row.cell.name == name)
+        row = next(row for row in located.rows if row.cell.name == name)
         assert (row.p <= 0.05) == flagged
         assert row.difference == pytest.approx(100 * (1 / factor - 1), abs=0.1)
-    assert all(name != row.cell.name for row in compared(comparison, bank).table)
+    assert all(name != row.cell.name for row in compared(comparison, bank).rows)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from cyclofeat.gap.summaries.turns import MeasuredTurns
 from cyclofeat.gap.where.conditions import locate_all
 from cyclofeat.gap.where.locate import locate
 from cyclofeat.gap.world.cells import turn_samples
-from cyclofeat.gap.world.world import FLOOR
+from cyclofeat.gap.world.world import NOISE_AND_DRIFT
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Gain, Hum, Noise, Offset, Rig
 
@@ -48,7 +48,7 @@ def test_set_points_that_differ_little_are_one_condition_and_reverse_is_another(
     assert not rig.warnings
     shuffled = MeasuredRig.of(recordings[::-1], MODEL)
     assert shuffled.conditions == rig.conditions
-    assert shuffled.of_recording == rig.of_recording[::-1]
+    assert shuffled.recording_conditions == rig.recording_conditions[::-1]
 
 
 def test_recordings_held_out_take_the_conditions_of_those_fitted() -> None:
@@ -57,8 +57,8 @@ def test_recordings_held_out_take_the_conditions_of_those_fitted() -> None:
     held = [made(501.1, 22.1), made(510), made(500, 23), made(500).replace(torque=-NOISE[0])]
     alone = MeasuredRig.of(held, MODEL)
     assert not set(fitted.conditions) & set(alone.conditions)
-    found = MeasuredRig.of(held, MODEL, conditions=fitted.conditions).of_recording
-    assert found == (fitted.conditions[0], *alone.of_recording[1:])
+    found = MeasuredRig.of(held, MODEL, conditions=fitted.conditions).recording_conditions
+    assert found == (fitted.conditions[0], *alone.recording_conditions[1:])
 
 
 def test_a_load_that_is_not_stated_is_the_model_s() -> None:
@@ -168,7 +168,7 @@ def test_a_comparison_has_the_model_at_the_condition_and_the_world_s_floor() -> 
     assert rig.turns(comparison).windows.shape == (1, comparison.n_samples)
     simulated = comparison.population.rig.effects
     assert [effect.effect_id for effect in simulated].count("noise") == 1
-    assert FLOOR[1] in simulated
+    assert NOISE_AND_DRIFT[1] in simulated
 
 
 def test_only_what_has_a_sign_on_the_signal_differs_in_reverse(simulations: Path) -> None:

@@ -17,7 +17,7 @@ from cyclofeat.gap.comparison import SIMULATED_BY
 from cyclofeat.gap.summaries.summarise import Cell
 from cyclofeat.gap.where.locate import (
     LocatedGap,
-    SpeedAndLoad,
+    SpeedAndLoadTrend,
     intraclass_correlation,
     locate,
     widening_factor,
@@ -44,7 +44,7 @@ def recordings(n: int, seed: int, own: np.ndarray | None = None) -> np.ndarray:
 
 def test_what_follows_speed_and_load_is_taken_out() -> None:
     bank = recordings(200, 0)
-    trend = SpeedAndLoad(bank, CELLS, SMALLEST)
+    trend = SpeedAndLoadTrend(bank, CELLS, SMALLEST)
     left = trend.without(recordings(50, 1))
     assert np.all(left[:, :2] == 0)
     assert np.abs(left[:, 2] - trend.without(bank)[:, 2].mean()).max() < 0.06
@@ -54,7 +54,7 @@ def test_what_follows_speed_and_load_is_taken_out() -> None:
 def test_what_goes_beyond_the_bank_stays() -> None:
     own = np.array([[0.9, 0.0], [0.0, -0.5]])
     bank = recordings(2000, 0)
-    trend = SpeedAndLoad(bank, CELLS, SMALLEST)
+    trend = SpeedAndLoadTrend(bank, CELLS, SMALLEST)
     left = trend.without(recordings(2, 1, own)) - [0, 0, trend.without(bank)[:, 2].mean()]
     assert left[[0, 1], [0, 1]] == pytest.approx([0.9, -0.5], abs=0.02)
     assert left[[0, 1], [1, 0]].tolist() == [0, 0]
@@ -66,7 +66,7 @@ def test_what_goes_beyond_the_bank_stays() -> None:
 def test_the_tachometer_is_believed_where_there_is_one() -> None:
     cells = [CELLS[0], Cell("speed", "input speed by the tachometer", "%"), CELLS[1]]
     values = np.random.default_rng(0).normal(size=(50, 3))
-    left = SpeedAndLoad(values, cells, SMALLEST).without(values)
+    left = SpeedAndLoadTrend(values, cells, SMALLEST).without(values)
     assert np.all(left[:, 1:] == 0)
     assert left[:, 0].std() > 0.5
 
@@ -74,7 +74,7 @@ def test_the_tachometer_is_believed_where_there_is_one() -> None:
 def test_a_constant_speed_explains_nothing() -> None:
     bank = recordings(100, 0)
     bank[:, 0] = 0.0
-    left = SpeedAndLoad(bank, CELLS, SMALLEST).without(bank)
+    left = SpeedAndLoadTrend(bank, CELLS, SMALLEST).without(bank)
     assert left[:, 2] == pytest.approx(bank[:, 2] - (bank[:, 1] - bank[:, 1].mean()) * _slope(bank), abs=1e-9)
 
 
@@ -148,7 +148,7 @@ def test_one_assembly_widens(comparison: Comparison) -> None:
     assert np.median(one.shared_variance) > 0.05
     assert one.shared_variance.max() < 1
     errors = [
-        np.array([row.detectable for row in sorted(located.table, key=lambda r: (r.of, str(r.cell)))])
+        np.array([row.detectable for row in sorted(located.rows, key=lambda r: (r.of, str(r.cell)))])
         for located in (many, one)
     ]
     assert np.all(errors[1] >= errors[0] - 1e-12)

@@ -336,14 +336,14 @@ def test_what_moves_the_mean_alone_is_learned_where_nothing_else_does():
     causes[present[:, 1]] = random.normal(0, 3.0, (present[:, 1].sum(), 3))
     logits = random.normal(-1.0, 0.1, (n, 4))
     logits[:, 1] = np.where(present[:, 1], 4.0, -4.0)
-    told = mean_predictors(logits, causes, names)
-    coefficients = mean_coefficients(told, present, names)
+    predictors = mean_predictors(logits, causes, names)
+    coefficients = mean_coefficients(predictors, present, names)
     assert np.isfinite(coefficients).all(axis=1).tolist() == [True, False, False, True]
-    found = told @ coefficients[0, :-1] + coefficients[0, -1] > 0
+    found = predictors @ coefficients[0, :-1] + coefficients[0, -1] > 0
     cold = ~present[:, 1]
     assert np.mean(found[cold] == present[cold, 0]) > 0.95
     assert np.mean(found[~cold] == present[~cold, 0]) < 0.75
-    few = mean_coefficients(told[:200], present[:200], names)
+    few = mean_coefficients(predictors[:200], present[:200], names)
     assert np.isnan(few).all()
 
 

@@ -18,7 +18,7 @@ from cyclofeat.gap.proof.prove import ProofRow
 from cyclofeat.gap.summaries.summarise import Cell
 from cyclofeat.gap.where.conditions import Where, WhereRow, where_of
 from cyclofeat.plotting import GapDisplay, GapOverlayDisplay, GapReductionDisplay
-from cyclofeat.plotting.gap_words import cell_name, difference_words, in_words
+from cyclofeat.plotting.gap_words import cell_name, difference_words, row_words
 from cyclofeat.report._figures import theme_settings
 
 RATE, SPEED = 6400.0, 500 / 60
@@ -312,7 +312,7 @@ def test_of_a_result_by_kind_and_condition(compared_hum):
     ],
 )
 def test_words(found, words):
-    assert in_words(found) == words
+    assert row_words(found) == words
     assert words.endswith(difference_words(found))
     assert cell_name(found.cell) in words
     assert dataclasses.replace(found, difference=6.0).clarity == 2.0

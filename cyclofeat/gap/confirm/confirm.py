@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from cyclofeat.gap.confirm.sessions import MOST_RECORDINGS, at_most, simulate_sessions, with_sizes
-from cyclofeat.gap.confirm.sizes import SMALLEST, Gaussian, Unexplained, judge_remainder, size_posterior
+from cyclofeat.gap.confirm.sessions import MOST_RECORDINGS, limit_recordings, simulate_sessions, with_sizes
+from cyclofeat.gap.confirm.sizes import SMALLEST, Gaussian, RemainderTest, judge_remainder, size_posterior
 from cyclofeat.gap.posterior.answers import ABSENT, PRESENT
 from cyclofeat.gap.posterior.effect_posterior import EffectPosterior
 from cyclofeat.gap.world.rigs import Session
@@ -32,8 +32,8 @@ _TRIED, _CLEARLY = 24, 2.0
 
 
 @dataclass(frozen=True)
-class Confirmed:
-    """Effects with the sizes that simulation confirms.
+class Confirmation:
+    """Named effects with fitted sizes, and the test of what they leave.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Confirmed:
         With the most probable sizes.
     names, sizes : tuple of str, Gaussian
         Their sizes as in :attr:`World.size_names`, and the joint distribution on the scale of their fit.
-    remainder : Unexplained
+    remainder : RemainderTest
     accepted : bool
         Whether chance explains what they leave. If not, something else is missing too, and the sizes are
         those of the posterior, which allow for it: fitted ones would make up for what is missing.
@@ -57,7 +57,7 @@ class Confirmed:
     effects: tuple[Effect, ...]
     names: tuple[str, ...]
     sizes: Gaussian = field(repr=False)
-    remainder: Unexplained
+    remainder: RemainderTest
     accepted: bool
     difference: Float = field(repr=False)
     open: bool = False
@@ -85,7 +85,7 @@ def confirm_effects(
     random_state: int,
     n_jobs: int = 1,
     progress: Callable[[str], object] = lambda _: None,
-) -> Confirmed:
+) -> Confirmation:
     """Simulate sessions like a measured one with the named effects, and fit their sizes.
 
     Twice: with sizes from the posterior, then around those that fit. How much recordings differ anyway is
@@ -99,7 +99,7 @@ def confirm_effects(
     simulated like this one and have each effect as often as it is probable: they tell whether effects that
     are open would explain what is left.
     """
-    world, shown = posterior.world, at_most(session, MOST_RECORDINGS)
+    world, shown = posterior.world, limit_recordings(session, MOST_RECORDINGS)
     effects = tuple(effect for effect in world.effects or () if effect.effect_id in named)
     names = tuple(f"{effect.effect_id}.{name}" for effect in effects for name in effect.vector_names())
     columns = [world.size_names.index(name) for name in names]
@@ -145,7 +145,7 @@ def confirm_effects(
     kept = accepted and not (names and lies_farther(observed, features_at(after), features_at(before)))
     final = after if kept else before
     simulated_mean = np.mean([one.values.mean(axis=0) for one in simulated.sessions], axis=0)
-    return Confirmed(
+    return Confirmation(
         with_sizes(effects, final.mean), names, final, remainder, accepted,
         shown.values.mean(axis=0) - simulated_mean, not accepted and remainder.p_open >= _NOT_OPEN, kept,
     )  # fmt: skip
@@ -188,7 +188,7 @@ def _mean_and_spread(deviations: Float) -> Float:
 
 
 def draw_effects(
-    posterior: EffectPosterior, session: Session, confirmed: Confirmed, n_draws: int, *, random_state: int
+    posterior: EffectPosterior, session: Session, confirmed: Confirmation, n_draws: int, *, random_state: int
 ) -> tuple[tuple[Effect, ...], ...]:
     """Draw ``n_draws`` sets of missing effects, with sizes, from what the recordings leave possible.
 
@@ -198,10 +198,10 @@ def draw_effects(
     for the session are drawn from their joint distribution, those of others each from its own.
     """
     random = np.random.default_rng(random_state)
-    possible = {name: p for name, p in posterior.presence(session).items() if p > ABSENT}
+    probabilities = {name: p for name, p in posterior.presence(session).items() if p > ABSENT}
     known = {effect.effect_id for effect in confirmed.effects}
     others = tuple(
-        effect for effect in posterior.world.effects or () if effect.effect_id in possible.keys() - known
+        effect for effect in posterior.world.effects or () if effect.effect_id in probabilities.keys() - known
     )
     names = [f"{effect.effect_id}.{name}" for effect in others for name in effect.vector_names()]
     middle, spread = posterior.size_distribution(session, names)
@@ -212,7 +212,7 @@ def draw_effects(
             *_draw_sizes(confirmed.effects, confirmed.sizes, random),
             *_draw_sizes(others, of_others, random),
         )
-        present = _draw_present(possible, random)
+        present = _draw_present(probabilities, random)
         drawn.append(tuple(effect for effect in every if effect.effect_id in present))
     return tuple(drawn)
 

@@ -8,7 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.gap.confirm.sessions import MOST_RECORDINGS, at_most, part_of, simulate_sessions, with_sizes
+from cyclofeat.gap.confirm.sessions import (
+    MOST_RECORDINGS,
+    limit_recordings,
+    select_recordings,
+    simulate_sessions,
+    with_sizes,
+)
 from cyclofeat.gap.posterior.effect_posterior import EffectPosterior
 from cyclofeat.gap.result import NextMeasurement
 from cyclofeat.gap.world.rigs import Session, present_effects
@@ -20,14 +26,14 @@ Float = NDArray[np.float64]
 _PER_CANDIDATE = 4  # further recordings
 _DRAWS, _RIGS_PER_MACHINE = 32, 4
 _SURE = 1.0  # standard errors that a gain must exceed
-_OPEN = 0.02  # probability from which, and below whose complement, an effect is open
+_OPEN = 0.02  # an effect is open if its probability lies between this and 1 - this
 _LOAD_RATIO, _SPEED_RATIO = 2.0, 1.25
 _SEPARATED = 0.1  # bits that an effect must gain to count as settled
 _LEAST = 1e-6  # probability
 
 
 @dataclass(frozen=True)
-class Possible:
+class PossibleRigs:
     """Simulated sessions of rigs that the recordings leave possible, with further recordings.
 
     ``simulated`` sessions are like ``further.session``; ``present`` (n_sessions, n_effects) are the effects
@@ -41,25 +47,25 @@ class Possible:
     @property
     def sessions(self) -> list[Session]:
         """The sessions without the further recordings."""
-        return [part_of(session, np.arange(self.further.n_before)) for session in self.simulated]
+        return [select_recordings(session, np.arange(self.further.n_before)) for session in self.simulated]
 
     def next_measurements(self, posterior: EffectPosterior) -> tuple[NextMeasurement, ...]:
         """Rank further recordings by the information that they are expected to give; empty if none does."""
         return self.further.rank(posterior, self.simulated, self.present, n_errors=_SURE)
 
 
-def simulate_possible(
+def simulate_possible_rigs(
     posterior: EffectPosterior, session: Session, *, random_state: int, n_jobs: int = 1
-) -> Possible:
+) -> PossibleRigs:
     """Simulate rigs drawn from the posterior: each effect is there as often as it is probable.
 
     Of more than 12 recordings, 12 are used. Without sessions where no effect is open.
     """
-    world, session = posterior.world, at_most(session, MOST_RECORDINGS)
+    world, session = posterior.world, limit_recordings(session, MOST_RECORDINGS)
     presence = posterior.predict_proba([session])[0]
     further = FurtherRecordings(session, world)
     if not np.any((presence > _OPEN) & (presence < 1 - _OPEN)):
-        return Possible(further, [], np.empty((0, presence.size), dtype=bool))
+        return PossibleRigs(further, [], np.empty((0, presence.size), dtype=bool))
     middles, spreads = posterior.size_distribution(session, world.size_names)
 
     def draw_effects(random: np.random.Generator) -> tuple[Effect, ...]:
@@ -73,7 +79,7 @@ def simulate_possible(
         n_rigs_per_machine=_RIGS_PER_MACHINE, random_state=random_state, n_jobs=n_jobs,
     )  # fmt: skip
     present = present_effects(simulated.sizes, world.size_names, world.names)
-    return Possible(further, simulated.sessions, present)
+    return PossibleRigs(further, simulated.sessions, present)
 
 
 class FurtherRecordings:
@@ -100,7 +106,7 @@ class FurtherRecordings:
             candidates.append(("recordings in reverse", (speed, load, -direction)))
         self._what = [what for what, _ in candidates]
         rows = np.r_[np.arange(self.n_before), np.arange(len(candidates) * _PER_CANDIDATE) % self.n_before]
-        self.session = part_of(session, rows)
+        self.session = select_recordings(session, rows)
         further = np.array([conditions for _, conditions in candidates])
         self.session.conditions[self.n_before :] = np.repeat(further, _PER_CANDIDATE, axis=0)
 
@@ -131,7 +137,7 @@ class FurtherRecordings:
 
         def information_bits(rows: NDArray[np.intp]) -> Float:
             """Return the logarithm of the probability of what is true, (n_sessions, n_effects), in bits."""
-            p = posterior.predict_proba([part_of(one, rows) for one in simulated])
+            p = posterior.predict_proba([select_recordings(one, rows) for one in simulated])
             bits = np.log2(np.clip(np.where(present, p, 1 - p), _LEAST, None))
             return np.asarray(np.nan_to_num(bits))  # of effects that were not learned
 

@@ -167,14 +167,14 @@ def _simulate_machines(
             yield from part
 
 
-def at_most(session: Session, most: int) -> Session:
-    """Return no more than so many recordings of a session, its conditions in turn."""
+def limit_recordings(session: Session, most: int) -> Session:
+    """Return at most ``most`` recordings of a session, round-robin over its conditions."""
     _, of_condition = np.unique(session.conditions, axis=0, return_inverse=True)
     earlier = np.array([np.sum(of_condition[:k] == condition) for k, condition in enumerate(of_condition)])
-    return part_of(session, np.sort(np.argsort(earlier, kind="stable")[:most]))
+    return select_recordings(session, np.sort(np.argsort(earlier, kind="stable")[:most]))
 
 
-def part_of(session: Session, rows: NDArray[np.intp]) -> Session:
+def select_recordings(session: Session, rows: NDArray[np.intp]) -> Session:
     """Return some recordings of a session."""
     return dataclasses.replace(
         session, **{name: values[rows] for name, values in vars(session).items() if values is not None}

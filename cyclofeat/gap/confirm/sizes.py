@@ -102,8 +102,8 @@ SMALLEST = 0.05  # differences far below the spread of a recording, which is abo
 
 
 @dataclass(frozen=True)
-class Unexplained:
-    """Distance of a session from simulated ones of the corrected rig.
+class RemainderTest:
+    """Test of whether a session differs from simulated ones of the corrected rig.
 
     ``p`` is the share of sessions of the corrected rig that lie as far, ``p_open`` that of sessions with open
     effects besides (NaN without any), ``z`` (n_summaries,) the differences in standard deviations of a
@@ -122,7 +122,7 @@ def judge_remainder(
     observed: Float,
     size: Float,
     others: tuple[Float, Float] | None = None,
-) -> Unexplained:
+) -> RemainderTest:
     """Compare the summaries of a session with those of simulated sessions, each at its own fitted sizes.
 
     Squared Mahalanobis distances have their covariance from other sessions, shrunk; the p is that of
@@ -155,7 +155,7 @@ def judge_remainder(
         distances[held] = model.mahalanobis(left[held])
         of_folds.append(model.mahalanobis(far))
     logs = np.log(np.mean(of_folds, axis=0))
-    return Unexplained(_tail_chance(logs[0], np.log(distances)), _tail_chance(logs[0], logs[1:]), z[0])
+    return RemainderTest(_tail_chance(logs[0], np.log(distances)), _tail_chance(logs[0], logs[1:]), z[0])
 
 
 def _tail_chance(value: float, sample: Float) -> float:

@@ -131,17 +131,17 @@ def mean_predictors(logits: Float, causes: Float, names: Sequence[str]) -> Float
     return np.hstack(parts)
 
 
-def mean_coefficients(told: Float, present: NDArray[np.bool_], names: Sequence[str]) -> Float:
+def mean_coefficients(predictors: Float, present: NDArray[np.bool_], names: Sequence[str]) -> Float:
     """Return coefficients and constant of a logistic regression on :func:`mean_predictors`, for each effect.
 
     NaN for effects that do not change the mean alone, and for those that fewer than 100 rigs have or lack.
     """
-    coefficients = np.full((len(names), told.shape[1] + 1), np.nan)
-    centre, spread = told.mean(axis=0), told.std(axis=0) + 1e-9
+    coefficients = np.full((len(names), predictors.shape[1] + 1), np.nan)
+    centre, spread = predictors.mean(axis=0), predictors.std(axis=0) + 1e-9
     of_mean_alone = {name for name, effect in known_effects().items() if effect.shows_as == _MEAN}
     for k, (name, with_it) in enumerate(zip(names, present.T, strict=True)):
         if name in of_mean_alone and min(with_it.sum(), (~with_it).sum()) >= _MANY:
-            line = LogisticRegression(max_iter=1000).fit((told - centre) / spread, with_it)
+            line = LogisticRegression(max_iter=1000).fit((predictors - centre) / spread, with_it)
             weights = line.coef_[0] / spread
             coefficients[k] = np.r_[weights, line.intercept_ - centre @ weights]
     return coefficients

@@ -39,13 +39,13 @@ from cyclofeat.gap.posterior.calibration import (
 )
 from cyclofeat.gap.posterior.inputs import Inputs, Reference, inputs_of_sessions, recordings_of_rigs
 from cyclofeat.gap.posterior.network import (
+    NetworkWeights,
     Targets,
-    Trained,
     network_outputs,
     random_inputs,
+    select_outputs,
     split_outputs,
     train_network,
-    with_outputs,
 )
 from cyclofeat.gap.world.rigs import Rigs, Session
 from cyclofeat.gap.world.world import World
@@ -94,7 +94,7 @@ class EffectPosterior(BaseEstimator):
     reference_ : Reference
         Summaries without an effect.
     networks_ : list of dict from str to ndarray
-        Trained.
+        Weights of each network, by layer.
     learned_ : ndarray of bool, shape (n_effects,)
         False for an effect that fewer than 20 machines have, or lack.
     limits_ : ndarray, shape (n_effects,)
@@ -169,9 +169,9 @@ class EffectPosterior(BaseEstimator):
         held = np.isin(rigs.machines, calibrating)
         self.reference_ = Reference().fit(rigs)
         self._fit_scales(rigs)
-        begun: list[Trained | None] = [None] * n_networks
+        start_weights: list[NetworkWeights | None] = [None] * n_networks
         if start is not None:
-            begun[:] = self._started_networks(start, random)
+            start_weights[:] = self._continue_from(start, random)
             self.n_rigs_ += start.n_rigs_
         recordings = recordings_of_rigs(rigs, self.reference_)
         sizes = (rigs.sizes - self.size_mean_) / self.size_spread_
@@ -185,7 +185,7 @@ class EffectPosterior(BaseEstimator):
         self.networks_ = [
             train_network(
                 recordings.of(rows), Targets(rigs.present[rows], sizes[rows]), self.reference_, epochs=epochs,
-                learning_rate=rate, random_state=self.random_state + k, start=begun[k],
+                learning_rate=rate, random_state=self.random_state + k, start=start_weights[k],
                 progress=epoch_progress(k),
             )
             for k in range(n_networks)
@@ -221,8 +221,8 @@ class EffectPosterior(BaseEstimator):
             rows.append((self.names_.index(effect.effect_id), column, effect.parameters[name]))
         return rows
 
-    def _started_networks(self, start: EffectPosterior, random: np.random.Generator) -> list[Trained]:
-        """Return the networks of another posterior, with the outputs of this one; take over its scales."""
+    def _continue_from(self, start: EffectPosterior, random: np.random.Generator) -> list[NetworkWeights]:
+        """Take over the scales of ``start``, and return its networks with the outputs of this posterior."""
         start.check_goes_on(self.cells_, self.reference_.counts_.tolist(), self.world_["quantity"])
         if len(start.networks_) < self.n_networks:
             raise ValueError(f"start must have {self.n_networks} networks, got {len(start.networks_)}")
@@ -240,7 +240,7 @@ class EffectPosterior(BaseEstimator):
                 np.where(known, n + n_sizes + sizes, -1),
             ]
         )
-        return [with_outputs(weights, columns, random) for weights in start.networks_[: self.n_networks]]
+        return [select_outputs(weights, columns, random) for weights in start.networks_[: self.n_networks]]
 
     def _fit_scales(self, rigs: Rigs) -> None:
         present = rigs.present
@@ -414,7 +414,7 @@ class EffectPosterior(BaseEstimator):
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the posterior to a file (NPZ, no pickle); it appears whole or not at all.
 
-        Trained are rounded to 16 bits.
+        Weights of the networks are rounded to 16 bits.
 
         Parameters
         ----------

@@ -36,16 +36,16 @@ class Reference(BaseEstimator):
     def fit(self, rigs: Rigs) -> Reference:
         """Learn from the rigs without effects."""
         healthy = rigs.of(np.flatnonzero(~rigs.present.any(axis=1)))
-        made = np.isfinite(healthy.values[:, :, 0])
-        if made.sum() < 100:
+        is_real = np.isfinite(healthy.values[:, :, 0])
+        if is_real.sum() < 100:
             raise ValueError(
-                f"rigs must hold at least 100 recordings of rigs without an effect, got {made.sum()}"
+                f"rigs must hold at least 100 recordings of rigs without an effect, got {is_real.sum()}"
             )
         self.speed_ = rigs.conditions[:, :, 0].min(), rigs.conditions[:, :, 0].max()
         self.load_ = rigs.conditions[:, :, 1].min(), rigs.conditions[:, :, 1].max()
         self.counts_ = np.unique(rigs.counts)
-        values = healthy.values[made].astype(np.float64)
-        conditions, counts = healthy.conditions[made], healthy.counts[made]
+        values = healthy.values[is_real].astype(np.float64)
+        conditions, counts = healthy.conditions[is_real], healthy.counts[is_real]
         # The first column of the inputs, a constant, is not shrunk.
         models = [
             Ridge(1.0).fit(self._regression_inputs(conditions, given)[:, 1:], values)
@@ -133,7 +133,7 @@ class Recordings:
     the reference with the count and without it; 0 for padding. ``conditions`` (3): speed in RPM, load in Nm,
     direction. ``speeds`` (2): deviation of the speed by the tachometer, and of that by the mesh lines from
     it, on a scale that is linear for small ones and logarithmic for large ones. ``mean_torque`` is in Nm,
-    ``made`` False for padding.
+    ``is_real`` is False for padding.
     """
 
     known: Single
@@ -142,7 +142,7 @@ class Recordings:
     counts: NDArray[np.int64]
     speeds: Float
     mean_torque: Float
-    made: Flags
+    is_real: Flags
 
     def of(self, rows: NDArray[np.intp]) -> Recordings:
         """Return some of the sessions."""
@@ -203,20 +203,21 @@ def inputs_of_sessions(sessions: Sequence[Session], reference: Reference, cells:
     with_counts = np.array([session.counts is not None for session in sessions])
     tachometer = np.array([session.speeds_rpm is not None for session in sessions])
     needed = bool(with_counts.any()), not with_counts.all()
-    made = _recording_arrays(_Padded(values, conditions, counts, speeds), reference, cells, needed)
-    return assemble_inputs(made, made.made, with_counts, tachometer, reference)
+    padded = _recording_arrays(_Padded(values, conditions, counts, speeds), reference, cells, needed)
+    return assemble_inputs(padded, padded.is_real, with_counts, tachometer, reference)
 
 
 def _recording_arrays(
     padded: _Padded, reference: Reference, cells: tuple[str, ...], needed: tuple[bool, bool]
 ) -> Recordings:
     values, conditions, counts, speeds = padded
-    made = np.isfinite(values[:, :, 0])
-    shape = (*made.shape, 2 * values.shape[2])
+    is_real = np.isfinite(values[:, :, 0])
+    shape = (*is_real.shape, 2 * values.shape[2])
     deviations = [np.zeros(shape, dtype=np.float32) for _ in needed]
     for part, known, wanted in zip(deviations, (True, False), needed, strict=True):
         if wanted:
-            part[made] = reference.deviations(values[made], conditions[made], counts[made] if known else None)
+            known_counts = counts[is_real] if known else None
+            part[is_real] = reference.deviations(values[is_real], conditions[is_real], known_counts)
     by_tachometer = 100 * (np.nan_to_num(speeds) / conditions[:, :, 0] - 1)
     by_mesh = np.nan_to_num(values[:, :, cells.index(_SPEED_CELL)])
     by_both = np.stack([by_tachometer, by_mesh - by_tachometer], axis=2)
@@ -227,21 +228,21 @@ def _recording_arrays(
         counts=counts,
         speeds=np.arcsinh(by_both / _SPEED_SCALES),
         mean_torque=np.nan_to_num(values[:, :, cells.index(_MEAN_CELL)]).astype(np.float64),
-        made=made,
+        is_real=is_real,
     )
 
 
 def assemble_inputs(
-    made: Recordings, shown: Flags, with_counts: Flags, tachometer: Flags, reference: Reference
+    padded: Recordings, shown: Flags, with_counts: Flags, tachometer: Flags, reference: Reference
 ) -> Inputs:
     """Return the inputs of sessions of which some recordings are shown, with counts and tachometer or not."""
     known, turned = with_counts[:, None, None], tachometer[:, None, None]
-    at = reference.scale_conditions(made.conditions)
-    counts = (made.counts[:, :, None] == reference.counts_) & known
-    speeds = np.where(turned, made.speeds, 0.0)
+    at = reference.scale_conditions(padded.conditions)
+    counts = (padded.counts[:, :, None] == reference.counts_) & known
+    speeds = np.where(turned, padded.speeds, 0.0)
     flags = np.broadcast_to(np.concatenate([known, turned], axis=2), (*shown.shape, 2))
     facts = np.concatenate([at, counts, speeds, flags], axis=2)
-    deviations = np.where(known, made.known, made.unknown)
+    deviations = np.where(known, padded.known, padded.unknown)
     recordings = np.concatenate([deviations, facts], axis=2, dtype=np.float32) * shown[:, :, None]
     n = shown.sum(axis=1, keepdims=True)
     weights = (shown / n)[:, :, None]
@@ -249,11 +250,11 @@ def assemble_inputs(
     spread_at = np.sqrt(np.sum((at - mean_at[:, None]) ** 2 * weights, axis=1))
     whole = np.concatenate(
         [
-            gain_and_offset(made.mean_torque, made.conditions, shown), mean_at, spread_at, np.log(n),
+            gain_and_offset(padded.mean_torque, padded.conditions, shown), mean_at, spread_at, np.log(n),
             known[:, 0], turned[:, 0], np.sum(speeds * weights, axis=1),
         ],
         axis=1, dtype=np.float32,
     )  # fmt: skip
-    many = shown & known[:, 0] & (made.counts > _LOW_COUNTS)
-    causes = cause_logits(made.mean_torque, made.conditions, shown)
+    many = shown & known[:, 0] & (padded.counts > _LOW_COUNTS)
+    causes = cause_logits(padded.mean_torque, padded.conditions, shown)
     return Inputs(recordings, shown.astype(np.float32), many.astype(np.float32), whole, causes)

@@ -29,8 +29,10 @@ _SPREADS = (-5.0, 2.0)  # limits of the logarithm of a size's standard deviation
 FIXED = ("uncorrelating", "pool_centre", "pool_spread")  # weights that are not trained
 
 
-def with_outputs(weights: Weights, columns: NDArray[np.intp], random: np.random.Generator) -> dict[str, Any]:
-    """Return weights whose outputs are some of those that there are; -1 stands for a new one."""
+def select_outputs(
+    weights: Weights, columns: NDArray[np.intp], random: np.random.Generator
+) -> dict[str, Any]:
+    """Return weights with the output ``columns`` selected; -1 adds a new output."""
     layer, bias = weights["answer"], weights["answer_bias"]
     new = random.normal(0, layer.std(), (len(layer), columns.size)).astype(np.float32)
     return dict(weights) | {
@@ -111,7 +113,7 @@ def split_outputs(xp: Any, outputs: Array, n_effects: int) -> tuple[Array, Array
 
 Float = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-Trained = dict[str, NDArray[np.float32]]
+NetworkWeights = dict[str, NDArray[np.float32]]
 
 _BATCH = 256
 # Learning rate and decay of weights (AdamW; Loshchilov and Hutter 2019). Few of the 1,600 inputs tell of an
@@ -133,23 +135,23 @@ class Targets:
 
 
 def train_network(
-    made: Recordings,
+    padded: Recordings,
     targets: Targets,
     reference: Reference,
     *,
     epochs: int,
     learning_rate: float | None = None,
     random_state: int,
-    start: Trained | None = None,
+    start: NetworkWeights | None = None,
     progress: Callable[[int, int], object] | None = None,
-) -> Trained:
+) -> NetworkWeights:
     """Train one network on simulated rigs, each shown in every epoch as another random session.
 
     It begins with random weights, or with those of ``start``.
     """
     jax, jnp, _ = import_jax()
     random = np.random.default_rng(random_state)
-    weights = _first_weights(made, targets, reference, random) if start is None else dict(start)
+    weights = _first_weights(padded, targets, reference, random) if start is None else dict(start)
     fixed = {name: jnp.asarray(weights.pop(name)) for name in FIXED}
     n, n_effects = targets.present.shape
     present = targets.present.astype(np.float32)
@@ -162,7 +164,7 @@ def train_network(
         for rows in np.array_split(random.permutation(n), per_epoch):
             rows = rows[: n // per_epoch]  # batches of one size are compiled once
             key, dropping = jax.random.split(key)
-            inputs = random_inputs(made.of(rows), reference, random)
+            inputs = random_inputs(padded.of(rows), reference, random)
             batch = (fixed, inputs.of_network, present[rows], sizes[rows], has_size[rows])
             weights, state = step(weights, state, batch, dropping)
         if progress is not None:
@@ -195,22 +197,22 @@ def _compiled_steps(
     return make_descent(loss, n_steps, rate, _DECAY)
 
 
-def random_inputs(made: Recordings, reference: Reference, random: np.random.Generator) -> Inputs:
+def random_inputs(padded: Recordings, reference: Reference, random: np.random.Generator) -> Inputs:
     """Show a random number of each rig's recordings, with counts and tachometer or without."""
-    n, n_recordings = made.made.shape
+    n, n_recordings = padded.is_real.shape
     wanted = random.integers(min(FEWEST_RECORDINGS, n_recordings), n_recordings + 1, n)
-    order = np.argsort(random.random(made.made.shape) + ~made.made, axis=1)
-    shown = (np.argsort(order, axis=1) < wanted[:, None]) & made.made
+    order = np.argsort(random.random(padded.is_real.shape) + ~padded.is_real, axis=1)
+    shown = (np.argsort(order, axis=1) < wanted[:, None]) & padded.is_real
     with_counts, tachometer = random.random((2, n)) < 0.5
-    return assemble_inputs(made, shown, with_counts, tachometer, reference)
+    return assemble_inputs(padded, shown, with_counts, tachometer, reference)
 
 
 def _first_weights(
-    made: Recordings, targets: Targets, reference: Reference, random: np.random.Generator
-) -> Trained:
+    padded: Recordings, targets: Targets, reference: Reference, random: np.random.Generator
+) -> NetworkWeights:
     """Random weights; the pools are standardised and presence begins at its share."""
-    rows = random.choice(len(made.made), min(len(made.made), _STANDARDISING), replace=False)
-    inputs = random_inputs(made.of(rows), reference, random)
+    rows = random.choice(len(padded.is_real), min(len(padded.is_real), _STANDARDISING), replace=False)
+    inputs = random_inputs(padded.of(rows), reference, random)
     n_effects, n_outputs = targets.present.shape[1], targets.present.shape[1] + 2 * targets.sizes.shape[1]
     first, second = _RECORDING
     n_pools = 7 * len(reference.uncorrelating_) + inputs.whole.shape[1]
@@ -219,7 +221,7 @@ def _first_weights(
         "session_1": (n_pools + 2 * second, _SESSION, 2.0), "session_2": (_SESSION, _SESSION, 0.5),
         "session_3": (_SESSION, _SESSION, 0.5), "answer": (_SESSION, n_outputs, 0.1),
     }  # fmt: skip
-    weights: Trained = {
+    weights: NetworkWeights = {
         "uncorrelating": reference.uncorrelating_.astype(np.float32),
         "pool_centre": np.zeros(n_pools, dtype=np.float32),
         "pool_spread": np.ones(n_pools, dtype=np.float32),

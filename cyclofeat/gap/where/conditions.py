@@ -144,7 +144,7 @@ class Where:
 
 
 def where_of(located: LocatedGap, *, pictures: bool = True) -> Where:
-    """Rows of a comparison, without its recordings.
+    """Return the comparison of a located gap, without its recordings.
 
     For ``pictures`` torque is folded over the turn and all numbers are tested at once, which takes seconds.
     """
@@ -152,7 +152,7 @@ def where_of(located: LocatedGap, *, pictures: bool = True) -> Where:
     measured, simulated = (values.std(axis=0, ddof=1) for values in located.centred_sets())
     mean = located.measured.values.mean(axis=0)
     rows = []
-    for row in located.table:
+    for row in located.rows:
         # The row of all cells together has no column.
         k = columns.get((row.cell.family, row.cell.name))
         if k is not None:
@@ -162,7 +162,7 @@ def where_of(located: LocatedGap, *, pictures: bool = True) -> Where:
         verdict=located.verdict,
         rows=tuple(rows),
         family_p=dict(located.family_p),
-        global_p=dict(located.p_global) if pictures else {},
+        global_p=dict(located.global_p) if pictures else {},
         phase=dict(located.phase) if pictures else {},
         n_recordings=located.measured.n_recordings,
         n_simulated=len(located.simulated),

@@ -78,7 +78,7 @@ class LocatedGap:
         Summaries of the bank.
     shared_variance : ndarray, shape (n_cells,)
         Share of each cell's variance that recordings of one assembly have in common; 0 for an assembly each.
-    table : tuple of Row
+    rows : tuple of Row
         All cells: means in the order of the families, then spreads, then all means together. Spreads and
         all together are tested one-sidedly: only the lower end of their intervals holds at 1 - alpha, the
         upper end lies as far above the difference and bounds nothing.
@@ -93,7 +93,7 @@ class LocatedGap:
     alpha: float
     n_permutations: int
     shared_variance: Float = field(repr=False)
-    table: tuple[Row, ...] = field(repr=False)
+    rows: tuple[Row, ...] = field(repr=False)
     family_p: dict[str, float]
     _compared: tuple[Float, Float] = field(repr=False)
 
@@ -114,7 +114,7 @@ class LocatedGap:
         within = all(
             max(-row.low, row.high)
             <= (EQUIVALENT_DB if row.cell.unit == "dB" else EQUIVALENT_SPREADS * row.spread)
-            for row in self.table
+            for row in self.rows
             if row.of == "mean" and row.cell is not TOGETHER
         )
         return "equivalent" if within else "unresolved"
@@ -125,7 +125,7 @@ class LocatedGap:
         return self.measured.cells
 
     @functools.cached_property
-    def p_global(self) -> dict[str, float]:
+    def global_p(self) -> dict[str, float]:
         """p of two tests of all cells at once, which do not affect the verdict.
 
         The tests are the energy distance, and a classifier of measured against simulated recordings that is
@@ -225,22 +225,22 @@ def locate(
             "groups must hold at least 2 recordings: one recording has no spread to compare with, got 1"
         )
     bank = comparison.bank_like(measured) if bank is None else bank
-    blank = LocatedGap(
+    untested = LocatedGap(
         comparison, measured, bank, comparison.summaries(bank), alpha, n_permutations,
         np.zeros(len(measured.cells)), (), {}, (np.empty(0), np.empty(0)),
     )  # fmt: skip
-    of_measured, of_simulated = blank.centred_sets()
-    trend = SpeedAndLoad(of_simulated, measured.cells, smallest_spreads(measured.cells))
+    of_measured, of_simulated = untested.centred_sets()
+    trend = SpeedAndLoadTrend(of_simulated, measured.cells, smallest_spreads(measured.cells))
     shared = np.zeros(len(measured.cells))
     if comparison.one_assembly:
         counts = sorted(set(bank.counts.tolist()))
         of_assemblies = comparison.bank(_ASSEMBLIES * _PER_ASSEMBLY, counts, n_assemblies=_ASSEMBLIES)
-        values = blank.centre_on_counts(comparison.summaries(of_assemblies), of_assemblies.counts)
+        values = untested.centre_on_counts(comparison.summaries(of_assemblies), of_assemblies.counts)
         shared = intraclass_correlation(trend.without(values), of_assemblies.assemblies)
     compared = trend.without(of_measured), trend.without(of_simulated)
-    table, family_p = _test_cells(dataclasses.replace(blank, shared_variance=shared), compared)
+    rows, family_p = _test_cells(dataclasses.replace(untested, shared_variance=shared), compared)
     return dataclasses.replace(
-        blank, shared_variance=shared, table=table, family_p=family_p, _compared=compared
+        untested, shared_variance=shared, rows=rows, family_p=family_p, _compared=compared
     )
 
 
@@ -282,8 +282,8 @@ _LOAD = "mean"
 _SPEEDS = ("input speed by the tachometer", "input speed by the mesh lines")  # in order of preference
 
 
-class SpeedAndLoad:
-    """Removal of the part of summaries that follows a recording's own speed and mean torque.
+class SpeedAndLoadTrend:
+    """Linear trend of summaries with a recording's own speed and mean torque.
 
     A linear regression of the ``simulated`` summaries (n_bank, n_cells), less the mean of their count, gives
     the change of each cell with speed and mean torque. It is applied within the range of the simulated

@@ -20,7 +20,7 @@ from cyclofeat.gap.simulations import KERNEL, NO_SUCH_RIG, SOLVER, SPARE, Popula
 from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.world.cells import recording_cells, turn_samples
 from cyclofeat.gap.world.rigs import Rigs
-from cyclofeat.gap.world.world import DrawnSession, World, draw_session, with_floor
+from cyclofeat.gap.world.world import DrawnSession, World, draw_session, with_noise_and_drift
 from cyclofeat.simulators import Effect, SimulationFailed
 from cyclofeat.simulators.machine import MachineRun
 from cyclofeat.simulators.sampling import sample_runs
@@ -88,7 +88,8 @@ def simulate_drawn(world: World, machines: Sequence[DrawnMachine]) -> list[dict[
     samples = []
     for machine in machines:
         session, seeds = machine.session, machine.seeds
-        rig = with_floor(world.rig, world.may_differ, session.tolerance).with_added(*machine.effects)
+        rig = with_noise_and_drift(world.rig, world.may_differ, session.tolerance)
+        rig = rig.with_added(*machine.effects)
         first_of = {number: seeds[i] for i, number in reversed([*enumerate(session.assemblies.tolist())])}
         for i, seed in enumerate(seeds):
             speed, assembly = float(session.speeds_rpm[i]), first_of[int(session.assemblies[i])]

@@ -21,7 +21,7 @@ from cyclofeat.simulators import Drift, Effect, Noise, Rig, known_effects
 Float = NDArray[np.float64]
 
 # Assumption: no rig is free of noise, and no brake free of drift.
-FLOOR: tuple[Effect, ...] = (Noise(0.02), Drift(0.05, 1.5))
+NOISE_AND_DRIFT: tuple[Effect, ...] = (Noise(0.02), Drift(0.05, 1.5))
 # Assumptions: a rig may be made better than ``MAY_DIFFER`` states, or somewhat worse (a factor on all of it),
 # and its recordings may all be of one assembly, whose pins they share.
 TOLERANCES = (0.0, 1.5)
@@ -98,7 +98,7 @@ def missing_effects(rig: Rig) -> tuple[Effect, ...]:
     )
 
 
-def with_floor(rig: Rig, may_differ: Sequence[Effect], tolerance: float = 1.0) -> Rig:
+def with_noise_and_drift(rig: Rig, may_differ: Sequence[Effect], tolerance: float = 1.0) -> Rig:
     """Return the rig with so much of what may differ anyway, and with noise and drift where it has none."""
     scaled = []
     for effect in may_differ:
@@ -110,7 +110,7 @@ def with_floor(rig: Rig, may_differ: Sequence[Effect], tolerance: float = 1.0) -
                 ends = neutral + tolerance * (np.array(value) - neutral)
                 changed[name] = tuple(ends.tolist()) if ends.ndim else float(ends)
         scaled.append(effect.with_parameters(**changed))
-    return with_may_differ(rig, (*scaled, *FLOOR))
+    return with_may_differ(rig, (*scaled, *NOISE_AND_DRIFT))
 
 
 def draw_session(world: World, n_recordings: int, random: np.random.Generator) -> DrawnSession:
