@@ -27,7 +27,7 @@ def check_parent(path: Path, of: str = "") -> None:
 
 @contextmanager
 def name_in_errors(path: str | Path, part: Path | None = None) -> Iterator[None]:
-    """Name the file in errors of writing it: of a full disk the system names none, or the one beside it."""
+    """Add the target path to errors of writing; a full disk's error names none, or the file beside it."""
     try:
         yield
     except OSError as error:

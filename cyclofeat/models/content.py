@@ -76,7 +76,7 @@ def dump_model(target: Path, counter: Any) -> bytes:
     return data
 
 
-def read_model(source: Path, data: bytes) -> Any:
+def parse_model(source: Path, data: bytes) -> Any:
     """Return what a file holds: a ``.skops`` file runs no code, a pickle can run any."""
     joblib_file = source.suffix == ".joblib"
     try:

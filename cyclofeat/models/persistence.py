@@ -36,7 +36,7 @@ from cyclofeat.models.card import (
     make_card,
     read_card,
 )
-from cyclofeat.models.content import ModelFileError, dump_model, import_skops, read_model
+from cyclofeat.models.content import ModelFileError, dump_model, import_skops, parse_model
 
 SUFFIXES = (".skops", ".joblib")
 # Folder of the packaged models: one for each quantity, trained on simulated assemblies.
@@ -185,7 +185,7 @@ def load_model(
     with warnings.catch_warnings():
         # versions were compared above; where they differ, that is allowed
         warnings.simplefilter("ignore", InconsistentVersionWarning)
-        loaded = read_model(source, data)
+        loaded = parse_model(source, data)
     try:
         _check_counter(loaded)
         columns = feature_definitions(loaded)["columns"]

@@ -44,7 +44,7 @@ SOURCES: dict[str, tuple[str, str] | Callable[..., Source]] = {
 # Read as these where they are named; a folder's other text files are notes.
 _TEXT_FILES = {".txt": ".csv", ".txt.gz": ".csv.gz"}
 # How files of each kind begin.
-_BEGINNINGS = (
+_SIGNATURES = (
     (b"PK\x03\x04", ".npz", ".xlsx"), (b"\xd0\xcf\x11\xe0", ".xls"),
     (b"TDSm", ".tdms"), (b"TDSh", ".tdms_index"), (b"MATLAB ", ".mat"),
     (b"\x89HDF\r\n\x1a\n", ".mat"), (b"PAR1", ".parquet"), (b"RIFF", ".wav"), (b"RIFX", ".wav"),
@@ -316,7 +316,7 @@ def _open_source(path: Path, delimiter: str | None) -> Source:
         raise ValueError(f"{path.name} is empty")
     with path.open("rb") as file:
         start = file.read(16)
-    looks = next((kinds for begin, *kinds in _BEGINNINGS if start.startswith(begin)), [suffix])
+    looks = next((kinds for begin, *kinds in _SIGNATURES if start.startswith(begin)), [suffix])
     if suffix not in looks:
         kinds = " or ".join(looks)
         raise ValueError(

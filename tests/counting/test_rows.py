@@ -12,7 +12,7 @@ from scipy.special import logsumexp, softmax
 from cyclofeat._base.training import first_weights
 from cyclofeat.counting import LobeCounter, LobeModel, passage_of_lobe_zero
 from cyclofeat.counting.estimators import _lobe_network
-from cyclofeat.counting.model._training import draw_of_each_count
+from cyclofeat.counting.model._training import draw_per_count
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.models import load_model, save_model
 from cyclofeat.recordings.windower import lobe_windower
@@ -206,9 +206,9 @@ def test_rejects_lobes_that_are_no_row():
 def test_what_is_learned_without_its_tachometer_is_a_share_of_each_count():
     """Also where counts come in turn, and their number is a multiple of what the share leaves out."""
     recordings = [SimpleNamespace(defect_count=number % 3) for number in range(36)]
-    some = draw_of_each_count(recordings, 1 / 3, 0)
+    some = draw_per_count(recordings, 1 / 3, 0)
     assert np.bincount([recordings[k].defect_count for k in some]).tolist() == [4, 4, 4]
-    assert some == sorted({*some}) == draw_of_each_count(recordings, 1 / 3, 0)
+    assert some == sorted({*some}) == draw_per_count(recordings, 1 / 3, 0)
 
 
 @pytest.mark.parametrize(

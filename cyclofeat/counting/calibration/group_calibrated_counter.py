@@ -129,7 +129,7 @@ class GroupCalibratedCounter(Counter):
     def fit_cross_val_proba(
         self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None, **metadata: ArrayLike
     ) -> Float:
-        """Fit, and return what counters that did not see a window's assembly say of it.
+        """Fit, and return out-of-fold probabilities of the training windows.
 
         Arguments are those of :meth:`fit`.
 

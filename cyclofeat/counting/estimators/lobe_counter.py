@@ -238,7 +238,7 @@ class LobeCounter(Counter):
         worn: ArrayLike | None = None,
         passage: ArrayLike | None = None,
     ) -> Float:
-        """Fit, and return what counters that did not see a window's assembly say of it.
+        """Fit, and return out-of-fold probabilities of the training windows.
 
         Arguments and errors are those of :meth:`fit`.
 

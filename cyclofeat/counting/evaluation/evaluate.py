@@ -152,7 +152,7 @@ def evaluate(
     conditions = protocol.conditions
     if conditions is not None:
         conditions = of_windows("conditions", conditions, len(data.y))
-    answers = Answers.without_answers(data)
+    answers = Answers.empty(data)
     if protocol.hold_out == "nothing":
         answers.add_fold(counter, np.arange(len(data.y)))
         return score_answers(answers, protocol, conditions)
@@ -289,8 +289,8 @@ class Answers:
     counts: dict[int, LobeCount] = field(default_factory=dict)
 
     @classmethod
-    def without_answers(cls, data: LabelledData) -> Answers:
-        """Return empty answers for ``data``."""
+    def empty(cls, data: LabelledData) -> Answers:
+        """Return a table for the answers about ``data``, still empty."""
         n = len(data.y)
         return cls(data, np.unique(data.y), np.empty_like(data.y), np.full(n, np.nan), np.full(n, -1))
 

@@ -72,7 +72,7 @@ def common_samples_per_turn(
     return per_turn
 
 
-def draw_of_each_count(recordings: Sequence[Recording], share: float, random_state: int | None) -> list[int]:
+def draw_per_count(recordings: Sequence[Recording], share: float, random_state: int | None) -> list[int]:
     """Return the indices of a random fraction of the recordings of each count, rounded up."""
     random = np.random.default_rng(random_state)
     counts = np.array([recording.defect_count for recording in recordings])
@@ -131,10 +131,9 @@ def fit_counter(
     assert windows.y is not None
     X, y, worn = windows.X, windows.y, windows.worn_table(n_lobes)
     metadata = {"groups": windows.recording if windows.groups is None else windows.groups}
-    lobes = None
-    if worn is not None:
-        lobes = worn, passage_of_lobe_zero(windows.start_angle, n_lobes)
-        metadata |= {"worn": lobes[0], "passage": lobes[1]}
+    lobes = None if worn is None else (worn, passage_of_lobe_zero(windows.start_angle, n_lobes))
+    if lobes is not None:
+        metadata |= dict(zip(("worn", "passage"), lobes, strict=True))
     if isinstance(counter, LobeCounter):
         proba = counter.fit_cross_val_proba(X, y, **metadata)
         features = np.asarray(counter.lobe_map_.transform(X))
@@ -144,7 +143,7 @@ def fit_counter(
             scored, seen = (counter, X) if of_lobes else (counter.count_trees_, features)
             scores = _cross_validated_scores(scored, seen, windows, protocol, lobes, calibrates=of_lobes)
         elif protocol is not None and windows.groups is not None and np.isfinite(proba).all():
-            answers = Answers.without_answers(LabelledData.from_arrays(X, y, windows.groups))
+            answers = Answers.empty(LabelledData.from_arrays(X, y, windows.groups))
             predictions = answers.classes[proba.argmax(axis=1)]
             answers = replace(answers, proba=proba, certainty=proba.max(axis=1), predictions=predictions)
             scores = score_answers(answers, protocol).to_dict()

@@ -41,7 +41,8 @@ _SLIP = 0.055
 # Advance of the angle in an eighth of a turn, as a multiple of the median and of the eighth before. Jitter of
 # the angle from turn to turn in degrees; a motor under control reaches 5.
 _ANGLE_STEPS, _MOST_JITTER = (0.5, 1.5), 8.0
-_JUMPS, _SPEED_CHANGES = "the torque jumps", "the speed changes"
+# Faults begin with these texts; the reasons of a refusal recognise them by it.
+_JUMP_TEXT, _SPEED_CHANGE_TEXT = "the torque jumps", "the speed changes"
 # Share of the windows that must have the count where any is left out; and where a jump, which may part two
 # discs, leaves none on one side of it.
 _MAJORITY, _NEARLY_ALL = 0.5, 0.9
@@ -68,7 +69,7 @@ def window_faults(recording: Recording, windows: WindowSet, stop_s: Float, n_lob
             steady = speeds[known & ~shaft]
             change = float(np.ptp(steady)) if steady.size > 1 else 0.0
             if change > _UNSTEADY:
-                unsteady[k] = f"{_SPEED_CHANGES} by {change:.1%} within the window"
+                unsteady[k] = f"{_SPEED_CHANGE_TEXT} by {change:.1%} within the window"
     # Windows over the angle may have any speed, of a run-up too.
     stated = recording.input_speed_hz
     of_speed = "" if angle is None or over_time else _speed_fault(angle, rate, stated)
@@ -115,7 +116,7 @@ def _sample_fault(torque: Float, sampling_rate: float, input_speed_hz: float, n_
         middle = off[1:-1]
         spikes = int(np.sum((middle > limit) & (middle > 1.5 * off[:-2]) & (middle > 1.5 * off[2:])))
         if beyond.size > 3 * spikes:
-            return f"{_JUMPS}, first {beyond[0] / sampling_rate:.3g} s after the window's start"
+            return f"{_JUMP_TEXT}, first {beyond[0] / sampling_rate:.3g} s after the window's start"
         if spikes > _MOST_SPIKES:
             return f"the torque has {number_of(spikes, 'spike')}"
         if (change := faults.noise_change(torque, n_lobes)) > _NOISE_CHANGE:
@@ -166,12 +167,13 @@ def disagreement_reason(proba: Float, faults_of_windows: Sequence[str]) -> str:
     windows without a fault are compared, and those with a jump, which may part two discs, or with a changing
     speed, which may change unseen in the others.
     """
-    compared = [not fault or fault.startswith((_JUMPS, _SPEED_CHANGES)) for fault in faults_of_windows]
+    changes_only = (_JUMP_TEXT, _SPEED_CHANGE_TEXT)
+    compared = [not fault or fault.startswith(changes_only) for fault in faults_of_windows]
     root = np.sqrt(proba[compared])
     if not len(root) or (root @ root.T).min() >= _AGREEMENT:
         return ""
     changes = sum(before @ after < _AGREEMENT for before, after in pairwise(root))
-    if changes == 1 and not any(fault.startswith(_SPEED_CHANGES) for fault in faults_of_windows):
+    if changes == 1 and not any(fault.startswith(_SPEED_CHANGE_TEXT) for fault in faults_of_windows):
         return "its windows have another count from some time on: two discs in one recording?"
     return "its windows disagree about the count"
 
@@ -186,7 +188,7 @@ def outvoted_reason(proba: Float, reasons: Sequence[str], column: int) -> str:
     """
     used = np.array([not one for one in reasons])
     n_votes = int(np.sum(proba[used].argmax(axis=1) == column))
-    jumps = [at for at, one in enumerate(reasons) if one.startswith(_JUMPS)]
+    jumps = [at for at, one in enumerate(reasons) if one.startswith(_JUMP_TEXT)]
     one_sided = any(not used[:at].any() or not used[at:].any() for at in jumps)
     if used.all() or n_votes > (_NEARLY_ALL if one_sided else _MAJORITY) * used.size:
         return ""

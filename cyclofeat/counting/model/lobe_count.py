@@ -230,7 +230,7 @@ class AnsweredWindows:
     lobe_proba: Float | None
     # What the runs of windows without a fault tell (RadialWear.answers), (n_runs, n_classes + n_features);
     # None where the model learned no depth of wear, or there is no run.
-    wear: Float | None = None
+    runs: Float | None = None
 
     def __len__(self) -> int:
         """Number of windows."""
@@ -242,7 +242,7 @@ class AnsweredWindows:
         if len(parts) == 1:
             return parts[0]
         located = [part.lobe_proba for part in parts if part.lobe_proba is not None]
-        runs = [part.wear for part in parts if part.wear is not None]
+        runs = [part.runs for part in parts if part.runs is not None]
 
         def column(name: str) -> Any:
             return np.concatenate([getattr(part, name) for part in parts])
@@ -251,7 +251,7 @@ class AnsweredWindows:
             column("start_s"), column("stop_s"), column("proba"), column("distance"),
             faults=tuple(fault for part in parts for fault in part.faults),
             lobe_proba=np.concatenate(located, axis=1) if len(located) == len(parts) else None,
-            wear=np.concatenate(runs) if runs else None,
+            runs=np.concatenate(runs) if runs else None,
         )  # fmt: skip
 
     def find_refusals(self, doubt: str) -> tuple[str, list[str]]:

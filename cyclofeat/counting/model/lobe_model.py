@@ -30,7 +30,7 @@ from cyclofeat.counting.evaluation.evaluation import score_text
 from cyclofeat.counting.model._training import (
     SPEED_MARGIN,
     common_samples_per_turn,
-    draw_of_each_count,
+    draw_per_count,
     fit_counter,
     is_network,
     make_counter,
@@ -60,10 +60,10 @@ _BATCH_SAMPLES = 2**20
 _MOST_NAMED = 1000
 # Factor by which a mean torque may lie outside the loads of training without a note.
 _FAR = 3.0
-# Fraction of the recordings of each count that rows learn a second time without their tachometer.
-_BY_LINES_TOO = 1 / 3
+# Fraction of the recordings per count that a network learns a second time, without their tachometer.
+_REPEATED_SHARE = 1 / 3
 # Number of places between two lobes at which a recording without an absolute angle may begin.
-_BEGINNINGS = 4
+_START_PLACES = 4
 
 
 @dataclass(eq=False, repr=False)
@@ -200,27 +200,27 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             )
         known, label_of = _label_recordings(recordings, y, groups)
         n_lobes, quantity = common_n_lobes(known), common_quantity(known)
-        stated = None if self.wear_um is None else stated_depths(known, self.wear_um)
+        depths = None if self.wear_um is None else stated_depths(known, self.wear_um)
         # Faint lines are often right, but those of a sound disc are noise: the stated speed is safer.
         turnings = [turning_of(recording, n_lobes, by_faint_lines=False) for recording in known]
-        windows, of_tachometer = self._training_windows(known, turnings, n_lobes, quantity)
+        windows, windows_for_wear = self._training_windows(known, turnings, n_lobes, quantity)
         assert windows.y is not None
         if np.unique(windows.y).size < 2:
             raise ValueError(f"recordings must hold at least two defect counts, got {windows.y[0]} only")
         counter = make_counter(
             kind, windows, n_lobes, n_trees=self.n_trees, epochs=self.epochs, random_state=self.random_state
         )
-        rows = kind == "rows" or is_network(kind)
-        epochs = counter.n_epochs if rows else None
-        if rows and stated is not None:
+        by_network = kind == "rows" or is_network(kind)
+        epochs = counter.n_epochs if by_network else None
+        if by_network and depths is not None:
             counter.set_params(n_epochs=None)
         protocol = Protocol(n_splits=self.n_splits, random_state=self.random_state) if self.n_splits else None
         self.counter_, scores, features = fit_counter(counter, windows, n_lobes, protocol)
-        member = windows.recording if windows.groups is None else windows.groups
+        assemblies = windows.recording if windows.groups is None else windows.groups
         self.domain_: TrainingDomain | None = None
-        if np.unique(member).size > 1:
+        if np.unique(assemblies).size > 1:
             domain = TrainingDomain(random_state=self.random_state)
-            self.domain_ = domain.fit(features, windows.y, groups=member)
+            self.domain_ = domain.fit(features, windows.y, groups=assemblies)
         names = [] if windows.groups is None else np.unique(windows.groups).tolist()
         self.card_: dict[str, Any] = {
             "description": self.description,
@@ -237,11 +237,11 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             "versions": package_versions(*MODEL_PACKAGES),
         }
         self.wear_: RadialWear | None = None
-        if stated is not None:
-            of_runs = clone(self.counter_).set_params(n_epochs=epochs) if rows else None
+        if depths is not None:
+            of_runs = clone(self.counter_).set_params(n_epochs=epochs) if by_network else None
             self.wear_ = RadialWear.train(
-                of_tachometer, stated, n_lobes=n_lobes, n_trees=self.n_trees, random_state=self.random_state,
-                network=of_runs,
+                windows_for_wear, depths, n_lobes=n_lobes, n_trees=self.n_trees, network=of_runs,
+                random_state=self.random_state,
             )  # fmt: skip
             self.card_["wear"] = self.wear_.summary()
         self.n_lobes_, self.samples_per_turn_ = n_lobes, round(windows.sampling_rate)
@@ -267,19 +267,19 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             )
         per_turn = common_samples_per_turn(recordings, turnings, n_lobes, windower.samples_per_turn)
         windower = replace(windower, reduction=n_lobes, samples_per_turn=per_turn)
-        rows = self.counter == "rows" or is_network(self.counter)
-        again: Sequence[int] = ()
+        by_network = self.counter == "rows" or is_network(self.counter)
+        repeated: Sequence[int] = ()
         if quantity == "motor_current":
-            again = range(len(recordings))
-        elif rows and self.wear_um is None:
-            again = draw_of_each_count(recordings, _BY_LINES_TOO, self.random_state)
-        windows = of_tachometer = windows_to_learn(recordings, turnings, again, windower)
-        if again and self.wear_um is not None:
-            of_tachometer = windows_to_learn(recordings, turnings, (), windower)
-        if rows and self.wear_um is not None:
+            repeated = range(len(recordings))
+        elif by_network and self.wear_um is None:
+            repeated = draw_per_count(recordings, _REPEATED_SHARE, self.random_state)
+        windows = windows_for_wear = windows_to_learn(recordings, turnings, repeated, windower)
+        if repeated and self.wear_um is not None:
+            windows_for_wear = windows_to_learn(recordings, turnings, (), windower)
+        if by_network and self.wear_um is not None:
             # Runs make the count. The windows of a recording are alike: the network learns the first.
             windows = windows.part(np.flatnonzero(np.diff(windows.recording, prepend=-1)))
-        return windows, of_tachometer
+        return windows, windows_for_wear
 
     @property
     def _chosen_windower(self) -> Windower:
@@ -455,7 +455,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         return text
 
     def check_recording(self, recording: Recording) -> None:
-        """Raise ``ValueError`` if the recording's quantity, lobes, sampling rate or speed do not suit."""
+        """Raise ``ValueError`` if the recording's quantity or number of lobes is not the model's."""
         quantity = self.card_.get("quantity", "output_torque")
         if recording.quantity != quantity:
             raise ValueError(
@@ -609,7 +609,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         probability = combine_proba(answered.proba[used], member, 1.0 if learned is None else learned)[0]
         if self.wear_ is None and not reason:
             reason = outvoted_reason(answered.proba, reasons, int(probability.argmax()))
-        runs = None if self.wear_ is None or reason else answered.wear
+        runs = None if self.wear_ is None or reason else answered.runs
         if self.wear_ is not None and runs is not None:
             probability = self.wear_.probability(runs)
         elif self.wear_ is not None and not reason:
@@ -732,7 +732,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             turned = (windows.start_angle - prepared.first_angle) / (2 * np.pi)
             if not np.isfinite(windows.start_angle).all():
                 turned = cumulative_trapezoid(lines.input_speed_hz[row], windows.start_s, initial=0)
-            places = np.arange(_BEGINNINGS)[:, np.newaxis] / (_BEGINNINGS * self.n_lobes_)
+            places = np.arange(_START_PLACES)[:, np.newaxis] / (_START_PLACES * self.n_lobes_)
             begins.append(places - lobe_frequency(1.0, self.n_lobes_) * turned)
         repeated = [
             np.tile(np.arange(row.start, row.stop), len(b)) for b, row in zip(begins, rows, strict=True)
@@ -770,8 +770,8 @@ def _label_recordings(
     # cross_val_predict numbers the classes for predict_proba: other labels of the same counts.
     counts = [int(recording.defect_count or 0) for recording in known]
     label_of = dict(zip(counts, labels, strict=True))
-    again = [label_of[count] for count in counts]
-    if again != labels or len({*again}) < len(label_of):
+    stored = [label_of[count] for count in counts]
+    if stored != labels or len({*stored}) < len(label_of):
         raise ValueError("y contradicts the defect_count of recordings: leave one of them out")
     return known, label_of
 

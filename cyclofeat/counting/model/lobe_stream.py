@@ -79,7 +79,7 @@ class LobeStream:
             "quantity": str(model.card_.get("quantity", "output_torque")),
         }
         nothing = Recording(np.zeros(8), self.sampling_rate, **self._labels)
-        model.check_recording(nothing)  # quantity, rate and stated speed
+        model.check_recording(nothing)  # quantity and number of lobes
         if speed_rpm is not None:
             self.model = model.suited_to(nothing)
         self._block = 0
@@ -227,7 +227,7 @@ class LobeStream:
             if len(self._run) >= wear.n_windows:  # the window completes a run
                 of_run = wear.answers(np.array(self._run), [""] * len(self._run))
                 self._run = []
-        answered = dataclasses.replace(answered, wear=of_run)
+        answered = dataclasses.replace(answered, runs=of_run)
         self._keep_answers(answered.shift_time(window.first_sample / self.sampling_rate))
 
     def _count_blocks(self, torque: Float) -> None:

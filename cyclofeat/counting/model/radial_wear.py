@@ -202,7 +202,7 @@ class RadialWear:
         return text
 
     def summary(self) -> dict[str, Any]:
-        """Return what the training says of depths and counts, for the card of a model."""
+        """Return wear metrics for the card of a model."""
         error = np.nanmedian(np.abs(self.depth.held_out_ - self.depth.values_))
         return {
             "range_um": list(self.range_um),
@@ -216,7 +216,7 @@ class RadialWear:
         }
 
     def answers(self, X: Float, faults: Sequence[str]) -> Float | None:
-        """Return what the runs of a recording's windows without a fault tell; None if there is none.
+        """Return probabilities and features of each run of windows without a fault; None if there is no run.
 
         Shape (n_runs, n_classes + n_features): the probability of each count, and the features of a run.
         """
