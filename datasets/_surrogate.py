@@ -152,12 +152,12 @@ def make_rig_recordings(
     >>> [(r.assembly, r.defect_count, r.source, r.n_samples) for r in recordings]
     [('R0-0-0000', 0, 'surrogate', 2560), ('R0-0-0001', 2, 'surrogate', 2560)]
     """
-    run = _Run(
+    settings = _RecordingSettings(
         _rig_of(rig), duration, output_turns, sampling_rate,
         checks.seed_number(random_state), with_angle, solver, _positive_range("speed_rpm", speed_rpm, "RPM"),
         _positive_range("load_nm", load_nm, "Nm"), quantity,
     )  # fmt: skip
-    counts = checks.defect_counts(defect_counts, run.rig.gearbox.n_lobes)
+    counts = checks.defect_counts(defect_counts, settings.rig.gearbox.n_lobes)
     checks.n_jobs(n_jobs)
     wear = Wear(
         lobes=lobes, wheels=checks.wheel_numbers(wheels), radial_share=radial_share,
@@ -169,14 +169,14 @@ def make_rig_recordings(
         raise TypeError(f"keep must be a function of a recording, got {keep!r}")
     first = checks.whole("first_assembly", first_assembly, 0) * len(counts)
     defects = [
-        wear.draw(counts[index % len(counts)], run.rig.gearbox.n_lobes, run.seed_of(index))
+        wear.draw(counts[index % len(counts)], settings.rig.gearbox.n_lobes, settings.seed_of(index))
         for index in range(first, first + total)
     ]
     recordings: dict[int, Recording] = {}
     at_once = total if keep is None else _AT_ONCE
     for start in range(0, total, at_once):
         part = defects[start : start + at_once]
-        for place, recording in _recordings(run, part, kernel, n_jobs, first + start):
+        for place, recording in _simulate_recordings(settings, part, kernel, n_jobs, first + start):
             recordings[start + place] = recording if keep is None else keep(recording)
             if progress is not None:
                 progress(len(recordings), total)
@@ -218,16 +218,16 @@ def make_rig_recording(
     """
     defects = LobeDefects.healthy() if defects is None else defects
     checks.check_type("defects", defects, LobeDefects)
-    run = _Run(
+    settings = _RecordingSettings(
         _rig_of(rig), duration, None, sampling_rate, checks.seed_number(random_state), with_angle,
         quantity=quantity,
     )  # fmt: skip
-    ((_, recording),) = _recordings(run, [defects], "exact", 1)
+    ((_, recording),) = _simulate_recordings(settings, [defects], "exact", 1)
     return recording
 
 
 @dataclass(frozen=True)
-class _Run:
+class _RecordingSettings:
     """Rig and conditions of all recordings of one call."""
 
     rig: Rig
@@ -285,20 +285,20 @@ class _Run:
 
     def recording(self, sample: Sample, drawn: SampledRun) -> Recording:
         """Return the recording of a machine's run, with why the machines drawn before it could not run."""
-        plan, made, failures = drawn
-        if isinstance(made, Exception):
+        plan, run, failures = drawn
+        if isinstance(run, Exception):
             removed = (
                 f", removed {from_1(sample.defects.removed_lobes)}" if sample.defects.removed_lobes else ""
             )
             values = ", ".join(f"{name} {value:.5g}" for name, value in plan.machine.true_values().items())
-            made.args = (
+            run.args = (
                 f"assembly {sample.name} (worn lobes {from_1(sample.defects.worn_lobes)}{removed} on wheels "
                 f"{from_1(sample.defects.wheels)}, counted from 1; {values}), the last of {_MOST_DRAWS} that "
-                f"were drawn: {made}",
+                f"were drawn: {run}",
             )
-            raise made
+            raise run
         try:
-            record = made.record()
+            record = run.record()
         except ValueError as error:
             raise ValueError(f"assembly {sample.name}: {error}") from None
         gearbox, defects = sample.rig.gearbox, sample.defects
@@ -327,14 +327,14 @@ class _Run:
         )
 
 
-def _recordings(
-    run: _Run, defects: Sequence[LobeDefects], kernel: str, n_jobs: int, first: int = 0
+def _simulate_recordings(
+    settings: _RecordingSettings, defects: Sequence[LobeDefects], kernel: str, n_jobs: int, first: int = 0
 ) -> Iterator[tuple[int, Recording]]:
     """Yield places in ``defects`` and recordings; ``first`` is the number of the first recording."""
     try:
-        samples = [run.sample(index, worn) for index, worn in enumerate(defects, first)]
+        samples = [settings.sample(index, worn) for index, worn in enumerate(defects, first)]
         for place, recording in sample_each(
-            samples, lambda place, drawn: run.recording(samples[place], drawn),
+            samples, lambda place, drawn: settings.recording(samples[place], drawn),
             kernel=kernel, n_jobs=n_jobs, most_draws=_MOST_DRAWS,
         ):  # fmt: skip
             if recording.meta and "drawn_anew" in recording.meta:
@@ -346,7 +346,7 @@ def _recordings(
                 )
             yield place, recording
     except ValueError as error:
-        raise ValueError(f"rig {run.rig.name}: {error}") from None
+        raise ValueError(f"rig {settings.rig.name}: {error}") from None
 
 
 def _positive_range(name: str, given: Any, unit: str) -> tuple[float, float] | None:

@@ -335,13 +335,13 @@ def list_entries(paths: Sequence[str]) -> list[Entry | UnreadableFolder]:
     """Return the files named, and the files of the folders named, as their manifests state."""
     from cyclofeat.datasets.readers import Entry, folder_entries
 
-    files: list[Entry | UnreadableFolder] = []
+    entries: list[Entry | UnreadableFolder] = []
     for path in map(Path, paths):
         try:
-            files += folder_entries(path) if path.is_dir() else [Entry(path)]
+            entries += folder_entries(path) if path.is_dir() else [Entry(path)]
         except (ValueError, OSError) as error:
-            files.append(UnreadableFolder(path, error))
-    return files
+            entries.append(UnreadableFolder(path, error))
+    return entries
 
 
 @dataclass(frozen=True)
@@ -365,22 +365,21 @@ class FileResult(Generic[T]):
         return Printed(text, file | (facts or {}) | file, refused=refused)
 
 
-def each_recording(
+def process_files(
     doing: str,
-    files: Sequence[Entry | UnreadableFolder],
+    entries: Sequence[Entry | UnreadableFolder],
     arguments: argparse.Namespace,
     work: Callable[[Path, Recording], T],
 ) -> Iterator[FileResult[T]]:
-    """Read file by file and yield what ``work`` makes of path and recording.
+    """Read file by file, and yield the result of ``work(path, recording)`` or the error of each.
 
-    A file that fails does not stop the others.
     ``doing`` says in the line of progress what is done, such as "counting".
     """
     from cyclofeat.datasets.readers import one_line
 
     options = reading_arguments(arguments)
     with Progress(doing) as progress:
-        for done, entry in enumerate(files, 1):
+        for done, entry in enumerate(entries, 1):
             title = ""
             try:
                 recording = entry.read(**options)
@@ -388,14 +387,14 @@ def each_recording(
                 result = FileResult(entry.path, title, work(entry.path, recording))
             except UNREADABLE as error:
                 result = FileResult(entry.path, title, error=error_text(error, arguments))
-            progress(done, len(files))
+            progress(done, len(entries))
             yield result
 
 
 def read_all(paths: Sequence[str], arguments: argparse.Namespace) -> list[Recording]:
     """Return all recordings that the paths name, read as the options state."""
     recordings: list[Recording] = []
-    for result in each_recording("reading recordings", list_entries(paths), arguments, lambda _, read: read):
+    for result in process_files("reading recordings", list_entries(paths), arguments, lambda _, read: read):
         if result.value is None:
             raise ValueError(name_file(result.path, result.error))
         recordings.append(result.value)

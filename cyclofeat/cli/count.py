@@ -21,10 +21,10 @@ from cyclofeat.cli._options import (
     add_reading_options,
     add_target,
     count_with_warnings,
-    each_recording,
     list_entries,
     model_name,
     note,
+    process_files,
     read_model,
     reading_arguments,
     without_start,
@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     """Count file by file, with a row of the table each, then write the report."""
     model = read_model(arguments)
-    files = list_entries(arguments.files)
+    entries = list_entries(arguments.files)
     results: list[FileResult[Counted]] = []
     if arguments.csv:
         _write_row(arguments.csv, "w", {column: column for column in COLUMNS})
@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
                 state = writer.state(name)
             return count, recording.duration, state
 
-        for result in each_recording("counting", files, arguments, count_file):
+        for result in process_files("counting", entries, arguments, count_file):
             results.append(result)
             if arguments.csv:
                 row: dict[str, Any] = {"file": str(result.path), "error": result.error}
@@ -99,8 +99,10 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     # Read again, one at a time: all recordings together may be larger than memory.
     options = reading_arguments(arguments)
     counted = (
-        CountedRecording(str(file.path), without_start(file.read(**options), arguments.skip), result.value[0])
-        for file, result in zip(files, results, strict=True)
+        CountedRecording(
+            str(entry.path), without_start(entry.read(**options), arguments.skip), result.value[0]
+        )
+        for entry, result in zip(entries, results, strict=True)
         if result.value is not None
     )
     failures = {str(result.path): result.error for result in results if result.error}

@@ -13,8 +13,8 @@ from cyclofeat.cli._options import (
     UNREADABLE,
     Printed,
     add_reading_options,
-    each_recording,
     list_entries,
+    process_files,
     reading_arguments,
 )
 
@@ -30,7 +30,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
 
     files = list_entries(arguments.files)
     delimiter = reading_arguments(arguments).get("delimiter")
-    for result in each_recording("inspecting", files, arguments, lambda _, recording: describe(recording)):
+    for result in process_files("inspecting", files, arguments, lambda _, recording: describe(recording)):
         facts = result.value
         channels: dict[str, str | None] = {}  # none where the file cannot be opened
         with contextlib.suppress(*UNREADABLE):

@@ -39,7 +39,7 @@ _OF_FILES = tuple(option for option in READING if option not in ("--quantity", "
 # Simulated speeds and loads reach from the nominal ones over this to the nominal ones times this.
 _RANGE = 1.25
 # Output turns of a simulated assembly; early wear hardly shows in one turn.
-_WINDOWS, _WINDOWS_OF_WEAR = 2, 5
+_TURNS, _TURNS_FOR_WEAR = 2, 5
 # Largest share by which a motor turns less under load than at its nominal speed.
 _SLIP = 0.03
 # Share of the simulated worn assemblies that have radial wear, of --mixed-wear; the others have the chord.
@@ -230,9 +230,9 @@ def _simulated_recordings(arguments: argparse.Namespace) -> tuple[list[Recording
     from cyclofeat.simulators import Solver
 
     rig = rig_of(arguments, default="r2")
-    windows = arguments.windows
-    if windows is None:
-        windows = _WINDOWS if arguments.wear_um is None else _WINDOWS_OF_WEAR
+    turns = arguments.windows
+    if turns is None:
+        turns = _TURNS if arguments.wear_um is None else _TURNS_FOR_WEAR
     if arguments.counter == "rows" and arguments.lobes != "consecutive":
         raise ValueError(f"--counter rows takes --lobes consecutive only, got {arguments.lobes}")
     sampling_rate = 25_600.0 if arguments.sampling_rate is None else arguments.sampling_rate
@@ -242,7 +242,8 @@ def _simulated_recordings(arguments: argparse.Namespace) -> tuple[list[Recording
     # Or an error before the work.
     samples_per_turn_at(sampling_rate, speeds[1] / 60, gearbox.n_lobes, arguments.samples_per_turn)
     quantity = arguments.quantity or "output_torque"
-    turns = windows * (1 + _SLIP) if rig.has_motor or quantity == "motor_current" else windows
+    if rig.has_motor or quantity == "motor_current":
+        turns *= 1 + _SLIP
     with Progress("simulating assemblies") as progress:
         recordings = make_rig_recordings(
             arguments.assemblies,
