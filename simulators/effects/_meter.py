@@ -38,12 +38,13 @@ class _MeterEffect(Effect):
     def change_torque(
         self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
     ) -> Float:
-        neutral = all(
-            getattr(self, name) == parameter.neutral
+        neutral = {
+            name: parameter.neutral
             for name, parameter in self.parameters.items()
             if parameter.neutral is not None
-        )
-        if neutral or torque.size == 0:
+        }
+        unchanged = bool(neutral) and all(getattr(self, name) == value for name, value in neutral.items())
+        if unchanged or torque.size == 0:
             return torque
         return self.distort_torque(torque, sampling_rate, random, context or TorqueContext())
 

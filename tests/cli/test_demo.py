@@ -58,7 +58,7 @@ def test_the_demonstration_goes_from_recordings_to_pages(made, tmp_path):
 def test_a_model_that_cannot_be_written_is_told_before_anything_is_simulated(
     capsys, made, monkeypatch, tmp_path
 ):
-    monkeypatch.setitem(sys.modules, "skops", None)
+    monkeypatch.setitem(sys.modules, "skops.io", None)
     assert main(["demo", "--out", str(tmp_path / "demo")]) == 2
     assert "pip install skops" in capsys.readouterr().err
     assert made == []

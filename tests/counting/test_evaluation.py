@@ -186,7 +186,7 @@ def test_metadata_leave_no_trace_in_the_counter_and_obey_its_requests():
         ({"conditions": [1, 2]}, "conditions must hold one value per window"),
         ({"lobes": np.ones((48, 4))}, r"lobes must be a tuple \(worn, passage\)"),
         ({"lobes": (np.ones(48), np.ones(48))}, r"worn must have shape \(n_windows, n_lobes\)"),
-        ({"groups": np.zeros(48)}, "class 0 has 1 assembly, fewer than n_splits=5"),
+        ({"groups": np.zeros(48)}, "class 0 has 1 assembly, fewer than n_splits = 5"),
         ({"groups": GROUPS[:5]}, "inconsistent numbers of samples"),
         ({"y": COUNTS.astype(str)}, "y must hold defect counts.*'0'"),
         ({"y": COUNTS[:, np.newaxis]}, r"y must hold one value per window, got shape \(48, 1\)"),

@@ -101,10 +101,10 @@ def test_command_says_how_long(capsys):
     [
         ("7 --noise 1", "--worn-count must lie between 0 and 6, the table's largest n, got 7"),
         ("3 --noise 99", "--noise must be at most"),
-        ("3 --noise -1", "--noise must be positive and finite, got -1.0"),
+        ("3 --noise -1", "--noise: must be a positive, finite number, got '-1'"),
         ("3 --noise 1 --depth 0.01", "depth must lie between 0.1"),
         ("3 --noise 1 --confidence 1", "confidence must lie above 0.5 (guessing)"),
-        ("3 --noise 1 --speed 0", "--speed must be positive (RPM of the input shaft), got 0"),
+        ("3 --noise 1 --speed 0", "--speed: must be a positive, finite number, got '0'"),
     ],
 )
 def test_bad_questions_get_one_line(capsys, arguments, message):
