@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from cyclofeat._base.training import import_jax, make_dropout
 
 
+@pytest.mark.slow
 def test_dropout_takes_the_same_units_at_all_places_of_a_sample_and_keeps_the_mean() -> None:
     jax, _, _ = import_jax()
     keys = iter(jax.random.split(jax.random.PRNGKey(0), 2))

@@ -100,6 +100,7 @@ def test_simulate_writes_what_it_says(capsys, tmp_path):
     assert recording.angle_is_absolute
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quantity", ["input_torque", "motor_current"])
 def test_simulate_records_another_quantity(capsys, tmp_path, quantity):
     machine = ["--worn-count", 2, "--duration", 0.1, "--sampling-rate", 4_000, "--quantity", quantity]
@@ -503,6 +504,7 @@ def labelled_files(tmp_path, monkeypatch):
     return tmp_path, known
 
 
+@pytest.mark.slow
 def test_evaluate_cross_validates_what_train_makes(capsys, labelled_files):
     folder, known = labelled_files
     report = folder / "evaluation.html"
@@ -521,6 +523,7 @@ def test_evaluate_cross_validates_what_train_makes(capsys, labelled_files):
         assert part in page
 
 
+@pytest.mark.slow
 def test_evaluate_tests_a_stored_model(capsys, labelled_files):
     folder, known = labelled_files
     model = small_model.shaft_model()

@@ -59,6 +59,7 @@ print(code, len(own), *sys.modules)
 MOST_FILES, MOST_MODULES = 40, 90
 
 
+@pytest.mark.slow
 def test_a_count_enters_few_files_and_loads_nothing_that_it_does_not_need(counting):
     done = subprocess.run([sys.executable, "-c", WATCHED, *counting], capture_output=True, text=True)
     code, files, *modules = done.stdout.splitlines()[-1].split()

@@ -110,6 +110,7 @@ def test_other_changes_of_the_torque_are_no_run_up():
         assert describe(recording)["run_up_s"] is None
 
 
+@pytest.mark.slow
 def test_records_without_lobe_lines_have_no_speed():
     """No warning either: a healthy disc has none."""
     for seed in range(40):

@@ -11,6 +11,7 @@ from cyclofeat.gap import LoopModel, find_loop_gap
 from cyclofeat.gap.loops.parts import contact_deflection, elastic_torque, loop_shape, relative_error
 from cyclofeat.simulators import CycloidalGearbox, torque_deflection
 
+pytestmark = pytest.mark.slow  # each compiles, or searches
 DRIVE = CycloidalGearbox.printed_14_pin()
 
 
@@ -54,7 +55,6 @@ def test_many_frictions_at_once_are_each_alone():
         assert both[k] == pytest.approx(elastic_torque(torque, coulomb[k], share[k]))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.5, 3.0])
 def test_a_factor_on_the_contacts_is_that_factor_in_the_simulation(factor):
     stiffer = DRIVE.replace(
@@ -67,7 +67,6 @@ def test_a_factor_on_the_contacts_is_that_factor_in_the_simulation(factor):
     assert here == pytest.approx(run.deflection[at], rel=0.02)
 
 
-@pytest.mark.slow  # compiles the kernel with friction
 def test_a_drive_with_all_three_effects_is_that_in_the_simulation():
     """The series of parts against the integration of the whole drive; friction in the input's bearing."""
     model = LoopModel(max_iter=1, random_state=0).fit(
@@ -89,7 +88,6 @@ def test_a_drive_with_all_three_effects_is_that_in_the_simulation():
     assert series.stiffness == pytest.approx(whole.stiffness, rel=0.08)
 
 
-@pytest.mark.slow
 def test_known_parameters_come_back_and_predict_another_size_of_loop():
     theta = {
         "friction.coulomb_nm": 2.0, "friction.spread": 0.5, "friction.load_share": 0.3,
@@ -105,7 +103,6 @@ def test_known_parameters_come_back_and_predict_another_size_of_loop():
     assert not any(model.at_bound_.values())
 
 
-@pytest.mark.slow
 def test_the_right_effects_are_named_and_the_rest_is_left_out():
     made = []
     for seed, (coulomb, stiffness) in enumerate([(1.5, 300.0), (2.0, 400.0), (2.5, 350.0)]):

@@ -32,6 +32,7 @@ def pyplot(monkeypatch):
     plt.close("all")
 
 
+@pytest.mark.slow
 def test_the_quickest_example_draws_without_a_warning(pyplot):
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -206,22 +206,19 @@ def pin_energy(phi, omega, state, wheel, contact, mounts, memory):
     return stored, taken
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gearbox", "defects"),
     [
         (CONSERVATIVE, LobeDefects.healthy()),
         (CONSERVATIVE, WORN),
-        pytest.param(CONSERVATIVE, LobeDefects.worn((0, 4), wheels=(0,), depth=0.4), marks=pytest.mark.slow),
-        pytest.param(CONSERVATIVE, LobeDefects.worn(7, wear_um=100), marks=pytest.mark.slow),
-        pytest.param(CONSERVATIVE, LobeDefects.removed(7, wheels=(0,)), marks=pytest.mark.slow),
+        (CONSERVATIVE, LobeDefects.worn((0, 4), wheels=(0,), depth=0.4)),
+        (CONSERVATIVE, LobeDefects.worn(7, wear_um=100)),
+        (CONSERVATIVE, LobeDefects.removed(7, wheels=(0,))),
         (CONSERVATIVE.with_brake(0.02, 1e4, 0.05), WORN),
         (RUBBING, WORN),
-        pytest.param(Rig(CONSERVATIVE, [PinErrors(1e-5)]).draw(1).gearbox, WORN, marks=pytest.mark.slow),
-        pytest.param(
-            CONSERVATIVE.replace(pin_clearance=2e-5, cam_errors=(1e-5 + 1e-5j, -2e-5j)),
-            WORN,
-            marks=pytest.mark.slow,
-        ),
+        (Rig(CONSERVATIVE, [PinErrors(1e-5)]).draw(1).gearbox, WORN),
+        (CONSERVATIVE.replace(pin_clearance=2e-5, cam_errors=(1e-5 + 1e-5j, -2e-5j)), WORN),
     ],
     ids=["healthy", "worn", "partly", "radial", "removed", "brake", "friction", "pins", "clearance"],
 )
