@@ -55,6 +55,10 @@ def find_gap(
     progress : callable, optional
         Called with the name of each step.
 
+    Returns
+    -------
+    GapResult
+
     Raises
     ------
     ValueError

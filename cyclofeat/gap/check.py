@@ -104,7 +104,12 @@ class GapCheck(EffectRows[CheckedEffect]):
     seconds: float = field(repr=False)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values that JSON can hold, as ``cyclofeat gap --check --json`` prints them."""
+        """Return plain values that JSON can hold, as ``cyclofeat gap --check --json`` prints them.
+
+        Returns
+        -------
+        dict from str to object
+        """
         return dict(
             replace_nonfinite(
                 {
@@ -126,6 +131,10 @@ class GapCheck(EffectRows[CheckedEffect]):
 
     def to_frame(self) -> pd.DataFrame:
         """Return the effects as a data frame, one row each.
+
+        Returns
+        -------
+        pandas.DataFrame
 
         Raises
         ------
@@ -185,6 +194,10 @@ def check_recordings(
         Number of worker processes.
     progress : callable, optional
         Called with the number of simulated rigs and their total.
+
+    Returns
+    -------
+    GapCheck
 
     Raises
     ------

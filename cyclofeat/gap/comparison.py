@@ -168,7 +168,15 @@ class Comparison:
     def corrected_rig(self, effects: Iterable[Effect] = (), variants: Sequence[Sequence[Effect]] = ()) -> Rig:
         """Return the model with effects added, after the ``may_differ`` effects of the same kinds.
 
-        Each of the ``variants`` joins one of the model's, if it has some.
+        Parameters
+        ----------
+        effects : iterable of Effect
+        variants : sequence of sequence of Effect
+            Effects of single assemblies: each entry joins one of the model's variants, if it has some.
+
+        Returns
+        -------
+        Rig
         """
         added = tuple(effects)
         kinds = {effect.effect_id for effect in itertools.chain(added, *variants)}
@@ -177,7 +185,16 @@ class Comparison:
         return rig.with_added(*added).replace(variants=joined if any(joined) else rig.variants)
 
     def replace(self, **changes: Any) -> Comparison:
-        """Return a checked copy with some parameters changed; both share their simulations."""
+        """Return a checked copy with some parameters changed; both share their simulations.
+
+        Parameters
+        ----------
+        **changes
+
+        Returns
+        -------
+        Comparison
+        """
         if "cache" in changes:
             changes["_memory"] = None
         return dataclasses.replace(self, **changes)
@@ -221,6 +238,11 @@ class Comparison:
         random_state : int, optional
             Default: that of the comparison.
 
+        Returns
+        -------
+        Bank
+            Torque in Nm, shape (n, n_samples); worn lobes, mean input speed in Hz and assembly of each.
+
         Raises
         ------
         SimulationFailed
@@ -236,13 +258,33 @@ class Comparison:
         )  # fmt: skip
 
     def bank_like(self, measured: MeasuredTurns) -> Bank:
-        """Simulate ``n_bank`` recordings with the counts of measured ones in about their shares."""
+        """Simulate ``n_bank`` recordings with the counts of measured ones in about their shares.
+
+        Parameters
+        ----------
+        measured : MeasuredTurns
+            As of :meth:`measured`; without counts, ``defect_counts`` are simulated.
+
+        Returns
+        -------
+        Bank
+        """
         return self.bank(
             self.n_bank, None if measured.counts is None else mix_counts(measured.counts, self.n_bank)
         )
 
     def summaries(self, bank: Bank) -> Float:
-        """Summaries of simulated recordings, shape (n, n_cells)."""
+        """Summarise simulated recordings.
+
+        Parameters
+        ----------
+        bank : Bank
+
+        Returns
+        -------
+        ndarray, shape (n, n_cells)
+            Each cell in its own unit: dB, Nm, bit, % or none.
+        """
         speeds = bank.speeds if self.tachometer else None
         return self.remember(
             lambda: summarise_windows(bank.X, self.kinematics, speeds)[0],
@@ -271,6 +313,10 @@ class Comparison:
             Recording of each window. Default: each window is a recording of its own.
         angle : array-like, shape (n_windows, n_samples), optional
             Angle of the input shaft in rad; given if and only if ``tachometer`` is True.
+
+        Returns
+        -------
+        MeasuredTurns
 
         Raises
         ------

@@ -59,19 +59,46 @@ class Condition:
 
     @classmethod
     def of(cls, comparison: Comparison) -> Condition:
-        """Return the condition of a comparison."""
+        """Return the condition of a comparison.
+
+        Parameters
+        ----------
+        comparison : Comparison
+
+        Returns
+        -------
+        Condition
+        """
         speed_rpm = round(60 * comparison.kinematics.input_speed_hz, 6)
         return cls(speed_rpm, float(comparison.rig.gearbox.load_torque), comparison.direction)
 
     def is_near(self, other: Condition) -> bool:
-        """Return True if the speeds lie within 0.5 %, the loads within 2 %, and the directions are equal."""
+        """Return True if the speeds lie within 0.5 %, the loads within 2 %, and the directions are equal.
+
+        Parameters
+        ----------
+        other : Condition
+
+        Returns
+        -------
+        bool
+        """
         pairs = (self.speed_rpm, other.speed_rpm, SAME_SPEED), (self.load_nm, other.load_nm, SAME_LOAD)
         return self.direction == other.direction and all(
             math.isclose(mine, theirs, rel_tol=share) for mine, theirs, share in pairs
         )
 
     def set_on(self, rig: Rig) -> Rig:
-        """Return a rig that runs at the speed and load of the condition."""
+        """Return a rig that runs at the speed and load of the condition.
+
+        Parameters
+        ----------
+        rig : Rig
+
+        Returns
+        -------
+        Rig
+        """
         gearbox = rig.gearbox.replace(input_speed=self.speed_rpm * np.pi / 30, load_torque=self.load_nm)
         return rig.replace(gearbox=gearbox)
 

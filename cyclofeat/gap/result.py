@@ -261,7 +261,12 @@ class GapResult(EffectRows[FoundEffect]):
         return "equivalent" if verdicts == {"equivalent"} else "unresolved"
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values that JSON can hold, as ``cyclofeat gap --json`` prints them."""
+        """Return plain values that JSON can hold, as ``cyclofeat gap --json`` prints them.
+
+        Returns
+        -------
+        dict from str to object
+        """
         # fmt: off
         plain = {
             "format": FORMAT,

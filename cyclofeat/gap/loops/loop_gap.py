@@ -139,6 +139,10 @@ class LoopModel(RegressorMixin, BaseEstimator):
             zero torque, as :func:`cyclofeat.datasets.load_jelmerv_cycloidal` gives them.
         y : ignored
 
+        Returns
+        -------
+        self : LoopModel
+
         Raises
         ------
         ValueError
@@ -309,6 +313,10 @@ def find_loop_gap(
         Names of ``LOOP_EFFECTS``. Default: all four.
     alpha : float, default=0.05
         One-sided sign-flip p over the transfers up to which a larger subset counts as better.
+
+    Returns
+    -------
+    LoopGap
 
     Raises
     ------

@@ -257,7 +257,15 @@ class EffectPosterior(BaseEstimator):
         self.sizes_learned_ = self.learned_[[self.names_.index(owner) for owner in owners]]
 
     def check_goes_on(self, cells: Sequence[str], counts: Sequence[int], quantity: str) -> None:
-        """Raise ValueError unless it can go on learning from rigs with these properties."""
+        """Raise ValueError unless it can go on learning from rigs with these properties.
+
+        Parameters
+        ----------
+        cells : sequence of str
+            Names of the summaries.
+        counts : sequence of int
+        quantity : {"output_torque", "input_torque"}
+        """
         check_is_fitted(self, "networks_")
         if (own := self.world_["quantity"]) != quantity:
             raise ValueError(f"start must have learned from {quantity}, like the rigs, got one of {own}")
@@ -279,7 +287,16 @@ class EffectPosterior(BaseEstimator):
         return World.from_dict(self.world_)
 
     def predict_proba(self, sessions: Sequence[Session]) -> Float:
-        """Return the probability of each effect, shape (n_sessions, n_effects); NaN for one not learned."""
+        """Return the probability of each effect; NaN for one not learned.
+
+        Parameters
+        ----------
+        sessions : sequence of Session
+
+        Returns
+        -------
+        ndarray, shape (n_sessions, n_effects)
+        """
         inputs = self._network_inputs(sessions)
         return self._calibrated_probabilities(self._network_outputs(inputs)[0], inputs.causes)
 
@@ -295,6 +312,10 @@ class EffectPosterior(BaseEstimator):
 
         "Large enough" are sizes beyond ``limits_``: half of the simulated rigs that have the effect so large
         are named.
+
+        Parameters
+        ----------
+        sessions : sequence of Session
 
         Returns
         -------
@@ -331,6 +352,10 @@ class EffectPosterior(BaseEstimator):
     def predict_quantiles(self, sessions: Sequence[Session]) -> Float:
         """Return quantiles of each parameter if its effect is present, in the parameter's unit.
 
+        Parameters
+        ----------
+        sessions : sequence of Session
+
         Returns
         -------
         ndarray, shape (n_sessions, n_sizes, 5)
@@ -344,11 +369,32 @@ class EffectPosterior(BaseEstimator):
         return np.where(self.sizes_learned_[:, None], quantiles, np.nan)
 
     def standardised_sizes(self, sessions: Sequence[Session]) -> Float:
-        """Return the mean of each size if its effect is present, on a common scale, (n_sessions, n_sizes)."""
+        """Return the mean of each size if its effect is present, on a common scale.
+
+        Parameters
+        ----------
+        sessions : sequence of Session
+
+        Returns
+        -------
+        ndarray, shape (n_sessions, n_sizes)
+            Distance from ``size_mean_`` in units of ``size_spread_``.
+        """
         return self._network_outputs(self._network_inputs(sessions))[1]
 
     def size_distribution(self, session: Session, names: Sequence[str]) -> tuple[Float, Float]:
-        """Return median and standard deviation of some sizes on the scale of their fit, each (n_names,)."""
+        """Return median and standard deviation of some sizes on the scale of their fit.
+
+        Parameters
+        ----------
+        session : Session
+        names : sequence of str
+            Some of ``size_names_``.
+
+        Returns
+        -------
+        median, deviation : ndarray, shape (n_names,)
+        """
         columns = [self.size_names_.index(name) for name in names]
         _, mean, spread = self._network_outputs(self._network_inputs([session]))
         middle, width = self._on_scale_of_fit(mean, spread)
@@ -362,21 +408,47 @@ class EffectPosterior(BaseEstimator):
         return centre, spread * reach * self.size_spread_
 
     def deviations(self, session: Session) -> Float:
-        """Return the summaries less those of a rig without effects, shape (n_recordings, 2 * n_cells).
+        """Return the summaries less those of a rig without effects.
 
-        First in units of their spread without effects, on a scale that is linear for small deviations and
-        logarithmic for large ones; then in units of the spread over all rigs.
+        Parameters
+        ----------
+        session : Session
+
+        Returns
+        -------
+        ndarray, shape (n_recordings, 2 * n_cells)
+            First in units of their spread without effects, on a scale that is linear for small deviations and
+            logarithmic for large ones; then in units of the spread over all rigs, up to 8.
         """
         self._check_sessions([session])
         return self.reference_.deviations(session.values, session.conditions, session.counts)
 
     def presence(self, session: Session) -> dict[str, float]:
-        """Return the probability of each effect."""
+        """Return the probability of each effect.
+
+        Parameters
+        ----------
+        session : Session
+
+        Returns
+        -------
+        dict from str to float
+            By effect, NaN for one that was not learned.
+        """
         probabilities = self.predict_proba([session])[0].tolist()
         return dict(zip(self.names_, probabilities, strict=True))
 
     def sizes(self, session: Session) -> dict[str, Float]:
-        """Return the five quantiles of each parameter if its effect is present, in the parameter's unit."""
+        """Return the five quantiles of each parameter if its effect is present, in the parameter's unit.
+
+        Parameters
+        ----------
+        session : Session
+
+        Returns
+        -------
+        dict from str to ndarray, shape (5,)
+        """
         quantiles = self.predict_quantiles([session])[0]
         return dict(zip(self.size_names_, quantiles, strict=True))
 
@@ -419,6 +491,10 @@ class EffectPosterior(BaseEstimator):
         Parameters
         ----------
         path : path
+
+        Returns
+        -------
+        pathlib.Path
         """
         check_is_fitted(self, "networks_")
         stated = {name: getattr(self, name) for name in _STATED} | {"format": _FORMAT, **self.get_params()}

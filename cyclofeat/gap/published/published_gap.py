@@ -194,6 +194,10 @@ def find_published_gap(
         never used in naming or fitting.
     settings : PublishedSettings, optional
 
+    Returns
+    -------
+    PublishedGap
+
     Raises
     ------
     ValueError

@@ -246,7 +246,16 @@ class World:
         return tuple(f"{cell.family}: {cell.name}" for cell in self.described_cells)
 
     def sizes_of(self, effects: Sequence[Effect]) -> Float:
-        """Return the fitted parameters of effects on the scale of their fit, NaN where one is absent."""
+        """Return the fitted parameters of effects on the scale of their fit, NaN where one is absent.
+
+        Parameters
+        ----------
+        effects : sequence of Effect
+
+        Returns
+        -------
+        ndarray, shape (n_sizes,)
+        """
         sizes = dict.fromkeys(self.size_names, np.nan)
         for effect in effects:
             for name, value in zip(effect.vector_names(), effect.to_vector(), strict=True):
@@ -254,7 +263,12 @@ class World:
         return np.array(list(sizes.values()))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all settings in types that JSON knows."""
+        """Return all settings in types that JSON knows.
+
+        Returns
+        -------
+        dict from str to object
+        """
         plain = {
             name: getattr(self, name)
             for name in ("most", "sampling_rate", "speeds_rpm", "loads_nm", "quantity", "defect_counts",
@@ -269,7 +283,16 @@ class World:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> World:
-        """Return the world of settings as :meth:`to_dict` gives them, also after a way through JSON."""
+        """Return the world of settings as :meth:`to_dict` gives them, also after a way through JSON.
+
+        Parameters
+        ----------
+        content : mapping from str to object
+
+        Returns
+        -------
+        World
+        """
         given = dict(content)
         simulator = given["rig"].get("simulator")
         given["rig"] = Rig.from_dict(given["rig"])
