@@ -131,7 +131,12 @@ class LobeDefects:
 
     @classmethod
     def healthy(cls) -> LobeDefects:
-        """Return a gearbox without defects."""
+        """Return a gearbox without defects.
+
+        Returns
+        -------
+        LobeDefects
+        """
         return cls()
 
     @classmethod
@@ -145,9 +150,22 @@ class LobeDefects:
         wear_share: float = _WEAR_SHARE,
         wear_centre: float = _WEAR_CENTRE,
     ) -> LobeDefects:
-        """Return worn lobes, from their number (consecutive from lobe 0) or their indices.
+        """Return worn lobes.
 
-        ``depth`` is 1, the papers' chord, where neither it nor ``wear_um`` is given.
+        Parameters
+        ----------
+        lobes : int or iterable of int
+            Number of worn lobes (consecutive from lobe 0) or their indices.
+        wheels, wear_share, wear_centre
+            As for :class:`LobeDefects`.
+        depth : float, optional
+            As for :class:`LobeDefects`. Default: 1, the papers' chord, or 0 with ``wear_um``.
+        wear_um : float or sequence of float, optional
+            Radial wear in um, the same for all worn lobes or one for each in the order of ``lobes``.
+
+        Returns
+        -------
+        LobeDefects
 
         Examples
         --------
@@ -194,6 +212,10 @@ class LobeDefects:
         gearbox : CycloidalGearbox, default ``CycloidalGearbox.steel()``
             Gearbox whose flank has the pits.
 
+        Returns
+        -------
+        LobeDefects
+
         Raises
         ------
         TypeError, ValueError
@@ -224,7 +246,19 @@ class LobeDefects:
 
     @classmethod
     def removed(cls, lobes: int | Iterable[int], *, wheels: Sequence[int] = (0, 1)) -> LobeDefects:
-        """Return removed lobes, from their number (consecutive from lobe 0) or their indices."""
+        """Return removed lobes.
+
+        Parameters
+        ----------
+        lobes : int or iterable of int
+            Number of removed lobes (consecutive from lobe 0) or their indices.
+        wheels : sequence of int, default (0, 1)
+            Wheels without these lobes.
+
+        Returns
+        -------
+        LobeDefects
+        """
         return cls(removed_lobes=_lobe_indices(lobes), wheels=_wheel_indices(wheels))
 
     @classmethod
@@ -251,6 +285,10 @@ class LobeDefects:
             Wheels that carry the wear. Default: wheel 0 alone or both, with equal chances.
         depth : float
             Share of the lobe's width that is worn.
+
+        Returns
+        -------
+        LobeDefects
 
         Examples
         --------

@@ -432,7 +432,17 @@ class CycloidalGearbox:
 
     @classmethod
     def steel(cls, **changes: Any) -> CycloidalGearbox:
-        """Return the steel gearbox of paper B; ``changes`` replace single fields."""
+        """Return the steel gearbox of paper B.
+
+        Parameters
+        ----------
+        **changes : object
+            New values by field, in SI units.
+
+        Returns
+        -------
+        CycloidalGearbox
+        """
         return cls(**changes)
 
     @classmethod
@@ -441,6 +451,15 @@ class CycloidalGearbox:
 
         Paper A does not state H for ABS; 0.2 puts the contact resonance at 400-500 Hz as in its fig. 20.
         *Assumption.*
+
+        Parameters
+        ----------
+        **changes : object
+            As for :meth:`steel`.
+
+        Returns
+        -------
+        CycloidalGearbox
         """
         return cls(
             wheel_youngs_modulus=2.2e9, wheel_poisson_ratio=0.37, contact_damping=20.0, stiffness_scale=0.2
@@ -454,6 +473,15 @@ class CycloidalGearbox:
         of 0.05 mm at pins and rollers. *Assumptions*: the rollers' stated 9 mm is their diameter (as a radius
         they would overlap), a modulus of 2.5 GPa, two wheels of 0.08 kg, shafts' inertias, H as for
         :meth:`abs`.
+
+        Parameters
+        ----------
+        **changes : object
+            As for :meth:`steel`.
+
+        Returns
+        -------
+        CycloidalGearbox
         """
         return cls(
             n_pins=14, eccentricity=1.5e-3, shortening=1.5e-3 * 14 / 34e-3, pin_radius=3.5e-3,
@@ -464,7 +492,17 @@ class CycloidalGearbox:
         ).replace(**changes)  # fmt: skip
 
     def replace(self, **changes: Any) -> CycloidalGearbox:
-        """Return a copy with single fields changed."""
+        """Return a copy with single fields changed.
+
+        Parameters
+        ----------
+        **changes : object
+            New values by field, in SI units.
+
+        Returns
+        -------
+        CycloidalGearbox
+        """
         return dataclasses.replace(self, **changes)
 
     @property
@@ -522,6 +560,10 @@ class CycloidalGearbox:
             Torsional stiffness of shaft and torque meter in Nm/rad.
         damping_ratio : float
             Share of critical damping of the rotor on that stiffness: c = 2 ratio sqrt(k J).
+
+        Returns
+        -------
+        CycloidalGearbox
         """
         not_negative("inertia", inertia)
         not_negative("stiffness", stiffness)

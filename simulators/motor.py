@@ -111,7 +111,17 @@ class Motor:
         return 10 / (math.pi * self.bandwidth_hz)
 
     def replace(self, **changes: float | tuple[float, ...]) -> Motor:
-        """Return a copy with single fields changed."""
+        """Return a copy with single fields changed.
+
+        Parameters
+        ----------
+        **changes : float or tuple of float
+            New values by field.
+
+        Returns
+        -------
+        Motor
+        """
         return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
 
 

@@ -240,6 +240,11 @@ def simulate(
         Keep angle and speed of the output, the force of every sleeve, and its contact points. These are
         always picked, never filtered.
 
+    Returns
+    -------
+    SimulationRun
+        ``round(duration * sampling_rate)`` samples from t = 0.
+
     Raises
     ------
     SimulationDiverged

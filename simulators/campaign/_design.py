@@ -197,7 +197,13 @@ class Campaign:
         return tuple(self.quantile_functions())
 
     def quantile_functions(self) -> dict[str, Callable[[float], float]]:
-        """Quantile function of each explored parameter by name."""
+        """Return the quantile function of each explored parameter by name.
+
+        Returns
+        -------
+        dict
+            Each takes a probability from 0 to 1 and returns a value in the parameter's unit.
+        """
         quantiles: dict[str, Callable[[float], float]] = {}
         for label, effect in self.rig.labelled_effects().items():
             for name, parameter in effect.parameters.items():
@@ -210,15 +216,47 @@ class Campaign:
         return quantiles
 
     def replace(self, **changes: Any) -> Campaign:
-        """Return a copy with single fields changed, checked anew."""
+        """Return a copy with single fields changed, checked anew.
+
+        Parameters
+        ----------
+        **changes : object
+            New values by field.
+
+        Returns
+        -------
+        Campaign
+        """
         return dataclasses.replace(self, **changes)
 
     def shard_size(self, shard: int) -> int:
-        """Return the number of runs in a shard."""
+        """Return the number of runs in a shard.
+
+        Parameters
+        ----------
+        shard : int
+            Index of the shard, from 0.
+
+        Returns
+        -------
+        int
+        """
         return min(self.shard_length, self.n_runs - shard * self.shard_length)
 
     def plans(self, first: int = 0, n_runs: int | None = None) -> Iterator[RunPlan]:
-        """Yield the plans of ``n_runs`` runs (default: all) from index ``first`` on."""
+        """Yield the plans of successive runs.
+
+        Parameters
+        ----------
+        first : int, default 0
+            Index of the first run.
+        n_runs : int, optional
+            Number of runs. Default: all to the end of the campaign.
+
+        Yields
+        ------
+        RunPlan
+        """
         end = self.n_runs if n_runs is None else min(first + n_runs, self.n_runs)
         n_classes = len(self.defect_counts)
         repeat, last = first // n_classes, -(-end // n_classes)
@@ -230,12 +268,32 @@ class Campaign:
             yield RunPlan(index, count, {name: float(quantile(share)) for (name, quantile), share in pairs})
 
     def rig_at(self, values: Mapping[str, float]) -> Rig:
-        """Return the rig with its explored parameters set to those among the values."""
+        """Return the rig with its explored parameters set to given values.
+
+        Parameters
+        ----------
+        values : mapping from str to float
+            As those of a :class:`RunPlan`; values of the wear are ignored.
+
+        Returns
+        -------
+        Rig
+        """
         rig: Rig = self.rig
         return rig.with_parameters({name: v for name, v in values.items() if name not in OF_DEFECTS})
 
     def defects_of(self, plan: RunPlan) -> LobeDefects:
-        """Draw the worn lobes of a run."""
+        """Draw the worn lobes of a run.
+
+        Parameters
+        ----------
+        plan : RunPlan
+
+        Returns
+        -------
+        LobeDefects
+            Equal for equal plans.
+        """
         depth, wear_um = (plan.values.get(name, getattr(self, name)) for name in OF_DEFECTS)
         wear = Wear(
             lobes=self.lobes, wheels=None if isinstance(self.wheels, str) else self.wheels, depth=depth,
@@ -244,7 +302,21 @@ class Campaign:
         return wear.draw(plan.defect_count, self.rig.gearbox.n_lobes, self._seed_of(plan.run))
 
     def sample(self, plan: RunPlan) -> Sample:
-        """Return a run to simulate; raise ValueError if its values contradict each other."""
+        """Return a run to simulate.
+
+        Parameters
+        ----------
+        plan : RunPlan
+
+        Returns
+        -------
+        Sample
+
+        Raises
+        ------
+        ValueError
+            If the values of the plan contradict each other.
+        """
         return Sample(
             rig=self.rig_at(plan.values), defects=self.defects_of(plan),
             duration=self.n_samples / self.sampling_rate, sampling_rate=self.sampling_rate,
@@ -283,7 +355,13 @@ class Campaign:
             return np.asarray(engine.random(n), dtype=float)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the design as plain numbers, text, lists and dicts, every value explicit."""
+        """Return the design as plain numbers, text, lists and dicts.
+
+        Returns
+        -------
+        dict
+            Every field of the campaign by name, in SI units as in the file of :meth:`to_json`.
+        """
         content: dict[str, Any] = {}
         for item in dataclasses.fields(self):
             value = getattr(self, item.name)
@@ -293,7 +371,13 @@ class Campaign:
         return plain
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
-        """Write the design to a JSON file, every value explicit; replace an existing file."""
+        """Write the design to a JSON file, every value explicit.
+
+        Parameters
+        ----------
+        path : path
+            File to write; an existing file is replaced.
+        """
         content = json_bytes({"format": FORMAT, "note": _NOTE, **self.to_dict()})
         write_whole(Path(path), lambda file: file.write(content))
 
@@ -328,7 +412,24 @@ class Campaign:
 
     @classmethod
     def from_dict(cls, content: Any, *, preset: Callable[[str], Rig] | None = None) -> Campaign:
-        """Return the design that a JSON file holds, as :meth:`from_json`."""
+        """Return the design of a content as :meth:`to_dict` gives it.
+
+        Parameters
+        ----------
+        content : dict
+            May leave out keys; may hold the remarks of a file too.
+        preset : callable, optional
+            As for :meth:`from_json`.
+
+        Returns
+        -------
+        Campaign
+
+        Raises
+        ------
+        TypeError, ValueError
+            If a key or value is wrong; the message names it.
+        """
         if not isinstance(content, dict):
             raise TypeError(f"the file must hold a JSON object {{...}}, got {checks.repr_of(content)}")
         form = content.get("format", FORMAT)
