@@ -98,7 +98,17 @@ class Simulator(ABC):
         """
 
     def check(self) -> Self:
-        """Return the simulator itself; raise TypeError if it is no dataclass or has other fields."""
+        """Return the simulator itself after a check of its class and fields.
+
+        Returns
+        -------
+        Simulator
+
+        Raises
+        ------
+        TypeError
+            If it is no dataclass, or a field is no finite number, text, True or False.
+        """
         if "__dataclass_fields__" not in vars(type(self)):
             raise TypeError(f"{type(self).__name__} must have the decorator @dataclass(frozen=True)")
         for name, value in self.to_dict().items():
@@ -108,7 +118,13 @@ class Simulator(ABC):
         return self
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the name of the class under ``"class"``, then the fields."""
+        """Return class and fields as plain values.
+
+        Returns
+        -------
+        dict
+            Name of the class under ``"class"``, then the fields by name.
+        """
         fields = {one.name: getattr(self, one.name) for one in dataclasses.fields(self)}
         plain = {name: one.item() if isinstance(one, np.generic) else one for name, one in fields.items()}
         return {_KIND: type(self).__name__, **plain}
@@ -116,6 +132,15 @@ class Simulator(ABC):
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Simulator:
         """Return the simulator of a content as :meth:`to_dict` gives it.
+
+        Parameters
+        ----------
+        content : mapping
+            Fields left out keep their default.
+
+        Returns
+        -------
+        Simulator
 
         Raises
         ------

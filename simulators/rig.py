@@ -158,6 +158,10 @@ class Rig:
         Position errors of 10 um rms (pins) and 5 um rms by component (wheels), clearance up to 30 um,
         contacts within 25 %, load within 3 % and speed within 1 % of nominal, load drift of 3 Nm rms below
         1.5 Hz, white noise of 0.2 Nm.
+
+        Returns
+        -------
+        Rig
         """
         spread = uniform(0.75, 0.5)
         contacts = Scale("contact_stiffness", spread), Scale("contact_damping", spread)
@@ -168,6 +172,10 @@ class Rig:
         """Return rig R1: R0 with one known brake for all assemblies (*assumptions*).
 
         Rotor of 0.02 kg m2 behind a torque meter of 10 kNm/rad, 2 % damping.
+
+        Returns
+        -------
+        Rig
         """
         return cls.r0().replace(name="R1").with_effects(BrakeRotor(0.02, 1e4, 0.02))
 
@@ -177,6 +185,10 @@ class Rig:
 
         Rotor 0.005-0.05 kg m2, meter 3-30 kNm/rad, 1-5 % damping; contact stiffness and damping within a
         factor of 2; a second drift of 0.3 Nm rms below 25 Hz, which reaches the lobes' frequencies.
+
+        Returns
+        -------
+        Rig
         """
         differing = (
             Scale("contact_stiffness", (0.5, 2.0)),
@@ -235,11 +247,30 @@ class Rig:
         return any(effect.place == "motor" for effects in self.effect_sets() for effect in effects)
 
     def replace(self, **changes: Any) -> Rig:
-        """Return a checked copy with single fields changed."""
+        """Return a checked copy with single fields changed.
+
+        Parameters
+        ----------
+        **changes : object
+            New values by field.
+
+        Returns
+        -------
+        Rig
+        """
         return dataclasses.replace(self, **changes)
 
     def with_effects(self, *effects: Effect) -> Rig:
         """Return a copy with effects added, each instead of those of the same name.
+
+        Parameters
+        ----------
+        *effects : Effect
+            Effects of these names in the variants are left out too.
+
+        Returns
+        -------
+        Rig
 
         Examples
         --------
@@ -253,7 +284,17 @@ class Rig:
         return others.replace(effects=(*others.effects, *given))
 
     def with_added(self, *effects: Effect) -> Rig:
-        """Return a copy with more effects."""
+        """Return a copy with more effects.
+
+        Parameters
+        ----------
+        *effects : Effect
+            Added to those of the rig, also to those of the same name.
+
+        Returns
+        -------
+        Rig
+        """
         return self.replace(effects=(*self.effects, *effects))
 
     def without(self, *effect_ids: str) -> Rig:
@@ -263,6 +304,11 @@ class Rig:
         ----------
         *effect_ids : str
             Names of no effect of the rig are ignored.
+
+        Returns
+        -------
+        Rig
+            Without them in its variants either.
         """
         effects, *variants = (
             [one for one in part if one.effect_id not in effect_ids]
@@ -291,11 +337,22 @@ class Rig:
         return values
 
     def labelled_effects(self) -> dict[str, Effect]:
-        """Return the effects by their labels in :meth:`parameters`."""
+        """Return the effects by their labels in :meth:`parameters`.
+
+        Returns
+        -------
+        dict
+            From labels such as ``"hum_2"`` to effects; those of variants are not among them.
+        """
         return library.label_effects(self.effects)
 
     def effect_sets(self) -> list[tuple[Effect, ...]]:
-        """Return the effects with those of each variant, in the order of the chain; one set without variants.
+        """Return the effects with those of each variant, in the order of the chain.
+
+        Returns
+        -------
+        list of tuple of Effect
+            One tuple for each variant; a single one without variants.
 
         Examples
         --------
@@ -312,6 +369,10 @@ class Rig:
         ----------
         values : mapping
             From names of :meth:`parameters` to numbers or, for effects, ranges and distributions.
+
+        Returns
+        -------
+        Rig
 
         Raises
         ------
@@ -534,7 +595,22 @@ class Rig:
         )  # fmt: skip
 
     def check_quantity(self, quantity: str) -> str:
-        """Return a quantity, or raise ValueError where it is none or the rig's simulator has no such one."""
+        """Return a quantity if records of the rig can have it.
+
+        Parameters
+        ----------
+        quantity : {"output_torque", "input_torque", "motor_current"}
+
+        Returns
+        -------
+        str
+            The same.
+
+        Raises
+        ------
+        ValueError
+            If it is none of these, or the rig's own simulator does not give it.
+        """
         one_of("quantity", quantity, QUANTITIES)
         if self.simulator is not None and quantity != QUANTITIES[0]:
             raise ValueError(
@@ -543,7 +619,13 @@ class Rig:
         return quantity
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the content of a rig's file in types that JSON knows, without format and note."""
+        """Return the content of a rig's file, without format and note.
+
+        Returns
+        -------
+        dict
+            In types that JSON knows; its keys are described at :meth:`from_json`.
+        """
         gearbox: dict[str, Any] = {}
         for name, value in vars(self.gearbox).items():
             if not isinstance(value, tuple):
@@ -564,7 +646,10 @@ class Rig:
     def to_text(self) -> str:
         """Return the JSON text that :meth:`to_json` writes, equal for equal rigs.
 
-        It has one line for each field of the gearbox, each effect and each variant.
+        Returns
+        -------
+        str
+            One line for each field of the gearbox, each effect and each variant.
         """
         line = partial(json.dumps, ensure_ascii=False, allow_nan=False)
         content = self.to_dict()
@@ -596,7 +681,19 @@ class Rig:
     def from_dict(cls, content: Any) -> Rig:
         """Return the rig of a content as :meth:`to_dict` gives it.
 
-        A key or value that is wrong raises TypeError or ValueError, which names it.
+        Parameters
+        ----------
+        content : dict
+            May leave out keys; may hold format and note too.
+
+        Returns
+        -------
+        Rig
+
+        Raises
+        ------
+        TypeError, ValueError
+            If a key or value is wrong; the message names it.
         """
         given = dict(_check_object("the file", content))
         reject_unknown(given, ["format", "note", "name", "gearbox", "effects", "variants", "simulator"])

@@ -292,7 +292,6 @@ class Campaign:
         Returns
         -------
         LobeDefects
-            Equal for equal plans.
         """
         depth, wear_um = (plan.values.get(name, getattr(self, name)) for name in OF_DEFECTS)
         wear = Wear(
@@ -360,7 +359,7 @@ class Campaign:
         Returns
         -------
         dict
-            Every field of the campaign by name, in SI units as in the file of :meth:`to_json`.
+            Every field of the campaign by name, as in the file of :meth:`to_json`.
         """
         content: dict[str, Any] = {}
         for item in dataclasses.fields(self):

@@ -251,7 +251,12 @@ class ContactDampingForm(Effect):
         return gearbox.replace(contact_law=self.form, contact_damping=damping * self.factor)
 
     def neutral(self) -> ContactDampingForm:
-        """Return a copy with the form of the papers, neutral on a gearbox of that form."""
+        """Return a copy with the form of the papers, neutral on a gearbox of that form.
+
+        Returns
+        -------
+        ContactDampingForm
+        """
         return self.with_parameters(form="paper", factor=1.0)
 
 

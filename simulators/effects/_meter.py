@@ -49,7 +49,22 @@ class _MeterEffect(Effect):
         return self.distort_torque(torque, sampling_rate, random, context or TorqueContext())
 
     def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
-        """Return the torque after the effect, of arguments as those of :meth:`change_torque`."""
+        """Return the torque after an effect that is not neutral.
+
+        Parameters
+        ----------
+        torque : ndarray, shape (n,)
+            In Nm, with at least one sample.
+        rate : float
+            Sampling rate in Hz.
+        random, context
+            As for :meth:`change_torque`.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            As for :meth:`change_torque`.
+        """
         raise NotImplementedError
 
 
