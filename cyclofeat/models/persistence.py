@@ -85,6 +85,10 @@ def save_model(
     description : str
         Where the training data come from. Default: that on the model's card.
 
+    Returns
+    -------
+    pathlib.Path
+
     Raises
     ------
     FileNotFoundError

@@ -110,6 +110,10 @@ class GapDisplay(Display):
             Number of the condition.
         label : str, default="measured"
             As in :class:`GapDisplay`.
+
+        Returns
+        -------
+        GapDisplay
         """
         where = one_of_result("a comparison", result.where, condition)
         return cls(where, label=label).plot(kind=kind, ax=ax, phase=phase)
@@ -124,6 +128,10 @@ class GapDisplay(Display):
             Axes to draw on; default, new ones.
         phase : {"lobe", "input"}, default="lobe"
             What the torque of ``kind="phase"`` is folded over.
+
+        Returns
+        -------
+        self : GapDisplay
 
         Raises
         ------
@@ -148,7 +156,17 @@ class GapDisplay(Display):
         return self
 
     def has(self, kind: Kind, phase: str = "lobe") -> bool:
-        """Return whether the comparison holds something of that kind to draw."""
+        """Return whether the comparison holds something of that kind to draw.
+
+        Parameters
+        ----------
+        kind, phase
+            As in :meth:`plot`.
+
+        Returns
+        -------
+        bool
+        """
         families = {row.cell.family for row in self.where.rows}
         if kind == "phase":
             return phase in self.where.phase

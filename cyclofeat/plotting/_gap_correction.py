@@ -81,6 +81,10 @@ class GapOverlayDisplay(Display):
         label : str, default="measured"
             Name of the recordings.
 
+        Returns
+        -------
+        GapOverlayDisplay
+
         Raises
         ------
         ValueError
@@ -97,6 +101,10 @@ class GapOverlayDisplay(Display):
         ----------
         ax : matplotlib.axes.Axes, optional
             Axes to draw on; default, new ones.
+
+        Returns
+        -------
+        self : GapOverlayDisplay
         """
         self.figure_, self.ax_ = axes_for(ax, self.SIZE)
         overlay, ax = self.overlay, self.ax_
@@ -165,6 +173,10 @@ class GapReductionDisplay(Display):
         condition : int, default=0
             Number of the condition among those held out.
 
+        Returns
+        -------
+        GapReductionDisplay
+
         Raises
         ------
         ValueError
@@ -179,6 +191,10 @@ class GapReductionDisplay(Display):
         ----------
         ax : matplotlib.axes.Axes, optional
             Axes to draw on; default, new ones.
+
+        Returns
+        -------
+        self : GapReductionDisplay
 
         Raises
         ------

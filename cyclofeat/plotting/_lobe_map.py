@@ -211,13 +211,17 @@ class LobeMapDisplay(Display):
 
     @classmethod
     def from_estimator(cls, model: Any, recording: Recording) -> Self:
-        """Display of a recording with the probabilities that a model gives to its lobes.
+        """Make the display of a recording with the probabilities that a model gives to its lobes.
 
         Parameters
         ----------
         model : cyclofeat.counting.LobeModel
             Trained, with a locator.
         recording : Recording
+
+        Returns
+        -------
+        LobeMapDisplay
 
         Raises
         ------
@@ -241,6 +245,10 @@ class LobeMapDisplay(Display):
         ----------
         ax : matplotlib.axes.Axes, optional
             Axes to draw on; default, new ones.
+
+        Returns
+        -------
+        self : LobeMapDisplay
         """
         self.figure_, self.ax_ = axes_for(ax, (5.2, 5.2))
         from matplotlib.cm import ScalarMappable

@@ -93,7 +93,7 @@ class OrderDisplay(Display):
     def from_recording(
         cls, recording: Recording, *, input_speed_hz: float | None = None, n_lobes: int | None = None
     ) -> Self:
-        """Display of the first output turn of a recording, up to order 48 or what its rate holds.
+        """Make the display of the first output turn of a recording, up to order 48 or what its rate holds.
 
         A recording may lack up to 2 % of the turn.
 
@@ -105,6 +105,10 @@ class OrderDisplay(Display):
             error of 1 % blends neighbouring lines: pass the refined ``LobeMapDisplay.input_speed_hz`` then.
         n_lobes : int, optional
             Number of lobes z_s of a disc; default, the recording's own.
+
+        Returns
+        -------
+        OrderDisplay
 
         Raises
         ------
@@ -134,6 +138,10 @@ class OrderDisplay(Display):
         ----------
         ax : matplotlib.axes.Axes, optional
             Axes to draw on; default, new ones.
+
+        Returns
+        -------
+        self : OrderDisplay
         """
         self.figure_, self.ax_ = axes_for(ax, (7.0, 3.2))
         largest = float(self.amplitudes.max()) or 1.0

@@ -47,6 +47,10 @@ class CountDisplay(Display):
         ax : matplotlib.axes.Axes, optional
             Axes to draw on; default, new ones.
 
+        Returns
+        -------
+        self : CountDisplay
+
         Raises
         ------
         ValueError
@@ -104,6 +108,10 @@ class EvaluationDisplay(Display):
             counter gave them; larger dots hold more of the windows.
         ax : matplotlib.axes.Axes, optional
             Axes to draw on; default, new ones.
+
+        Returns
+        -------
+        self : EvaluationDisplay
 
         Raises
         ------

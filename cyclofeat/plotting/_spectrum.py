@@ -98,7 +98,7 @@ class SpectrumDisplay(Display):
     def from_recording(
         cls, recording: Recording, *, input_speed_hz: float | None = None, n_lobes: int | None = None
     ) -> Self:
-        """Display of the spectrum of a whole recording.
+        """Make the display of the spectrum of a whole recording.
 
         One Fourier transform, mean removed, periodic Hann window; a sine's line has the sine's amplitude. A
         recording of T seconds resolves 2/T Hz, enough to separate lobe lines from orders.
@@ -112,6 +112,10 @@ class SpectrumDisplay(Display):
             ``LobeMapDisplay.input_speed_hz`` then.
         n_lobes : int, optional
             Number of lobes z_s of a disc; default, the recording's own.
+
+        Returns
+        -------
+        SpectrumDisplay
         """
         n_lobes = recording.n_lobes if n_lobes is None else n_lobes
         if input_speed_hz is None:
@@ -134,6 +138,10 @@ class SpectrumDisplay(Display):
             Axes to draw on; default, new ones.
         max_frequency_hz : float, default=400.0
             Upper limit in Hz, at most the highest frequency.
+
+        Returns
+        -------
+        self : SpectrumDisplay
 
         Raises
         ------

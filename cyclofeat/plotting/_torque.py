@@ -69,11 +69,15 @@ class TorqueDisplay(Display):
 
     @classmethod
     def from_recording(cls, recording: Recording) -> Self:
-        """Display of a recording.
+        """Make the display of a recording.
 
         Parameters
         ----------
         recording : Recording
+
+        Returns
+        -------
+        TorqueDisplay
         """
         return cls(
             time=np.arange(recording.n_samples) / recording.sampling_rate, torque=recording.torque,
@@ -90,6 +94,10 @@ class TorqueDisplay(Display):
         max_points : int, default=6000
             Longer records are drawn as smallest and largest value of ``max_points / 2`` equal parts, so that
             peaks remain.
+
+        Returns
+        -------
+        self : TorqueDisplay
         """
         self.figure_, self.ax_ = axes_for(ax, (7.0, 3.0))
         (self.line_,) = self.ax_.plot(*thin_samples(self.time, self.torque, max_points), linewidth=0.7)

@@ -119,7 +119,7 @@ class TrainingDisplay(Display):
 
     @classmethod
     def from_estimator(cls, model: LobeModel, recording: Recording) -> Self:
-        """Display of a recording's windows beside the training windows of a model.
+        """Make the display of a recording's windows beside the training windows of a model.
 
         Parameters
         ----------
@@ -127,6 +127,10 @@ class TrainingDisplay(Display):
             With a training domain.
         recording : Recording
             As for :meth:`cyclofeat.counting.LobeModel.count`.
+
+        Returns
+        -------
+        TrainingDisplay
 
         Raises
         ------
@@ -183,6 +187,10 @@ class TrainingDisplay(Display):
             these features over their places (slots, lines).
         counts : tuple of int, optional
             Counts whose training windows are drawn, the first with its spread; default, the nearest.
+
+        Returns
+        -------
+        self : TrainingDisplay
 
         Raises
         ------

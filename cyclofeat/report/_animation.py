@@ -61,6 +61,10 @@ def write_animation(
     title : str, optional
         Heading.
 
+    Returns
+    -------
+    pathlib.Path
+
     Raises
     ------
     ImportError

@@ -86,6 +86,10 @@ def write_count_report(
         Recordings with a section: refused ones first, then the least probable. The others have only a line in
         the table (a section takes 1 to 2 MB).
 
+    Returns
+    -------
+    pathlib.Path
+
     Raises
     ------
     ImportError

@@ -55,6 +55,10 @@ def write_evaluation_report(
     settings : mapping, optional
         Other settings, label to value.
 
+    Returns
+    -------
+    pathlib.Path
+
     Raises
     ------
     ImportError

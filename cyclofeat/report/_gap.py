@@ -89,6 +89,10 @@ def write_gap_report(
     title : str, optional
         Heading.
 
+    Returns
+    -------
+    pathlib.Path
+
     Raises
     ------
     ImportError

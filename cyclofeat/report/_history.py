@@ -42,6 +42,10 @@ def write_history_report(
     states : sequence of cyclofeat.history.GearboxState, optional
         Of the gearboxes to show; default, all with the default rate of false alarms.
 
+    Returns
+    -------
+    pathlib.Path
+
     Raises
     ------
     ImportError

@@ -53,11 +53,29 @@ class Report:
         self._parts: list[dict[str, Any]] = []
 
     def add_heading(self, text: str) -> Self:
-        """Add a heading."""
+        """Add a heading.
+
+        Parameters
+        ----------
+        text : str
+
+        Returns
+        -------
+        self : Report
+        """
         return self._add(heading=str(text))
 
     def add_text(self, text: str) -> Self:
-        """Add plain text; an empty line begins a new paragraph."""
+        """Add plain text; an empty line begins a new paragraph.
+
+        Parameters
+        ----------
+        text : str
+
+        Returns
+        -------
+        self : Report
+        """
         return self._add(paragraphs=[part for part in str(text).split("\n\n") if part.strip()])
 
     def add(self, shown: Any) -> Self:
@@ -67,6 +85,10 @@ class Report:
         ----------
         shown : object
             With ``_repr_html_``, whose HTML is trusted.
+
+        Returns
+        -------
+        self : Report
 
         Raises
         ------
@@ -92,6 +114,10 @@ class Report:
             Text below the picture, which also describes it to those who do not see it.
         size : tuple of float, default=(8.0, 3.6)
             Width and height in inches of what is drawn by ``plot``.
+
+        Returns
+        -------
+        self : Report
 
         Raises
         ------
@@ -130,6 +156,10 @@ class Report:
         caption : str, optional
             Text above the table.
 
+        Returns
+        -------
+        self : Report
+
         Raises
         ------
         TypeError
@@ -145,15 +175,45 @@ class Report:
         return self._add(columns=list(zip(map(str, columns), right, strict=True)), rows=rows, caption=caption)
 
     def add_count(self, model: LobeModel, counted: Iterable[CountedRecording], **options: Any) -> Self:
-        """Add the page of a count as a section; arguments as of :func:`write_count_report`"""
+        """Add the page of a count as a section.
+
+        Parameters
+        ----------
+        model, counted, **options
+            As of :func:`write_count_report`.
+
+        Returns
+        -------
+        self : Report
+        """
         return self._add_page("count.html", summarise_count(model, counted, **options))
 
     def add_evaluation(self, results: Mapping[str, Evaluation], **options: Any) -> Self:
-        """Add the page of an evaluation as a section; arguments as of :func:`write_evaluation_report`."""
+        """Add the page of an evaluation as a section.
+
+        Parameters
+        ----------
+        results, **options
+            As of :func:`write_evaluation_report`.
+
+        Returns
+        -------
+        self : Report
+        """
         return self._add_page("evaluation.html", summarise_evaluation(results, **options))
 
     def add_gap(self, result: GapResult, **options: Any) -> Self:
-        """Add the page of a gap as a section; arguments as of :func:`write_gap_report`"""
+        """Add the page of a gap as a section.
+
+        Parameters
+        ----------
+        result, **options
+            As of :func:`write_gap_report`.
+
+        Returns
+        -------
+        self : Report
+        """
         return self._add_page("gap.html", summarise_gap(result, **options))
 
     def write(self, path: str | os.PathLike[str]) -> Path:
@@ -163,6 +223,10 @@ class Report:
         ----------
         path : path-like
             File to write, ``*.html``.
+
+        Returns
+        -------
+        pathlib.Path
 
         Raises
         ------

@@ -65,6 +65,10 @@ def make_app(
     program : sequence of str
         The command line's program, to which commands are given.
 
+    Returns
+    -------
+    starlette.applications.Starlette
+
     Examples
     --------
     >>> app = make_app("a-long-secret", model=("--model", "model.skops"))
