@@ -185,7 +185,17 @@ def _close_output() -> None:
 
 
 def make_parser(complete: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentParser:
-    """Return the parser of the command line, with the arguments of the commands in ``complete``."""
+    """Return the parser of the command line.
+
+    Parameters
+    ----------
+    complete : collection of str
+        Commands whose arguments are added. Default: all.
+
+    Returns
+    -------
+    argparse.ArgumentParser
+    """
     parser = RaisingParser(
         prog="cyclofeat",
         description="Count and locate the worn lobes of a cycloidal disc from windows of output torque.",

@@ -235,12 +235,28 @@ class History:
         self._pending.clear()
 
     def gearboxes(self) -> list[str]:
-        """Return the names of all gearboxes, sorted."""
+        """Return the names of all gearboxes, sorted.
+
+        Returns
+        -------
+        list of str
+        """
         rows = self._select_rows("SELECT DISTINCT gearbox FROM recording ORDER BY gearbox")
         return [name for (name,) in rows]
 
     def rows(self, gearbox: str, last: int | None = None) -> list[HistoryRow]:
-        """Return the recordings of a gearbox in the order of time: all, or the last ones."""
+        """Return the recordings of a gearbox in the order of time.
+
+        Parameters
+        ----------
+        gearbox : str
+        last : int, optional
+            How many of the last ones. Default: all.
+
+        Returns
+        -------
+        list of HistoryRow
+        """
         columns = [column.name for column in fields(HistoryRow)]
         rows = self._select_rows(
             f"SELECT {', '.join(columns)} FROM recording WHERE gearbox = ? "
@@ -251,6 +267,10 @@ class History:
 
     def to_frame(self, gearbox: str) -> pd.DataFrame:
         """Return the recordings of a gearbox as a table.
+
+        Parameters
+        ----------
+        gearbox : str
 
         Returns
         -------
@@ -277,6 +297,10 @@ class History:
             From which the rule of the alarm follows, see :func:`choose_rule`.
         recordings_per_month : float, optional
             Default: as frequent as they were, if they span at least an hour.
+
+        Returns
+        -------
+        GearboxState
         """
         model = self._select_rows(
             "SELECT m.id, m.scores FROM recording r JOIN model m ON m.id = r.model WHERE r.gearbox = ? "

@@ -125,6 +125,10 @@ def choose_rule(
     depth_error : float
         Probability that the interval of an unchanged depth lies above; it adds to the error rate.
 
+    Returns
+    -------
+    AlarmRule
+
     Examples
     --------
     >>> scores = {"classes": [0, 1], "confusion": [[98, 2], [5, 95]], "n_windows": 200, "n_assemblies": 100}
@@ -245,7 +249,12 @@ class GearboxState:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the state in plain types, for JSON; times as text in UTC."""
+        """Return the state in plain types, for JSON; times as text in UTC.
+
+        Returns
+        -------
+        dict
+        """
         content = dataclasses.asdict(self) | {"first": _iso_time(self.first), "last": _iso_time(self.last)}
         del content["alarms"]
         return content | {"alarm_since": _iso_time(self.alarms[-1][0]) if self.alarm else None}

@@ -262,10 +262,16 @@ class Recording:
         return None if self.speed_rpm is None else self.speed_rpm / 60
 
     def input_angle(self, reduction: int | None = None) -> Float | None:
-        """Increasing angle phi of the input shaft in rad, shape (n,); None for a recording without an angle.
+        """Return the increasing angle phi of the input shaft in rad; None for a recording without an angle.
 
-        ``reduction`` is the number of input turns per turn of the disc, used where ``angle_of`` is "disc";
-        default ``n_lobes``.
+        Parameters
+        ----------
+        reduction : int, optional
+            Input turns per turn of the disc, used where ``angle_of`` is "disc". Default: ``n_lobes``.
+
+        Returns
+        -------
+        ndarray, shape (n_samples,), or None
         """
         if self.angle is None or self.angle_of == "input":
             return self.angle
@@ -274,12 +280,31 @@ class Recording:
         return input_angle_from_disc(self.angle if falls else -self.angle, turns)
 
     def mean_input_speed(self, reduction: int | None = None) -> float | None:
-        """Mean speed of the input shaft in turns per second, by :meth:`input_angle`; None without it."""
+        """Return the mean speed of the input shaft in turns per second; None without an angle.
+
+        Parameters
+        ----------
+        reduction : int, optional
+            As for :meth:`input_angle`.
+
+        Returns
+        -------
+        float or None
+        """
         angle = self.input_angle(reduction)
         return None if angle is None else float(mean_speed(angle, self.sampling_rate))
 
     def part(self, start_s: float = 0.0, stop_s: float | None = None) -> Recording:
-        """Return the part from ``start_s`` to ``stop_s`` (default: the end), in s, with all labels.
+        """Return a part of the recording, with all labels.
+
+        Parameters
+        ----------
+        start_s, stop_s : float, optional
+            Beginning and end in s. Default: those of the recording.
+
+        Returns
+        -------
+        Recording
 
         Examples
         --------
@@ -298,7 +323,16 @@ class Recording:
         return self.replace(torque=self.torque[rows], angle=angle)
 
     def replace(self, **changes: Any) -> Recording:
-        """Return a copy with other values of the named parameters, checked anew."""
+        """Return a copy with other values of the named parameters, checked anew.
+
+        Parameters
+        ----------
+        **changes
+
+        Returns
+        -------
+        Recording
+        """
         return dataclasses.replace(self, **changes)
 
     def plot(

@@ -75,7 +75,16 @@ class WindowSet:
         return int(self.X.shape[0])
 
     def part(self, rows: Int) -> WindowSet:
-        """Return the windows with these numbers."""
+        """Return the windows with these numbers, which count from 0.
+
+        Parameters
+        ----------
+        rows : ndarray of int, shape (n_rows,)
+
+        Returns
+        -------
+        WindowSet
+        """
         columns: dict[str, Any] = {
             name: x[rows] for name, x in vars(self).items() if isinstance(x, np.ndarray)
         }
@@ -83,9 +92,16 @@ class WindowSet:
         return dataclasses.replace(self, worn_lobes=worn_lobes, **columns)
 
     def worn_table(self, n_lobes: int) -> NDArray[np.bool_] | None:
-        """Table of worn lobes, shape (n_windows, n_lobes).
+        """Return which lobes are worn in each window.
 
-        None where a window does not state its worn lobes or has no absolute angle.
+        Parameters
+        ----------
+        n_lobes : int
+
+        Returns
+        -------
+        ndarray of bool, shape (n_windows, n_lobes), or None
+            None where a window does not state its worn lobes or has no absolute angle.
         """
         if not self.absolute.all() or None in self.worn_lobes:
             return None
@@ -189,11 +205,30 @@ class Windower:
                 )
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:
-        """Return the parameters by name, as scikit-learn's estimators do."""
+        """Return the parameters by name, as scikit-learn's estimators do.
+
+        Parameters
+        ----------
+        deep : bool, default=True
+            Without effect.
+
+        Returns
+        -------
+        dict
+        """
         return {parameter.name: getattr(self, parameter.name) for parameter in dataclasses.fields(self)}
 
     def set_params(self, **params: Any) -> Self:
-        """Set parameters, as scikit-learn's searches do; they are checked as those of a new windower."""
+        """Set parameters, as scikit-learn's searches do; they are checked as those of a new windower.
+
+        Parameters
+        ----------
+        **params
+
+        Returns
+        -------
+        self
+        """
         for name, value in vars(dataclasses.replace(self, **params)).items():
             object.__setattr__(self, name, value)
         return self
@@ -410,7 +445,18 @@ class Windower:
         )
 
     def grid_of(self, torque: Float, angle: Float, sampling_rate: float) -> AngleGrid:
-        """Return the grid of windows over the angle, with the filters that a record needs."""
+        """Return the grid of windows over the angle, with the filters that a record needs.
+
+        Parameters
+        ----------
+        torque, angle : ndarray, shape (n_samples,)
+            Torque in Nm, and increasing angle of the input shaft in rad.
+        sampling_rate : float, in Hz
+
+        Returns
+        -------
+        AngleGrid
+        """
         per_turn, density = self._samples_per_turn, mean_density(angle)
         if density < per_turn:
             raise ValueError(
@@ -457,7 +503,12 @@ class Windower:
         return self.samples_per_turn
 
     def angle_length(self) -> int:
-        """Return the number of samples of a window over the angle."""
+        """Return the number of samples of a window over the angle.
+
+        Returns
+        -------
+        int
+        """
         return round(self.output_turns * self._input_turns * self._samples_per_turn)
 
     def _length_text(self) -> str:
