@@ -106,7 +106,16 @@ class LobeMap(WindowTransformer):
         return self.from_lines(self.lines(X))
 
     def from_lines(self, lines: lobes.LobeLines) -> Float:
-        """Features, shape (n_windows, n_features), of windows whose lobe lines are at hand."""
+        """Return the features of windows whose lobe lines are at hand.
+
+        Parameters
+        ----------
+        lines : LobeLines
+
+        Returns
+        -------
+        ndarray, shape (n_windows, n_features)
+        """
         folded = lobes.fold(lines.lines, self.n_lobes)
         if self.align == "energy":
             centred = lobes.shift(lines.lines, lobes.energy_centre(folded) - 0.5)
@@ -115,7 +124,17 @@ class LobeMap(WindowTransformer):
         return np.hstack([*slots, lobes.line_prominence(lines), lobes.line_contrast(lines)])
 
     def lines(self, X: NDArray[Any]) -> lobes.LobeLines:
-        """Lobe lines and refined input speed of windows ``X``, shape (n_windows, n_samples)."""
+        """Return the lobe lines and the refined input speed of windows.
+
+        Parameters
+        ----------
+        X : ndarray, shape (n_windows, n_samples)
+            Windows of torque in Nm.
+
+        Returns
+        -------
+        LobeLines
+        """
         comb = lobes.LobeComb(self.n_lobes, self.n_lines, self.ar_order, self.speed_tolerance)
         windows = np.asarray(X, dtype=np.float64)
         return lobes.lobe_lines(windows, self.sampling_rate, self.input_speed_hz, comb)

@@ -214,7 +214,17 @@ class WaveletMinimaOverlap(WaveletTransformer):
         return np.minimum(starts, self._longest_period() - 1)
 
     def lines(self, X: NDArray[Any]) -> lobes.LobeLines | None:
-        """Lobe lines that place windows ``X``, shape (n_windows, n_samples); None if they are not aligned."""
+        """Return the lobe lines that place windows; None if these are not aligned.
+
+        Parameters
+        ----------
+        X : ndarray, shape (n_windows, n_samples)
+            Windows of torque in Nm.
+
+        Returns
+        -------
+        LobeLines or None
+        """
         nominal = lobes.lobe_frequency(self.input_speed_hz, self.n_lobes)
         # The same limit as in lobe_lines; the comparison then has something left to compare.
         if self.align == "none" or X.shape[1] * nominal < 2 * self.sampling_rate:

@@ -126,16 +126,28 @@ class ConformalRegressor(RegressorMixin, BaseEstimator):
         return ExtraTreesRegressor(self.n_trees, max_features=0.3, min_samples_leaf=2, random_state=seed)
 
     def predict(self, X: ArrayLike) -> Float:
-        """Return the predicted value of each sample, shape (n_samples,)."""
-        return self._predicted(X)[0]
-
-    def predict_interval(self, X: ArrayLike) -> tuple[Float, Float]:
-        """Return the lower and upper ends of the intervals, shape (n_samples,) each.
+        """Predict the value of each sample.
 
         Parameters
         ----------
         X : array-like, shape (n_samples, n_features)
-            As for :meth:`fit`.
+
+        Returns
+        -------
+        ndarray, shape (n_samples,)
+        """
+        return self._predicted(X)[0]
+
+    def predict_interval(self, X: ArrayLike) -> tuple[Float, Float]:
+        """Return the ends of the interval of each sample.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_samples, n_features)
+
+        Returns
+        -------
+        low, high : ndarray, shape (n_samples,)
         """
         mean, spread = self._predicted(X)
         width = self.ratio_ * (spread + self.least_spread_)

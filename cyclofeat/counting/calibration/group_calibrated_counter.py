@@ -131,7 +131,10 @@ class GroupCalibratedCounter(Counter):
     ) -> Float:
         """Fit, and return out-of-fold probabilities of the training windows.
 
-        Arguments are those of :meth:`fit`.
+        Parameters
+        ----------
+        X, y, groups, **metadata
+            As for :meth:`fit`.
 
         Returns
         -------
@@ -166,6 +169,16 @@ class GroupCalibratedCounter(Counter):
         return pool_opinions(safe_log(proba)[np.newaxis], np.array([1 / self.temperature_]))
 
     def predict_proba(self, X: ArrayLike) -> Float:
-        """Calibrated probability of each class, shape (n_windows, n_classes), of windows as for ``fit``."""
+        """Return the calibrated probability of each class.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_samples)
+            As for :meth:`fit`.
+
+        Returns
+        -------
+        ndarray, shape (n_windows, n_classes)
+        """
         windows = self._windows(X)
         return self._calibrate(aligned_proba(self.counter_, windows, self.classes_))

@@ -148,25 +148,71 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
 
     def class_distances(self, X: ArrayLike) -> Float:
-        """Distance to each class of training, (n_windows, n_classes), of features (n_windows, n_features)."""
+        """Return the distance to each class of training.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_features)
+
+        Returns
+        -------
+        ndarray, shape (n_windows, n_classes)
+            In units of the largest distance to that class inside the domain.
+        """
         check_is_fitted(self)
         features: Float = validate_data(self, X, reset=False, dtype=np.float64)
         return np.asarray(self._mahalanobis(features) / self.thresholds_)
 
     def distance(self, X: ArrayLike) -> Float:
-        """Distance to the nearest class, shape (n_windows,), of features of shape (n_windows, n_features)."""
+        """Return the distance to the nearest class, in the units of :meth:`class_distances`.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_features)
+
+        Returns
+        -------
+        ndarray, shape (n_windows,)
+        """
         return np.asarray(self.class_distances(X).min(axis=1))
 
     def score_samples(self, X: ArrayLike) -> Float:
-        """Return ``-distance(X)``, shape (n_windows,): lower for windows less like those of training."""
+        """Return ``-distance(X)``: lower for windows less like those of training.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_features)
+
+        Returns
+        -------
+        ndarray, shape (n_windows,)
+        """
         return -self.distance(X)
 
     def decision_function(self, X: ArrayLike) -> Float:
-        """Return ``1 - distance(X)``, shape (n_windows,): negative outside."""
+        """Return ``1 - distance(X)``: negative outside.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_features)
+
+        Returns
+        -------
+        ndarray, shape (n_windows,)
+        """
         return self.score_samples(X) - self.offset_
 
     def predict(self, X: ArrayLike) -> NDArray[np.int64]:
-        """Return 1 for windows inside and -1 for those outside, shape (n_windows,)."""
+        """Return 1 for windows inside and -1 for those outside.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_features)
+
+        Returns
+        -------
+        ndarray of int, shape (n_windows,)
+        """
         return np.where(self.decision_function(X) >= 0, 1, -1)
 
 

@@ -105,7 +105,17 @@ class EntropyLadder(Counter):
         return self
 
     def predict_proba(self, X: ArrayLike) -> Float:
-        """Probability of each class, shape (n_windows, n_classes), by distance to the rungs."""
+        """Return the probability of each class, by distance to the rungs.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_features)
+            As for :meth:`fit`.
+
+        Returns
+        -------
+        ndarray, shape (n_windows, n_classes)
+        """
         z = self._read(self._windows(X))
         # Without any spread within classes the nearest rung is practically certain.
         spread = max(self.spread_, 1e-9 * float(np.ptp(self.rungs_)), np.finfo(float).tiny ** 0.25)

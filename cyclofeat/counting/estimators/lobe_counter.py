@@ -240,7 +240,10 @@ class LobeCounter(Counter):
     ) -> Float:
         """Fit, and return out-of-fold probabilities of the training windows.
 
-        Arguments and errors are those of :meth:`fit`.
+        Parameters
+        ----------
+        X, y, groups, worn, passage
+            As for :meth:`fit`; so are the errors.
 
         Returns
         -------
@@ -289,7 +292,17 @@ class LobeCounter(Counter):
         return proba
 
     def predict_proba(self, X: ArrayLike) -> Float:
-        """Calibrated probability of each count, shape (n_windows, n_classes), of windows as for ``fit``."""
+        """Return the calibrated probability of each count.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_samples)
+            Windows of torque in Nm.
+
+        Returns
+        -------
+        ndarray, shape (n_windows, n_classes)
+        """
         return self.proba_of_lines(self._lines(X))
 
     def predict_lobe_proba(self, X: ArrayLike, passage: ArrayLike | None = None) -> Float:
@@ -314,8 +327,14 @@ class LobeCounter(Counter):
     def predict_lobes(self, X: ArrayLike, passage: ArrayLike | None = None) -> Bool:
         """Return the most probable set of as many worn lobes as :meth:`predict` counts.
 
-        Arguments and errors are those of :meth:`predict_lobe_proba`; the result is a table of bool of the
-        same shape.
+        Parameters
+        ----------
+        X, passage
+            As for :meth:`predict_lobe_proba`; so are the errors.
+
+        Returns
+        -------
+        ndarray of bool, shape (n_windows, n_lobes)
         """
         lines = self._lines(X)
         proba = self.proba_of_lines(lines)
@@ -331,7 +350,15 @@ class LobeCounter(Counter):
     def proba_of_lines(self, lines: lobes.LobeLines, features: Float | None = None) -> Float:
         """Return what :meth:`predict_proba` does, of windows whose lobe lines are at hand.
 
-        ``features`` are those of the lobe map, where they are at hand too.
+        Parameters
+        ----------
+        lines : LobeLines
+        features : ndarray, shape (n_windows, n_features), optional
+            Those of the lobe map, where they are at hand too.
+
+        Returns
+        -------
+        ndarray, shape (n_windows, n_classes)
         """
         if self.kind == "network":
             opinions = self._row_opinions(self._log_counts(self._single_precision, lines.lines))
@@ -349,7 +376,17 @@ class LobeCounter(Counter):
     ) -> Float:
         """Return what :meth:`predict_lobe_proba` does, of windows whose lobe lines are at hand.
 
-        ``proba`` are probabilities of counts, where they are at hand too.
+        Parameters
+        ----------
+        lines : LobeLines
+        passage : array-like, shape (n_windows,), optional
+            As for :meth:`predict_lobe_proba`.
+        proba : ndarray, shape (n_windows, n_classes), optional
+            Probabilities of counts, where they are at hand too.
+
+        Returns
+        -------
+        ndarray, shape (n_windows, n_lobes)
         """
         if not self.locates:
             raise ValueError(

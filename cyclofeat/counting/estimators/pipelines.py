@@ -97,8 +97,17 @@ def make_entropy_counter(
 ) -> Pipeline:
     """Make a counter on the papers' best feature: Shannon spectral entropy, then the same trees.
 
-    Parameters are those of :func:`make_lobe_counter`; the steps are ``"entropy"`` and ``"trees"``.
     ``make_lobe_counter(kind="ladder")`` reads the entropy as the papers do, as a ladder.
+
+    Parameters
+    ----------
+    sampling_rate, n_trees, random_state
+        As for :func:`make_lobe_counter`.
+
+    Returns
+    -------
+    sklearn.pipeline.Pipeline
+        Unfitted. The steps are ``"entropy"`` and ``"trees"``.
     """
     trees = CountingTrees(n_estimators=n_trees, random_state=random_state)
     return Pipeline([("entropy", SpectralEntropy(sampling_rate)), ("trees", trees)])

@@ -112,9 +112,14 @@ class Evaluation:
         return score_text(self.to_dict())
 
     def calibration_curve(self) -> tuple[Float, Float, Float] | None:
-        """Return mean probability, share of right answers and weight of each bin of the probability.
+        """Compare probabilities with the share of right answers, in bins of the probability.
 
-        Every assembly has the same weight; bins without windows are left out. None without probabilities.
+        Every assembly has the same weight; bins without windows are left out.
+
+        Returns
+        -------
+        tuple of ndarray, shape (n_bins,) each, or None
+            Mean probability, share of right answers and weight of each bin; None without probabilities.
         """
         if self.certainty is None:
             return None
@@ -126,9 +131,12 @@ class Evaluation:
         return stated[used] / weight[used], was[used] / weight[used], weight[used] / weight.sum()
 
     def refusal_counts(self) -> dict[str, int]:
-        """Return how many recordings are refused for each reason, the most frequent first.
+        """Return how many recordings are refused for each reason.
 
-        Reasons that differ in numbers only are one, with ``#`` for the numbers.
+        Returns
+        -------
+        dict from str to int
+            The most frequent first. Reasons that differ in numbers only are one, with ``#`` for the numbers.
         """
         reasons = [] if self.reasons is None else self.reasons.tolist()
         return dict(Counter(re.sub(r"\d[\d.,]*", "#", reason) for reason in reasons if reason).most_common())
@@ -140,7 +148,12 @@ class Evaluation:
         return {key: value for pair in zip(known, intervals.items(), strict=True) for key, value in pair}
 
     def to_dict(self) -> dict[str, Any]:
-        """The result in plain types, for JSON; without scores that are None."""
+        """Return the result in plain types, for JSON, without scores that are None.
+
+        Returns
+        -------
+        dict
+        """
         result = self._scores("accuracy", "mean_absolute_error", "macro_f1") | {
             "confidence": self.confidence,
             "classes": self.classes.tolist(),
@@ -187,7 +200,12 @@ class Evaluation:
         return data_frame({name: values for name, values in columns.items() if values is not None})
 
     def class_scores(self) -> list[dict[str, Any]]:
-        """Return a row for each true count: its windows, recall with its interval, precision (NaN: none)."""
+        """Return a row for each true count: its windows, recall with its interval, precision (NaN: none).
+
+        Returns
+        -------
+        list of dict
+        """
         rows = []
         for k, count in enumerate(self.classes.tolist()):
             tested, predicted = int(self.confusion[k].sum()), int(self.confusion[:, k].sum())

@@ -94,8 +94,11 @@ class LobeCount:
     def to_dict(self) -> dict[str, Any]:
         """Return the answer of the whole recording in plain types, for JSON; lobes count from 1.
 
-        A refused recording has no ``defect_count``; ``refused_defect_count`` is what it would be. The depth
-        of the wear is there where the model states it (:meth:`WearDepth.to_dict`).
+        Returns
+        -------
+        dict
+            A refused recording has no ``defect_count``; ``refused_defect_count`` is what it would be. The
+            depth of the wear is there where the model states it (:meth:`WearDepth.to_dict`).
         """
         depth = {} if self.wear_um is None else self.wear_um.to_dict()
         return {

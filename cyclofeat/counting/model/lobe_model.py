@@ -326,7 +326,14 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
     def suited_to(self, recording: Recording) -> LobeModel:
         """Return the model, or the first of the coarser ones, whose samples per turn a recording holds.
 
-        The last one where it holds too few for all.
+        Parameters
+        ----------
+        recording : Recording
+
+        Returns
+        -------
+        LobeModel
+            The coarsest one where the recording holds too few samples for all.
         """
         if self.coarser_ is None:
             return self
@@ -441,7 +448,12 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         return html_card("Counter of worn lobes", rows, pictures=[drawn], code="model.count(recording)")
 
     def made_for(self) -> str:
-        """Return in words which recordings the model counts."""
+        """Return in words which recordings the model counts.
+
+        Returns
+        -------
+        str
+        """
         quantity = str(self.card_.get("quantity", "output_torque")).replace("_", " ")
         parts = [f"of {quantity} at {_range_text(self.card_['speeds_rpm'])} RPM"]
         if self.card_["loads_nm"]:
@@ -455,7 +467,12 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         return text
 
     def check_recording(self, recording: Recording) -> None:
-        """Raise ``ValueError`` if the recording's quantity or number of lobes is not the model's."""
+        """Raise ``ValueError`` if the recording's quantity or number of lobes is not the model's.
+
+        Parameters
+        ----------
+        recording : Recording
+        """
         quantity = self.card_.get("quantity", "output_torque")
         if recording.quantity != quantity:
             raise ValueError(
@@ -486,10 +503,17 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         return model.windower_.windows([recording], [turning_of(recording, self.n_lobes_).angle])
 
     def speed_of(self, recording: Recording) -> float:
-        """Return the input speed in turns per second at which a recording is drawn.
+        """Return the input speed at which a recording is drawn.
 
-        The stated one; where that is not close to the shaft's or not known, the shaft's, but at least so
-        fast that the recording holds one output turn.
+        Parameters
+        ----------
+        recording : Recording
+
+        Returns
+        -------
+        float
+            In turns per second: the stated one; where that is not close to the shaft's or not known, the
+            shaft's, but at least so fast that the recording holds one output turn.
         """
         stated = recording.input_speed_hz
         measured = turning_of(recording, self.n_lobes_).speed_hz
@@ -707,7 +731,17 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         return counter
 
     def untrained_speed(self, speed_hz: float) -> str:
-        """Return why a mean speed is not one of training; else empty."""
+        """Return why a mean speed is not one of training; else empty.
+
+        Parameters
+        ----------
+        speed_hz : float
+            Mean speed of the input shaft in turns per second.
+
+        Returns
+        -------
+        str
+        """
         low, high = self.card_["speeds_rpm"]
         rpm = 60 * speed_hz
         if low * (1 - SPEED_MARGIN) <= rpm <= high * (1 + SPEED_MARGIN):

@@ -192,7 +192,12 @@ class RadialWear:
         )
 
     def made_for(self) -> str:
-        """Return in words which depths the model was trained for and which it sees."""
+        """Return in words which depths the model was trained for and which it sees.
+
+        Returns
+        -------
+        str
+        """
         low, high = self.range_um
         text = f"{low:g} to {high:g} um in {number_of(self.n_windows, 'output turn')}"
         if self.limit_um is not None:
@@ -202,7 +207,12 @@ class RadialWear:
         return text
 
     def summary(self) -> dict[str, Any]:
-        """Return wear metrics for the card of a model."""
+        """Return wear metrics for the card of a model.
+
+        Returns
+        -------
+        dict
+        """
         error = np.nanmedian(np.abs(self.depth.held_out_ - self.depth.values_))
         return {
             "range_um": list(self.range_um),
@@ -216,9 +226,19 @@ class RadialWear:
         }
 
     def answers(self, X: Float, faults: Sequence[str]) -> Float | None:
-        """Return probabilities and features of each run of windows without a fault; None if there is no run.
+        """Return probabilities and features of each run of windows without a fault.
 
-        Shape (n_runs, n_classes + n_features): the probability of each count, and the features of a run.
+        Parameters
+        ----------
+        X : ndarray, shape (n_windows, n_samples)
+            Windows of one recording over the angle of the shaft, torque in Nm.
+        faults : sequence of str
+            Fault of each window's signal; empty where there is none.
+
+        Returns
+        -------
+        ndarray, shape (n_runs, n_classes + n_features), or None
+            Probability of each count, and features, of each run; None if there is no run.
         """
         runs = runs_of(X, self.n_windows, np.array([not fault for fault in faults]))
         if not len(runs):
@@ -228,7 +248,16 @@ class RadialWear:
         return np.hstack([self.counter.predict_proba(seen), features])
 
     def probability(self, answers: Float) -> Float:
-        """Return the probability of each count from all runs of a recording, shape (n_classes,)."""
+        """Return the probability of each count from all runs of a recording.
+
+        Parameters
+        ----------
+        answers : ndarray, as :meth:`answers` returns it
+
+        Returns
+        -------
+        ndarray, shape (n_classes,)
+        """
         proba = answers[:, : self.counter.classes_.size]
         learned = self.counter.dependence_
         same = np.zeros(len(proba), dtype=np.int64)
@@ -236,7 +265,18 @@ class RadialWear:
         return np.asarray(_with_odds(combined, self.sound_odds)[0])
 
     def depth_of(self, answers: Float, count: int) -> WearDepth:
-        """Return the depth of a recording's wear, from what its runs tell and its count."""
+        """Return the depth of a recording's wear.
+
+        Parameters
+        ----------
+        answers : ndarray, as :meth:`answers` returns it
+        count : int
+            Number of worn lobes that the recording is counted to have.
+
+        Returns
+        -------
+        WearDepth
+        """
         low, high = self.range_um
         if count == 0:
             most = high if self.limit_um is None else self.limit_um
