@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -65,3 +67,27 @@ def test_every_entry_is_public_once_and_has_a_docstring():
         assert (value.__doc__ or "").strip(), full_name
     names = [name.rpartition(".")[2] for name in LISTED]
     assert len(names) == len(set(names))
+
+
+def public_functions() -> dict[str, Callable[..., object]]:
+    """Return each exported function, and each method that an exported class defines, by full name."""
+    functions = {}
+    for full_name, value in LISTED.items():
+        members = {"": value} if inspect.isfunction(value) else vars(value) if inspect.isclass(value) else {}
+        for name, member in members.items():
+            function = getattr(member, "__func__", member)  # of class and static methods
+            if inspect.isfunction(function) and not name.startswith("_"):
+                functions[f"{full_name}.{name}".rstrip(".")] = function
+    return functions
+
+
+def test_public_functions_state_what_they_take_and_return():
+    lacking = []
+    for name, function in public_functions().items():
+        signature, text = inspect.signature(function), inspect.getdoc(function) or ""
+        if signature.parameters.keys() - {"self", "cls"} and "Parameters\n---" not in text:
+            lacking.append(f"Parameters of {name}")
+        returns = signature.return_annotation not in ("None", None, inspect.Signature.empty)
+        if returns and not re.search("^(Returns|Yields)\n---", text, re.MULTILINE):
+            lacking.append(f"Returns of {name}")
+    assert not lacking
