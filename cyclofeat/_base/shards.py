@@ -83,9 +83,8 @@ class ShardStore:
         """Lock the folder, until the end of this process at most; errors name the ``work``."""
         held: int | None = None
         try:
-            if (
-                sys.platform == "win32"
-            ):  # no folder can be opened; the system removes the file with its process
+            if sys.platform == "win32":
+                # No folder can be opened; the system removes the file with its process.
                 held = os.open(self.path_of(".lock"), os.O_CREAT | os.O_EXCL | os.O_TEMPORARY)
             else:
                 import fcntl

@@ -42,8 +42,9 @@ def run(arguments: argparse.Namespace) -> Printed:
     from cyclofeat.simulators import Campaign, load_campaign, run_campaign
 
     if arguments.example is not None:
-        path, n_runs = str(Path(arguments.example)), example().n_runs
-        example().to_json(path)
+        path, design = str(Path(arguments.example)), example()
+        n_runs = design.n_runs
+        design.to_json(path)
         text = f"{path}: a design of {n_runs} runs; run it: cyclofeat campaign {path} --out FOLDER"
         return Printed(text, {"file": path, "n_runs": n_runs})
     if arguments.verify is not None:
