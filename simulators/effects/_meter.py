@@ -38,11 +38,7 @@ class _MeterEffect(Effect):
     def change_torque(
         self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
     ) -> Float:
-        neutral = {
-            name: parameter.neutral
-            for name, parameter in self.parameters.items()
-            if parameter.neutral is not None
-        }
+        neutral = self._neutral_values()
         unchanged = bool(neutral) and all(getattr(self, name) == value for name, value in neutral.items())
         if unchanged or torque.size == 0:
             return torque

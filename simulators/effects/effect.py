@@ -416,8 +416,11 @@ class Effect(BaseEstimator):
         -------
         Effect
         """
-        values = {name: p.neutral for name, p in self.parameters.items() if p.neutral is not None}
-        return self.with_parameters(**values)
+        return self.with_parameters(**self._neutral_values())
+
+    def _neutral_values(self) -> dict[str, float]:
+        """Return the neutral value of each parameter that has one."""
+        return {name: p.neutral for name, p in self.parameters.items() if p.neutral is not None}
 
     def vector_names(self) -> list[str]:
         """Return the names of the fitted parameters, in the order of :meth:`to_vector`.
