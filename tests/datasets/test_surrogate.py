@@ -283,7 +283,7 @@ def test_an_error_in_the_callback_stops_the_work(n_jobs):
 @pytest.mark.parametrize("n_jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_diverged_run_names_its_assembly(n_jobs):
     stiff = Rig.r1().replace(gearbox=CycloidalGearbox.steel(stiffness_scale=1e3))
-    with pytest.raises(SimulationDiverged, match=r"assembly R1-0-0000 \(worn lobes .*stiffness") as caught:
+    with pytest.raises(SimulationDiverged, match=r"assembly R1-0-000[01] \(worn lobes .*stiffness") as caught:
         make_rig_recordings(1, [2, 3], rig=stiff, duration=0.05, n_jobs=n_jobs, random_state=0)
     assert "diverged at t =" in str(caught.value)
     assert caught.value.time > 0
