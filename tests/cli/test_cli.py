@@ -448,6 +448,7 @@ def test_count_writes_a_table_row_by_row(capsys, folder, tmp_path, model):
     assert run(capsys, "count", folder / "worn.csv", *options)[0] == 2  # never overwritten unasked
 
 
+@pytest.mark.slow
 def test_a_report_of_many_files_needs_the_memory_of_few(capsys, folder, tmp_path, monkeypatch, model):
     alive = []
 

@@ -47,6 +47,7 @@ def history(tmp_path_factory, model_file, files):
     return file
 
 
+@pytest.mark.slow
 def test_count_keeps_each_recording_and_prints_a_line(history, model_file, files, capsys):
     again = ["--model", str(model_file), "--trust", "--history", str(history), "--gearbox", "press 4"]
     assert main(["count", *files[-2:], *again, *RATES, "--jsonl"]) == 0
@@ -114,6 +115,7 @@ def test_a_wrong_option_is_an_error_before_anything_is_counted(
     assert not file.exists()
 
 
+@pytest.mark.slow
 def test_watch_keeps_what_arrives(model_file, files, tmp_path, capsys):
     file = tmp_path / "a.sqlite"
     folder = os.path.dirname(files[0])
@@ -148,6 +150,7 @@ def test_watch_goes_on_where_the_history_cannot_be_written(model_file, files, tm
     assert done.read_text(encoding="utf-8") == ""
 
 
+@pytest.mark.slow
 def test_history_states_the_alarm_and_writes_the_page(history, tmp_path, capsys):
     page = tmp_path / "h.html"
     assert main(["history", str(history), *RATES, "--report", str(page), "--strict"]) == 3

@@ -180,6 +180,7 @@ def once(capsys, folder, model_file, *options):
     return code, out, err
 
 
+@pytest.mark.slow
 def test_once_counts_what_is_there_and_remembers(capsys, tmp_path, model_file):
     put(tmp_path / "healthy.npz", 0)
     put(tmp_path / "worn.npz", 3)
@@ -205,6 +206,7 @@ def test_once_counts_what_is_there_and_remembers(capsys, tmp_path, model_file):
     assert err.count("cyclofeat: error: ") == 2
 
 
+@pytest.mark.slow
 def test_what_should_be_known_of_a_count_stands_in_its_line(capsys, tmp_path, model_file):
     put(tmp_path / "worn.npz", 3, tachometer=False)
     command = ["watch", str(tmp_path), "--model", str(model_file), "--trust", "--once", "--settle", "0.1"]

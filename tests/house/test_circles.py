@@ -45,6 +45,7 @@ def graph_of(rooms: dict[str, Path]) -> dict[str, set[str]]:
     return {name: imports_of(name, path, modules) for name, path in modules.items()}
 
 
+@pytest.mark.slow
 def test_no_import_circles():
     TopologicalSorter(graph_of(ROOMS)).prepare()  # raises CycleError, which names one
 

@@ -40,8 +40,6 @@ PAGES = [
     ROOT / "CONTRIBUTING.md",
     *sorted(p for f in FOLDERS for p in f.iterdir() if p.suffix in (".md", ".rst") and p.name not in MADE),
 ]
-# Simulates for a minute or more on a busy machine; the others take seconds.
-SLOW = {"tutorial.rst", "export.rst", "line.rst", "nested.rst"}
 # Others' pages, of which some blocks go on from data that only the text describes: parsed, not run.
 PARSED = {"gap.md", "counting.md", "simulator.md", "api.rst"}
 RUN = [path for path in PAGES if path.name not in PARSED and path.parent.name != "notes"]
@@ -235,9 +233,8 @@ def run_commands(block: Block, page: str, capsys: pytest.CaptureFixture[str]) ->
             )
 
 
-@pytest.mark.parametrize(
-    "path", [pytest.param(p, id=named(p), marks=pytest.mark.slow if p.name in SLOW else ()) for p in RUN]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("path", RUN, ids=named)
 def test_page_runs_from_top_to_bottom(path, desk, capsys):
     space: dict[str, object] = {"__name__": path.stem}
     for block in blocks(path):

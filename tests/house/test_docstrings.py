@@ -29,11 +29,17 @@ MAPPED = {
 # Their examples simulate or fit for a second and more, or compile a kernel that no other example needs.
 LONG = {
     "cyclofeat.counting.estimators.lobe_counter",
+    "cyclofeat.counting.planning",
+    "cyclofeat.gap._workflow",
     "cyclofeat.gap.loops.loop_gap",
     "cyclofeat.gap.proof.prove",
     "cyclofeat.gap.published.published_gap",
     "cyclofeat.gap.where.locate",
+    "cyclofeat.history.alarm",
+    "cyclofeat.plotting._gap_correction",
     "cyclofeat.report._gap",
+    "cyclofeat.simulators._jit",
+    "cyclofeat.simulators.effects._drive",
     "cyclofeat.simulators.held_output",
 }
 QUICK: dict[str, list[str]] = {}

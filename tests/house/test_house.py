@@ -104,6 +104,7 @@ def test_the_stated_licence_is_that_of_all_that_is_in_the_wheel():
     assert project["license"] == " AND ".join(sorted(stated))
 
 
+@pytest.mark.slow
 def test_import_loads_nothing_heavy(tmp_path, record_property):
     # Which modules are loaded is asserted, not how long it takes: a busy machine would fail for no reason.
     code = (

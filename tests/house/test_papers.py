@@ -63,6 +63,7 @@ def test_row_names_source_script_and_the_verdict_that_its_parts_make(number):
     assert verdict == papers.verdict([("", "", agrees) for _, agrees in parts(cell)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", ["B1", "B4", "B5"])
 def test_table_holds_what_the_benchmark_computes(number):
     """Those that take a second; the others are the same code."""

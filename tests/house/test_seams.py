@@ -7,6 +7,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 TESTS = Path(__file__).parents[1]
 MOST = 0.05  # share of the imported names that may be private
 
@@ -25,6 +27,7 @@ def imported(text: str) -> Iterator[str]:
             yield from (alias.name for alias in node.names if alias.name.split(".")[0] == "cyclofeat")
 
 
+@pytest.mark.slow
 def test_few_imports_of_tests_are_private() -> None:
     names = [
         (str(path.relative_to(TESTS)), name)

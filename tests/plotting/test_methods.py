@@ -70,6 +70,7 @@ def test_a_count_is_drawn_with_its_answer_in_another_colour(ax):
         dataclasses.replace(COUNT, lobe_probability=()).plot("lobes", ax)
 
 
+@pytest.mark.slow
 def test_a_gap_is_drawn_in_every_kind(compared_hum):
     result = answered(compared_hum["hum"])
     for kind in ("spectrum", "orders", "distribution", "differences", "closed"):

@@ -83,6 +83,7 @@ def all_texts(display):
 # -- a comparison as it is
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_is_drawn_on_the_axes_given(where, kind):
     figure, ax = plt.subplots()
@@ -97,6 +98,7 @@ def test_every_kind_is_drawn_on_the_axes_given(where, kind):
     figure.canvas.draw()
 
 
+@pytest.mark.slow
 def test_the_hum_is_flagged_and_as_many_marks_are_drawn_as_rows_are_flagged(where):
     lines = flagged_rows(where, "lobe lines", "shaft lines")
     assert any(found.cell.name == "input order 6" for found in lines)
@@ -143,6 +145,7 @@ def test_names_and_words_of_the_clearest_are_in_the_pictures(where):
     assert "input order 6: " in all_texts(families)
 
 
+@pytest.mark.slow
 def test_surrogates_are_called_so(where):
     for kind in KINDS:
         panels = GapDisplay(where, label="surrogate").plot(kind).axes_

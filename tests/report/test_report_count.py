@@ -69,6 +69,7 @@ def test_the_depth_of_the_wear_is_beside_the_count(model, counted, drawn, tmp_pa
     assert "Depth of the wear" not in (tmp_path / "count.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_count_comes_before_all_evidence(page):
     text = words(parse(page))
     order = [
@@ -85,6 +86,7 @@ def test_the_count_comes_before_all_evidence(page):
     assert places == sorted(places)
 
 
+@pytest.mark.slow
 def test_the_page_is_whole_and_escaped(page):
     assert len(page) < 2e6
     bare = without_pictures(page)
@@ -97,6 +99,7 @@ def test_the_page_is_whole_and_escaped(page):
     assert all(address.startswith("data:image/svg+xml;base64,") for address in addresses)
 
 
+@pytest.mark.slow
 def test_plots_hold_the_numbers_of_the_recording(page, counted):
     torque, spectrum, orders = (json.loads(data) for data in re.findall(r'json">(.*?)</script>', page))
     recorded = counted[0].recording.torque

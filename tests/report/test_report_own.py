@@ -77,6 +77,7 @@ def test_a_data_frame_keeps_its_named_index_and_marks_what_is_missing(tmp_path):
     assert '<th scope="col">run</th><th scope="col" class="number">Nm</th>' in page
 
 
+@pytest.mark.slow
 def test_whole_pages_become_sections_whose_links_stay_apart(tmp_path, compared_hum, monkeypatch):
     drawn = {"light": "data:,", "dark": "data:,", "alt": "", "width": 1, "height": 1}
     monkeypatch.setattr("cyclofeat.report._figures.draw_picture", lambda *_, **__: drawn)
