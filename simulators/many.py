@@ -65,7 +65,7 @@ def simulate_many(
     Raises
     ------
     SimulationFailed
-        Of the first run that diverges or locks; a note names it.
+        The error of the first run that diverges or locks; a note names it.
     TypeError, ValueError
         If an argument is of the wrong type, or the arguments differ in length, or with ``kernel="batch"`` a
         run is not for batches.

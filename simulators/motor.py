@@ -44,7 +44,7 @@ class Motor:
     Parameters
     ----------
     inertia : float
-        Of the rotor, in kg m2.
+        Moment of inertia of the rotor, in kg m2.
     bandwidth_hz : float
         b of the speed controller, in Hz. Its gains are p = 2 pi b J and p (2 pi b)/4, J with the inertia of
         gearbox and brake: two equal poles at pi b rad/s, as far as everything turns rigidly.

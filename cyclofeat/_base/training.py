@@ -39,7 +39,7 @@ def first_weights(
 def make_dropout(share: float, keys: Iterator[Any]) -> Callable[[Any], Any]:
     """Return dropout of this share of a layer's units (Srivastava et al. 2014); each call takes one key.
 
-    Of a sample (first axis) the same units are dropped at all places (axes between the first and the last).
+    The same units of a sample (first axis) are dropped at all places (axes between the first and the last).
     """
     jax, _, _ = import_jax()
 

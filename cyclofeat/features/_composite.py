@@ -101,7 +101,7 @@ class TorqueFeatures(WindowTransformer):
         ``"all"`` - and, by name only, the whole spectra ``WelchPSD`` and ``AmplitudeSpectrum`` with thousands
         of columns.
     preset, wavelet
-        Of the parts that take one: as for :class:`SpectralEntropy`, :class:`WaveletLevelStatistics`.
+        As for :class:`SpectralEntropy` and :class:`WaveletLevelStatistics`, for the parts that take one.
     input_speed_hz, n_lobes, speed_tolerance
         As for :class:`LobeMap`.
     n_jobs : int, default=None

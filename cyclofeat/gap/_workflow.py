@@ -45,7 +45,7 @@ def find_gap(
     Parameters
     ----------
     measured : iterable of Recording
-        Of one rig; each with ``speed_rpm``, at least one output turn and 3 % more.
+        Recordings of one rig, each with ``speed_rpm`` and at least 1.03 output turns long.
     held_out : iterable of Recording, optional
         Other recordings of the rig, at these conditions or others, on which the corrected model is judged.
     posterior : EffectPosterior, optional
@@ -281,7 +281,7 @@ def hold_out(recordings: Sequence[Recording], by: float | str, *, random_state: 
         share. ``"speed"`` or ``"load"``: all recordings at the middle one of at least three speeds or loads,
         so that what is fitted surrounds it.
     random_state : int, optional
-        Of a share. Default: drawn at random.
+        Seed of a share. Default: drawn at random.
 
     Returns
     -------

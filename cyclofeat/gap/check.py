@@ -83,11 +83,11 @@ class GapCheck(EffectRows[CheckedEffect]):
     Attributes
     ----------
     conditions : tuple of Condition
-        Of each recording.
+        The condition of each recording.
     effects : tuple of CheckedEffect
         All that the posterior has learned, in its order.
     score : PosteriorScore
-        Of the simulated rigs.
+        The score on the simulated rigs.
     wrong : dict from str to int
         How often an effect was named that was absent, the most frequent first; without those that never were.
     next_measurements : tuple of NextMeasurement

@@ -352,7 +352,7 @@ class GapSettings:
     n_bank : int
         Simulated recordings that those of each condition are compared with.
     random_state : int, optional
-        Of all simulations. Default: drawn at random.
+        Seed of all simulations. Default: drawn at random.
     n_jobs : int
         Number of worker processes.
     cache : path or None

@@ -46,7 +46,7 @@ class Condition:
     Attributes
     ----------
     speed_rpm : float
-        Of the input shaft.
+        Speed of the input shaft.
     load_nm : float
         Size of the load torque.
     direction : {1, -1}

@@ -59,7 +59,7 @@ class VisibleFrom:
     Attributes
     ----------
     name, unit : str
-        Of its main parameter.
+        Name and unit of its main parameter.
     below, above : float
         Values beyond which it is seen; NaN on a side on which it grows no stronger.
     """

@@ -73,7 +73,7 @@ class HistoryRow:
     Attributes
     ----------
     time : float
-        Of the recording, in s since 1970.
+        Time of the recording, in s since 1970.
     gearbox, file : str
     model : int
         Number of the model that counted.
@@ -84,7 +84,7 @@ class HistoryRow:
     mean, deviation : float
         Mean and standard deviation of its samples.
     unit : str
-        Of these two.
+        Unit of these two.
     answer : dict
         :meth:`LobeCount.to_dict`: probabilities, lobes, warnings.
     """
@@ -203,7 +203,7 @@ class History:
         gearbox, file : str
             Names of the gearbox and of the recording's file.
         time : float
-            Of the recording, in s since 1970.
+            Time of the recording, in s since 1970.
         count : LobeCount
             Answer of a model.
         recording : Recording

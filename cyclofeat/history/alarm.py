@@ -179,7 +179,7 @@ N_BASELINE, HOUR_S, MONTH_S = 10, 3600, 365.25 / 12 * 86_400
 class Point(NamedTuple):
     """Time in s since 1970 of a recording, its count (None where it was refused), and depth of wear in um.
 
-    Of the depth also the ends and the coverage of its interval.
+    The depth also has the ends and the coverage of its interval.
     """
 
     time: float
@@ -203,7 +203,7 @@ class GearboxState:
     ----------
     gearbox : str
     n_recordings, n_refused : int
-        Of that model.
+        Recordings of that model, and how many of them were refused.
     first, last : float
         Times of its first and last recording in s since 1970.
     defect_count : int or None

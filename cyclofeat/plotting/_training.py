@@ -48,9 +48,9 @@ class TrainingDisplay(Display):
     Parameters
     ----------
     features : array-like, shape (n_windows, n_features)
-        Of the recording's windows.
+        Features of the recording's windows.
     names : sequence of str
-        Of the features, ``kind(place)``; those of one kind are drawn together. If empty, none are drawn.
+        Names of the features, ``kind(place)``; one kind is drawn together. If empty, none are drawn.
     training : TrainingMoments
         Features of the training windows.
     distances : array-like, shape (n_windows, n_classes)

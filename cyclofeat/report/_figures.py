@@ -93,7 +93,7 @@ class Plot:
         Increasing.
     lines : sequence of Line
     axes : tuple of Axis
-        Of x and of y.
+        The x and the y axis.
     view : tuple of float, optional
         Part of x that is shown at first; default, all.
     marks : sequence of Marks

@@ -40,7 +40,7 @@ def write_history_report(
     path : path-like
         File to write, ``*.html``.
     states : sequence of cyclofeat.history.GearboxState, optional
-        Of the gearboxes to show; default, all with the default rate of false alarms.
+        States of the gearboxes to show. Default: all, with the default rate of false alarms.
 
     Returns
     -------

@@ -209,7 +209,7 @@ def angle_jitter(angle: Float) -> float:
 
     Third differences over one mean turn are next to zero where the speed changes evenly; of independent
     errors they have 20 times the variance. Their median ignores the moments where a run-up begins and ends.
-    Of angles from one pulse a turn the largest of four places is taken, since the interpolation between two
+    For angles from one pulse a turn the largest of four places is taken, since the interpolation between two
     pulses averages their errors. Zero for angles, in rad, of fewer than six turns, which are too few to tell.
     """
     per_turn = max(_PLACES, round(2 * np.pi * angle.size / float(np.ptp(angle))))

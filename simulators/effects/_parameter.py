@@ -92,7 +92,7 @@ class EffectParameter:
         where : str
             Name of the parameter in the message.
         value : object
-            Of a distribution, at least half of the probability must lie within the bounds.
+            A number, or a distribution of which at least half must lie within the bounds.
         """
         bounds = f"{self.low:g} and {self.high:g}{'' if self.unit == '1' else ' ' + self.unit}"
         if is_distribution(value):

@@ -285,8 +285,8 @@ class AnsweredWindows:
     def mean_lobe_proba(self, used: NDArray[np.bool_]) -> Float:
         """Return the probability of each lobe of being worn, by some windows; empty if it is not known.
 
-        Of the places at which the recording may begin between two lobes, that with the most decided answer
-        counts.
+        Among the places between two lobes at which the recording may begin, the one with the most decided
+        answer counts.
         """
         if self.lobe_proba is None:
             return np.zeros(0)

@@ -155,7 +155,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
     ) -> Self:
         """Learn from labelled recordings.
 
-        Of motor currents with a tachometer the counter also learns windows over the angle that their lines
+        From motor currents with a tachometer the counter also learns windows over the angle that their lines
         tell: counted without a tachometer, their lines are less sharp, as the speed of a controlled motor
         changes within a turn. ``"rows"`` learns such windows of a third of the torques too, but not with
         ``wear_um``.
@@ -534,7 +534,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         Parameters
         ----------
         recording : Recording
-            Of the model's quantity and disc, at least one output turn long.
+            A recording of the model's quantity and disc, at least one output turn long.
 
         Returns
         -------

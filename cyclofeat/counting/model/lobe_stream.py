@@ -175,7 +175,7 @@ class LobeStream:
         Returns
         -------
         LobeCount
-            Of blocks, without positions of lobes: they are not followed from block to block.
+            The count of all blocks, without positions of lobes: they are not followed from block to block.
 
         Raises
         ------

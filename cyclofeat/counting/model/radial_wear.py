@@ -134,7 +134,7 @@ class RadialWear:
         n_lobes, n_trees, random_state : int
             As of :class:`LobeModel`.
         network : LobeCounter, optional
-            Of kind "network": counts the runs, with the lobe lines that these hold; worn lobes are known and
+            A counter of kind "network", which counts the runs with their lobe lines; worn lobes are known and
             neighbours. Default: trees.
 
         Returns

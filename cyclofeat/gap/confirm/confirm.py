@@ -95,7 +95,7 @@ def confirm_effects(
     So sessions are simulated with the very sizes of the fit and of the posterior, and the posterior's sizes
     are kept if theirs lie clearly nearer to the measured one.
 
-    Of more than 12 recordings, 12 are used; ``n_sessions`` are simulated each time. ``possible`` sessions are
+    At most 12 of the recordings are used; ``n_sessions`` are simulated each time. ``possible`` sessions are
     simulated like this one and have each effect as often as it is probable: they tell whether effects that
     are open would explain what is left.
     """

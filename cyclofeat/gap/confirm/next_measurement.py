@@ -59,7 +59,7 @@ def simulate_possible_rigs(
 ) -> PossibleRigs:
     """Simulate rigs drawn from the posterior: each effect is there as often as it is probable.
 
-    Of more than 12 recordings, 12 are used. Without sessions where no effect is open.
+    At most 12 of the recordings are used. If no effect is open, no sessions are simulated.
     """
     world, session = posterior.world, limit_recordings(session, MOST_RECORDINGS)
     presence = posterior.predict_proba([session])[0]

@@ -86,7 +86,7 @@ class LoopModel(RegressorMixin, BaseEstimator):
     max_iter : int, default=40
         Generations of the search.
     random_state : int, RandomState instance or None, default=None
-        Of the search.
+        Seed of the search.
 
     Attributes
     ----------
@@ -300,8 +300,8 @@ def find_loop_gap(
 ) -> LoopGap:
     """Find the effects that a drive's model needs to predict loops it was not fitted on.
 
-    Of all subsets of ``library`` of up to three effects, the smallest one that predicts loops held out no
-    worse than the best is named.
+    The smallest subset of ``library`` of up to three effects that predicts held-out loops no worse than the
+    best subset is named.
 
     Parameters
     ----------

@@ -40,8 +40,8 @@ def answer_of(probability: float) -> EffectAnswer:
 def named_effects(presence: Mapping[str, float]) -> list[str]:
     """Return the effects that are more probable than not.
 
-    Of look-alikes (:func:`look_alikes`) of which only the group is, the most probable one is named. An effect
-    that was not learned has the probability NaN.
+    If only a group of look-alikes (:func:`look_alikes`) is present, its most probable effect is named. An
+    effect that was not learned has the probability NaN.
 
     Examples
     --------

@@ -90,7 +90,7 @@ class EffectPosterior(BaseEstimator):
     Attributes
     ----------
     names_, size_names_, cells_ : tuple of str
-        Of the rigs.
+        Names of the effects, sizes and cells of the rigs.
     reference_ : Reference
         Summaries without an effect.
     networks_ : list of dict from str to ndarray

@@ -27,8 +27,8 @@ class PosteriorScore:
     ----------
     n_rigs : int
     precision, recall : float
-        Of the effects named with a probability above one half. An effect that the posterior has not learned
-        is never named.
+        Precision and recall of the effects named with a probability above one half. An effect that the
+        posterior has not learned is never named.
     sets_right, sets_right_with_ties : float
         Share of the rigs whose effects are named exactly; with ties, an effect may be named for another of
         its group.
@@ -40,7 +40,7 @@ class PosteriorScore:
     effect_recall : dict from str to float
         By effect; NaN where it is absent.
     probabilities : ndarray, shape (n_rigs, n_effects)
-        Of each effect in each rig; NaN where it is not learned.
+        Probability of each effect in each rig; NaN where it is not learned.
     """
 
     n_rigs: int
