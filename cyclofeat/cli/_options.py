@@ -271,7 +271,14 @@ _OPTIONS: dict[str, tuple[str, dict[str, Any]]] = {
         "--sampling-rate",
         {"type": positive_number, "metavar": "HZ", "help": "sampling rate in Hz"},
     ),
-    "time_channel": ("--time-channel", {"help": "channel of times, which gives the sampling rate"}),
+    "time_channel": (
+        "--time-channel",
+        {"help": "channel of times, which gives the sampling rate; none: leave times out"},
+    ),
+    "time_unit": (
+        "--time-unit",
+        {"choices": ("s", "ms", "us", "ns", "min", "h", "d"), "help": "unit of the times"},
+    ),
     "angle_channel": ("--angle-channel", {"help": "channel of the shaft's angle"}),
     "angle_unit": ("--angle-unit", {"choices": ("rad", "deg", "rev"), "help": "unit of the angle"}),
     "pulses_per_turn": (

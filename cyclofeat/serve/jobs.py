@@ -22,8 +22,8 @@ from cyclofeat.serve.store import Limits, Refused, Store
 
 # Options of commands, as the page names them.
 _READING = (
-    "channel", "quantity", "speed", "scale", "sampling_rate", "time_channel", "angle_channel", "angle_unit",
-    "pulses_per_turn", "n_lobes", "delimiter", "no_angle", "angle_absolute",
+    "channel", "quantity", "speed", "scale", "sampling_rate", "time_channel", "time_unit", "angle_channel",
+    "angle_unit", "pulses_per_turn", "n_lobes", "delimiter", "no_angle", "angle_absolute",
 )  # fmt: skip
 _SWITCHES = ("no_angle", "angle_absolute")
 _TITLES = {"inspect": "Inspection", "count": "Count", "gap": "Gap"}

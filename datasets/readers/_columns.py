@@ -7,9 +7,10 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,10 @@ _WORDS = {
 Float = NDArray[np.float64]
 Channel = str | int
 
-TIME_NAMES = {"time", "t", "zeit", "timestamp", "time stamp", "time_stamp", "zeitstempel", "datetime"}
+TIME_NAMES = {
+    "time", "t", "zeit", "timestamp", "time stamp", "zeitstempel", "datetime", "date time", "x value",
+    "x axis", "second", "uhrzeit", "elapsed time", "time of day", "datum uhrzeit",
+}  # fmt: skip
 DISC_ANGLE_NAMES = {"disc_angle", "disc angle", "scheibenwinkel"}
 ANGLE_NAMES = DISC_ANGLE_NAMES | {
     "angle", "input_angle", "input angle", "shaft angle", "winkel", "drehwinkel", "antriebswinkel",
@@ -54,17 +58,20 @@ PULSE_NAMES = {
     "drehzahlimpulse",
 }  # fmt: skip
 
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86_400.0}
+RATE_UNITS = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6}
 ANGLE_UNITS = {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi}
-UNITS = TORQUE_UNITS | CURRENT_UNITS | RELATIVE_UNITS | TIME_UNITS | ANGLE_UNITS
+UNITS = TORQUE_UNITS | CURRENT_UNITS | RELATIVE_UNITS | TIME_UNITS | ANGLE_UNITS | RATE_UNITS
 _OTHER_SPELLINGS = {
     "µs": "us", "μs": "us", "sec": "s", "second": "s", "seconds": "s", "sekunden": "s", "msec": "ms",
     "°": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "radian": "rad", "radians": "rad",
+    "sek": "s", "hertz": "Hz", "hz": "Hz", "khz": "kHz", "mhz": "MHz", "s/s": "Hz", "sa/s": "Hz", "1/s": "Hz",
     "rev.": "rev", "turn": "rev", "turns": "rev", "umdrehungen": "rev", "newtonmeter": "Nm",
     "ampere": "A", "amp": "A", "amps": "A", "pu": "p.u.", "percent": "%", "prozent": "%",
 }  # fmt: skip
 # Units that may follow a name after an underscore, as in torque_nm.
-_UNIT_SUFFIXES = {unit.lower(): unit for unit in UNITS if unit != "A"}  # phase_a is the first of three
+# phase_a is the first of three, torque_min the least.
+_UNIT_SUFFIXES = {unit.lower(): unit for unit in UNITS if unit not in ("A", "min", "h", "d")}
 
 # What to do about an angle of unknown unit.
 ANGLE_REMEDY = "give angle_unit='rad', 'deg' or 'rev', or angle_channel=False to leave it out"
@@ -85,6 +92,47 @@ LABELS = (
 # The label of worn lobes in files, which says how they are counted.
 WORN = "worn_lobes_from_1"
 FILE_LABELS = tuple(WORN if name == "worn_lobes" else name for name in LABELS)
+
+
+@dataclass(frozen=True)
+class ReadingOptions:
+    """Options of :func:`~cyclofeat.datasets.read_recording`, checked; it documents them."""
+
+    channel: Channel | None = None
+    quantity: str | None = None
+    sampling_rate: float | None = None
+    time_channel: Channel | Literal[False] | None = None
+    time_unit: str | None = None
+    angle_channel: Channel | Literal[False] | None = None
+    angle_unit: str | None = None
+    pulses_per_turn: int | None = None
+    scale: float | None = None
+    delimiter: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.sampling_rate is not None:
+            check_rate(self.sampling_rate)
+        if self.quantity is not None:
+            checks.one_of("quantity", self.quantity, QUANTITIES)
+        if self.pulses_per_turn is not None:
+            checks.whole("pulses_per_turn", self.pulses_per_turn, 1)
+            if self.angle_channel is False or self.angle_unit is not None:
+                idle_with = "angle_channel=False" if self.angle_channel is False else "angle_unit="
+                raise ValueError(f"pulses_per_turn= has no effect with {idle_with}")
+        scale_fits = self.scale is None or (checks.is_number(self.scale) and 0 < abs(self.scale) < math.inf)
+        for argument, fits, expected in (
+            ("scale", scale_fits, "a finite number other than 0 (Nm per unit)"),
+            ("time_unit", self.time_unit in (None, *TIME_UNITS), f"one of {', '.join(TIME_UNITS)}"),
+            ("angle_unit", self.angle_unit in (None, *ANGLE_UNITS), "'rad', 'deg' or 'rev'"),
+            ("delimiter", self.delimiter in (None, ",", ";", "\t", " "), "',', ';', a tab or a space"),
+        ):
+            if not fits:
+                raise ValueError(f"{argument} must be {expected}, got {getattr(self, argument)!r}")
+
+    @property
+    def without_times(self) -> bool:
+        """True where the file's times are left out."""
+        return self.time_channel is False or self.time_channel == "none"
 
 
 class Source:
@@ -132,9 +180,17 @@ class Source:
         """Return True if a channel may hold a record; used if no name identifies the torque."""
         return True
 
-    def stated_rate(self, torque: int) -> tuple[float, str] | None:
-        """Sampling rate in Hz that the file states for a channel, and where it does."""
+    def stated_rates(self, torque: int) -> list[tuple[float, str]]:
+        """Sampling rates in Hz that the file states for a channel, and where it does."""
+        return []
+
+    def length(self, index: int) -> int | None:
+        """Number of values of a channel; None in files whose channels are all of one length."""
         return None
+
+    def group_of(self, index: int) -> str:
+        """Name of the group, struct or sheet of a channel."""
+        return self.names[index][: self.names[index].rfind(self.plain[index])]
 
     def channel_meta(self, torque: int) -> dict[str, Any]:
         """Return other statements of the file about a channel."""
@@ -323,14 +379,6 @@ def check_rate(value: Any, place: str = "sampling_rate") -> None:
         raise ValueError(f"{place} must be a positive, finite number (Hz), got {value!r}")
 
 
-def check_same_rate(file: str, given: float | None, stated: float, where: str, *, tolerance: float) -> None:
-    """Raise ``ValueError`` where two statements of the rate contradict each other."""
-    if given is not None and not math.isclose(given, stated, rel_tol=tolerance):
-        raise ValueError(
-            f"{file}: sampling_rate = {given:g} Hz contradicts {where}, which says {stated:g} Hz"
-        )
-
-
 def check_claim(path: Path, n_bytes: int) -> None:
     """Raise ``ValueError`` where a file claims more data than one of its size can hold."""
     if n_bytes > max(_LARGEST_RATIO * path.stat().st_size, _ALWAYS_ALLOWED):
@@ -377,16 +425,17 @@ def import_library(module: str, suffix: str, library: str) -> Any:
 
 def is_usual(name: str, quantity: str) -> bool:
     """Return True for a usual name of a quantity, in lower case and without its unit."""
-    return re.fullmatch(_USUAL[quantity], _with_spaces(name)) is not None
+    return re.fullmatch(_USUAL[quantity], with_spaces(name)) is not None
 
 
 def named_quantity(name: str) -> str | None:
     """Return the quantity that words in a channel's name state, or None."""
-    name = _with_spaces(name)
+    name = with_spaces(name)
     return next((quantity for quantity, words in _WORDS.items() if re.search(words, name)), None)
 
 
-def _with_spaces(name: str) -> str:
+def with_spaces(name: str) -> str:
+    """Return a name with one space in place of each underscore, point, dash or run of spaces."""
     return re.sub(r"[\s_.\-]+", " ", name).strip()
 
 

@@ -57,7 +57,8 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
         ``run_up_s`` : time at the start, in s, in which speed or mean torque differ from the rest of the
         record.
 
-        ``angle_unit_assumed`` (bool), ``time_jitter`` (samples), ``start_time``.
+        ``angle_unit_assumed`` (bool), ``time_jitter`` (samples), ``gaps`` (list of [sample after it, samples
+        missing] or None), ``start_time``.
 
         ``warnings`` : list of str, what would spoil a count.
 
@@ -167,6 +168,7 @@ def _recording_facts(recording: Recording, reduction: int, *, search: bool) -> d
         "run_up_s": _run_up_time(recording),
         "angle_unit_assumed": bool(meta.get("angle_unit_assumed", False)),
         "time_jitter": meta.get("time_jitter"),
+        "gaps": meta.get("gaps"),
         "start_time": meta.get("start_time"),
     }
 
@@ -235,7 +237,7 @@ def _record_warnings(recording: Recording, facts: dict[str, Any]) -> list[str]:
         notes.append(f"the angle of the shaft {how}")
     if facts["time_jitter"]:
         notes.append(f"the times jitter by up to {facts['time_jitter']:g} samples")
-    return notes
+    return notes + list((recording.meta or {}).get("time_notes", []))
 
 
 def one_line(recording: Recording) -> str:

@@ -40,6 +40,7 @@ _COLUMNS = {
     "quantity": _Column("quantity", str, QUANTITIES.__contains__, f"one of {', '.join(QUANTITIES)}"),
     "sampling_rate": _Column("sampling_rate", float, lambda rate: 0 < rate < math.inf, "a positive number"),
     "time_channel": _Column("time_channel"),
+    "time_unit": _Column("time_unit"),
     "angle_channel": _Column("angle_channel"),
     "angle_unit": _Column("angle_unit"),
     "pulses_per_turn": _Column("pulses_per_turn", int, lambda count: count >= 1, "a whole number from 1"),
@@ -85,10 +86,11 @@ def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recordin
     path : path
         Folder. If it holds a file ``recordings.csv``, that is its manifest: a CSV file with one line per
         recording and the columns ``file`` (within the folder) and any of ``channel``, ``quantity``,
-        ``sampling_rate`` (Hz), ``time_channel``, ``angle_channel``, ``angle_unit``, ``pulses_per_turn``,
-        ``scale`` (Nm per unit), ``defect_count``, ``worn_lobes_from_1`` (separated by spaces), ``n_lobes``
-        (of a disc, if not 15), ``run``, ``speed`` (RPM of the input), ``load`` (Nm), ``source``,
-        ``assembly``, ``angle_of``, ``angle_is_absolute`` (true or false). An empty cell states nothing.
+        ``sampling_rate`` (Hz), ``time_channel``, ``time_unit``, ``angle_channel``, ``angle_unit``,
+        ``pulses_per_turn``, ``scale`` (Nm per unit), ``defect_count``, ``worn_lobes_from_1`` (separated by
+        spaces), ``n_lobes`` (of a disc, if not 15), ``run``, ``speed`` (RPM of the input), ``load`` (Nm),
+        ``source``, ``assembly``, ``angle_of``, ``angle_is_absolute`` (true or false). An empty cell states
+        nothing.
         Without a manifest all files that :func:`read_recording` knows are read, by name, but for ``.txt``.
     **arguments
         Arguments of :func:`read_recording` for all recordings; they precede the manifest.

@@ -18,17 +18,11 @@ from scipy.io import loadmat
 from cyclofeat.datasets.readers._columns import (
     Source,
     check_claim,
-    check_rate,
     explain_damage,
     import_library,
-    whole_rate,
 )
+from cyclofeat.datasets.readers._times import named_rate
 
-_RATE_NAMES = {
-    "fs", "fs_hz", "samplerate", "sample_rate", "samplingrate", "sampling_rate", "sampling_rate_hz",
-    "abtastrate",
-}  # fmt: skip
-_STEP_NAMES = {"dt", "ts", "timestep", "time_step", "sampletime", "sample_time"}
 _DEEPEST, _MOST_VARIABLES, _MOST_COLUMNS = 8, 10_000, 64
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _CELLS = "is a cell array; save it as a vector"
@@ -52,6 +46,7 @@ class MatSource(Source):
     def __init__(self, path: Path) -> None:
         self.vectors: dict[str, Callable[[], NDArray[Any]]] = {}
         self.unreadable: dict[str, str] = {}
+        self.lengths: dict[str, int] = {}
         self.scalars: dict[str, float] = {}
         self.texts: dict[str, str] = {}
         self.lists: dict[str, list[str]] = {}
@@ -90,21 +85,21 @@ class MatSource(Source):
             raise ValueError(f"{self.file}: variable {name!r} {self.unreadable[name]}")
         return self.vectors[name]()
 
-    def stated_rate(self, torque: int) -> tuple[float, str] | None:
-        # By a number called fs and the like, or a step called dt, in the same struct or one above.
+    def length(self, index: int) -> int | None:
+        return self.lengths.get(self.names[index])
+
+    def stated_rates(self, torque: int) -> list[tuple[float, str]]:
+        # By a number called fs and the like, or a step called dt, in the same struct or the next one above.
         parent = self.names[torque].rpartition(".")[0]
         while True:
+            stated = []
             for place in (parent, f"{parent}.Properties".lstrip(".")):
                 for name, value in self.scalars.items():
                     before, _, last = name.rpartition(".")
-                    if before != place or not math.isfinite(value):
-                        continue
-                    if last.lower() in _RATE_NAMES | _STEP_NAMES:
-                        check_rate(value, f"{self.file}: variable {name!r}")
-                        rate = value if last.lower() in _RATE_NAMES else whole_rate(value)
-                        return rate, f"variable {name!r}"
-            if not parent:
-                return None
+                    rate = named_rate(last, value) if before == place else None
+                    stated += [] if rate is None else [(rate, f"variable {name!r}")]
+            if stated or not parent:
+                return stated
             parent = parent.rpartition(".")[0]
 
     def _add_variable(self, name: str, shape: tuple[int, ...], read: Callable[[Any], NDArray[Any]]) -> None:
@@ -117,13 +112,13 @@ class MatSource(Source):
             if not np.iscomplexobj(value):
                 self.scalars[name] = float(value)
         elif size == max(shape, default=0):
-            self.vectors[name] = lambda: read(...).ravel()
+            self.vectors[name], self.lengths[name] = lambda: read(...).ravel(), size
         elif len(shape) == 2 and 1 < min(shape) <= _MOST_COLUMNS:
             by_column = shape[0] >= shape[1]
             for k in range(min(shape)):
                 part = f"(:,{k + 1})" if by_column else f"({k + 1},:)"
                 at = (slice(None), k) if by_column else (k, slice(None))
-                self.vectors[name + part] = partial(read, at)
+                self.vectors[name + part], self.lengths[name + part] = partial(read, at), max(shape)
         else:
             self.unreadable[name] = f"must be a vector, got shape {'x'.join(str(n) for n in shape)}"
 
@@ -143,7 +138,7 @@ class MatSource(Source):
                 if value.size == 1:
                     self._visit_variable(called, elements[0], depth + 1)
                 elif value.size and all(isinstance(x, np.ndarray) and _is_number(x) for x in elements):
-                    self.vectors[called] = partial(_join_numbers, elements)
+                    self.vectors[called], self.lengths[called] = partial(_join_numbers, elements), value.size
                 else:
                     self.unreadable[called] = _NO_NUMBERS
         elif value.dtype.kind in "US":
@@ -220,7 +215,7 @@ class MatSource(Source):
             else:
                 self.unreadable[name] = _CELLS
         elif is_reference:
-            self.vectors[name] = join_elements
+            self.vectors[name], self.lengths[name] = join_elements, data.size
         elif data.dtype.kind in "iufb":
             # The axes are reversed: a column vector of n is stored as (1, n).
             self._add_variable(name, tuple(data.shape[::-1]), read_part)

@@ -63,10 +63,10 @@ class NpzSource(Source):
         version = small[FORMAT_KEY].tolist() if FORMAT_KEY in small else None
         labels = labels_of_file(path.name, stated_labels, version)
         if version is not None:
-            stated = self.stated_rate(0)
-            if stated is None:
+            stated = self.stated_rates(0)
+            if not stated:
                 raise ValueError(f"{path.name}: no sampling rate: add an array 'sampling_rate'")
-            self.labels = labels | {"sampling_rate": stated[0]}
+            self.labels = labels | {"sampling_rate": stated[0][0]}
         else:
             self.other_labels = labels
         if "angle_unit" in small:
@@ -91,16 +91,20 @@ class NpzSource(Source):
             shape, dtype = _read_header(self.path, archive, self.names[index])
         return len(shape) == 1 and dtype.kind in "iuf"
 
-    def stated_rate(self, torque: int) -> tuple[float, str] | None:
+    def length(self, index: int) -> int | None:
+        with _open_archive(self.path) as archive:
+            return math.prod(_read_header(self.path, archive, self.names[index])[0])
+
+    def stated_rates(self, torque: int) -> list[tuple[float, str]]:
         if self.rate is None:
-            return None
+            return []
         if self.rate.size != 1 or self.rate.dtype.kind not in "iuf":
             raise ValueError(
                 f"{self.file}: array 'sampling_rate' must be one number in Hz, got {self.rate!r}"
             )
         rate = float(self.rate.reshape(()))
         check_rate(rate, f"{self.file}: array 'sampling_rate'")
-        return rate, "array 'sampling_rate'"
+        return [(rate, "array 'sampling_rate'")]
 
 
 def load_arrays(path: Path) -> dict[str, NDArray[Any]]:

@@ -43,8 +43,8 @@ class ParquetSource(Source):
         name = str(self.types[index])
         return name.startswith(("int", "uint", "float", "double", "halffloat", "decimal"))
 
-    def stated_rate(self, torque: int) -> tuple[float, str] | None:
-        return None if self.rate is None else (self.rate, "metadata 'sampling_rate'")
+    def stated_rates(self, torque: int) -> list[tuple[float, str]]:
+        return [] if self.rate is None else [(self.rate, "metadata 'sampling_rate'")]
 
     def sample_place(self, sample: int) -> str:
         return f"row {sample + 1}"

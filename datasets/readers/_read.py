@@ -5,32 +5,28 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from cyclofeat._base.checks import check_type, is_number, one_of, whole
+from cyclofeat._base.checks import check_type
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import QUANTITIES, QUANTITY_UNITS
 from cyclofeat.datasets.readers._columns import (
     ANGLE_NAMES,
     ANGLE_REMEDY,
-    ANGLE_UNITS,
     DISC_ANGLE_NAMES,
     LABELS,
     PULSE_NAMES,
-    TIME_NAMES,
-    Channel,
     Float,
+    ReadingOptions,
     Source,
-    check_rate,
-    check_same_rate,
     labels_to_write,
 )
-from cyclofeat.datasets.readers._times import rate_of
+from cyclofeat.datasets.readers._times import time_base, time_channels
 from cyclofeat.recordings import Recording
 from cyclofeat.signal.tachometer import angle_from_pulses, continuous_angle
 
@@ -54,40 +50,6 @@ _SIGNATURES = (
 _TURNED = "was turned round, since it fell: positions of lobes are relative, and may count the other way"
 # No input shaft turns faster; an angle in degrees taken for rad would.
 _FASTEST_INPUT_HZ = 100.0
-
-
-@dataclass(frozen=True)
-class ReadingOptions:
-    """Options of :func:`read_recording`, checked; it documents them."""
-
-    channel: Channel | None = None
-    quantity: str | None = None
-    sampling_rate: float | None = None
-    time_channel: Channel | None = None
-    angle_channel: Channel | Literal[False] | None = None
-    angle_unit: str | None = None
-    pulses_per_turn: int | None = None
-    scale: float | None = None
-    delimiter: str | None = None
-
-    def __post_init__(self) -> None:
-        if self.sampling_rate is not None:
-            check_rate(self.sampling_rate)
-        if self.quantity is not None:
-            one_of("quantity", self.quantity, QUANTITIES)
-        if self.pulses_per_turn is not None:
-            whole("pulses_per_turn", self.pulses_per_turn, 1)
-            if self.angle_channel is False or self.angle_unit is not None:
-                idle_with = "angle_channel=False" if self.angle_channel is False else "angle_unit="
-                raise ValueError(f"pulses_per_turn= has no effect with {idle_with}")
-        scale_fits = self.scale is None or (is_number(self.scale) and 0 < abs(self.scale) < math.inf)
-        for argument, fits, expected in (
-            ("scale", scale_fits, "a finite number other than 0 (Nm per unit)"),
-            ("angle_unit", self.angle_unit in (None, *ANGLE_UNITS), "'rad', 'deg' or 'rev'"),
-            ("delimiter", self.delimiter in (None, ",", ";", "\t", " "), "',', ';', a tab or a space"),
-        ):
-            if not fits:
-                raise ValueError(f"{argument} must be {expected}, got {getattr(self, argument)!r}")
 
 
 _OPTIONS = frozenset(field.name for field in fields(ReadingOptions))
@@ -140,12 +102,15 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
         Quantity to read. Default: what the file's labels state, else the output torque; a channel whose name
         states another quantity is then an error.
     sampling_rate : float, optional
-        Samples per second, in Hz. Needed where the file does not state it; an error where the file
-        contradicts it.
-    time_channel : str or int, optional
-        Channel of the time, from which the rate follows; its jitter and gaps are checked. Default: the one
-        called "time", "t", "timestamp", "Zeit" and the like. In s unless its name says ms, us or ns; dates
-        (ISO 8601) are read too.
+        Samples per second, in Hz. Needed where the file does not state it, or contradicts itself; it precedes
+        all that the file states, and ``meta["time_notes"]`` says what it overrides.
+    time_channel : str, int or False, optional
+        Channel of the time, from which the rate follows; its jitter and gaps are checked. Default: those of
+        the channel's own group and length called "time", "t", "timestamp", "Zeit" and the like; False or
+        "none" leaves times out. Numbers, or dates (ISO 8601).
+    time_unit : {"s", "ms", "us", "ns", "min", "h", "d"}, optional
+        Unit of the times. Default: what the file states, else s, which must then give a rate between 200 Hz
+        and 10 MHz.
     angle_channel : str, int or False, optional
         Channel of the angle. Default: the one called "angle", "input_angle", "disc_angle", "Winkel" and the
         like; False leaves it out.
@@ -335,7 +300,9 @@ def _open_source(path: Path, delimiter: str | None) -> Source:
 
 def _recording_parameters(source: Source, reading: ReadingOptions) -> dict[str, Any]:
     """Parameters of the file's recording."""
-    time = source.find_channel("time_channel", reading.time_channel, TIME_NAMES)
+    times: set[int | None] = set(time_channels(source))
+    if reading.time_channel is not None and not reading.without_times:
+        times.add(source.find_channel("time_channel", reading.time_channel, set()))
     angle = None
     if reading.angle_channel is not False:
         by_pulses = reading.pulses_per_turn is not None
@@ -355,18 +322,11 @@ def _recording_parameters(source: Source, reading: ReadingOptions) -> dict[str, 
         )
     sought = reading.quantity or stated
     quantity = sought or QUANTITIES[0]
-    torque = source.find_torque(reading.channel, {time, angle}, sought)
+    torque = source.find_torque(reading.channel, times | {angle}, sought)
     source.check_torque(torque, reading.scale)
     factor, unit = source.unit_factor(torque, reading.scale, quantity)
     # The rate first: it is known without reading a long record.
-    if source.labels is None:
-        rate, rate_meta = rate_of(
-            source, time, torque, reading.sampling_rate, asked=reading.time_channel is not None
-        )
-    else:
-        rate, rate_meta = source.labels["sampling_rate"], {}
-        where = "its array 'sampling_rate'" if source.file.lower().endswith(".npz") else "its header"
-        check_same_rate(source.file, reading.sampling_rate, rate, where, tolerance=1e-6)
+    rate, rate_meta = time_base(source, torque, reading)
     parameters: dict[str, Any] = {"torque": source.column_values(torque) * factor, "quantity": quantity}
     angle_meta: dict[str, Any] = {}
     if angle is not None:
@@ -375,8 +335,10 @@ def _recording_parameters(source: Source, reading: ReadingOptions) -> dict[str, 
     scaled = {"unit": unit} if unit not in (None, QUANTITY_UNITS[quantity]) else {}
     if source.labels is not None:
         angle_meta.pop("angle_unit_assumed", None)  # by its layout it is in rad
-        meta = labels.get("meta", {}) | scaled | angle_meta
-        return parameters | labels | ({"meta": meta} if meta else {})
+        if reading.sampling_rate is None:
+            rate_meta.pop("rate_from")
+        meta = labels.get("meta", {}) | scaled | angle_meta | rate_meta
+        return parameters | labels | {"sampling_rate": rate} | ({"meta": meta} if meta else {})
     meta = {"file": source.file, "channel": source.names[torque], "unit_assumed": unit is None} | scaled
     meta |= angle_meta | rate_meta | source.channel_meta(torque)
     meta |= {"scale": factor} if factor != 1 else {}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import logging
-import math
 import re
 import struct
 from collections.abc import Iterator, Mapping
@@ -20,13 +19,16 @@ from cyclofeat.datasets.readers._columns import (
     CURRENT_UNITS,
     TORQUE_UNITS,
     Source,
+    clean_unit,
     explain_damage,
     import_library,
-    whole_rate,
 )
+from cyclofeat.datasets.readers._times import named_rate
 
 _LEAD_IN = 28
 _BIG_ENDIAN, _INTERLEAVED, _DAQMX = 1 << 6, 1 << 5, 1 << 7
+# A channel's path in the description of a segment, or the increment of the channel last named (a double).
+_INCREMENT = re.compile(rb"(/'(?:[^']|'')*'/'(?:[^']|'')*')|wf_increment(?s:[\x0a\x00]{4})(.{8})", re.DOTALL)
 _UNKNOWN_LENGTH = 2**64 - 1  # of the last segment, where the recording program died
 _VERSIONS = (4712, 4713)
 # npTDMS reads interleaved data whole segments at a time unless asked for parts: this many bytes each.
@@ -46,10 +48,11 @@ class TdmsSource(Source):
     """
 
     def __init__(self, path: Path) -> None:
-        self.interleaved = _check_segments(path)
+        self.interleaved, self.steps = _check_segments(path)
         with _open_tdms(path) as file:
             channels = [channel for group in file.groups() for channel in group.channels()]
             self.keys = [(channel.group_name, channel.name) for channel in channels]
+            self.paths = [channel.path for channel in channels]
             self.lengths = [len(channel) for channel in channels]
             self.kinds: list[np.dtype[Any] | None] = []
             for channel in channels:
@@ -75,11 +78,21 @@ class TdmsSource(Source):
         kind = self.kinds[index]
         return self.lengths[index] > 0 and kind is not None and kind.kind in "iuf"
 
-    def stated_rate(self, torque: int) -> tuple[float, str] | None:
-        step = self.properties[torque].get("wf_increment")
-        if step is None or not math.isfinite(float(step)) or float(step) <= 0:
-            return None
-        return whole_rate(float(step)), "property 'wf_increment'"
+    def length(self, index: int) -> int | None:
+        return self.lengths[index]
+
+    def stated_rates(self, torque: int) -> list[tuple[float, str]]:
+        unit = clean_unit(str(self.properties[torque].get("wf_xunit_string", ""))) or "s"
+        steps = self.steps.get(self.paths[torque], {})
+        stated = {}
+        for step, segment in steps.items():
+            of_segment = f" of segment {segment}" if len(steps) > 1 else ""
+            stated[f"property 'wf_increment'{of_segment}"] = named_rate("dt", step, unit)
+        for scope, where in zip(self.scopes[torque], ("", " of the group", " of the file"), strict=True):
+            for name, value in scope.items():
+                if isinstance(value, (int, float, np.number)) and name != "wf_increment":
+                    stated[f"property {name!r}{where}"] = named_rate(name, float(value))
+        return [(rate, where) for where, rate in stated.items() if rate is not None]
 
     def channel_meta(self, torque: int) -> dict[str, Any]:
         start = self.properties[torque].get("wf_start_time")
@@ -183,13 +196,17 @@ def _open_tdms(path: Path) -> Iterator[Any]:
         raise ValueError(f"{path.name} is damaged: {lost[0]}")
 
 
-def _check_segments(path: Path) -> bool:
-    """Check the lead-ins of all segments; return True if any of them holds interleaved data.
+def _check_segments(path: Path) -> tuple[bool, dict[str, dict[float, int]]]:
+    """Check the lead-ins of all segments, and read the increments of waveforms from them.
 
-    npTDMS reads what it can of a damaged file; a record that lost its end must not pass for a whole one.
+    Return True if any segment holds interleaved data, and for each channel's path its increments with the
+    first segment (from 1) that has samples at each; npTDMS keeps only the last increment. It
+    reads what it can of a damaged file; a record that lost its end must not pass for a whole one.
     """
     size = path.stat().st_size
-    position, interleaved = 0, False
+    position, interleaved, number = 0, False, 0
+    current: dict[str, float] = {}
+    steps: dict[str, dict[float, int]] = {}
     with path.open("rb") as file:
         while position < size:
             file.seek(position)
@@ -216,8 +233,16 @@ def _check_segments(path: Path) -> bool:
             if data > following:
                 raise ValueError(f"{path.name} is damaged: {where} has its data after its end")
             interleaved |= bool(mask & (_INTERLEAVED | _DAQMX))
+            owner, number = "", number + 1
+            for match in _INCREMENT.finditer(file.read(data)):
+                owner = match[1].decode("utf-8", "replace") if match[1] else owner
+                if match[2]:
+                    current[owner] = struct.unpack(f"{order}d", match[2])[0]
+            if following > data:
+                for owner, step in current.items():
+                    steps.setdefault(owner, {}).setdefault(step, number)
             position = end
-    return interleaved
+    return interleaved, steps
 
 
 def _n_scales(properties: Mapping[str, Any]) -> int:

@@ -49,8 +49,8 @@ class WavSource(Source):
         super().__init__(path, [str(index) for index in range(n_channels)])
         self.rate = float(rate)
 
-    def stated_rate(self, torque: int) -> tuple[float, str] | None:
-        return self.rate, "header"
+    def stated_rates(self, torque: int) -> list[tuple[float, str]]:
+        return [(self.rate, "header")]
 
     def check_torque(self, torque: int, scale: float | None) -> None:
         if scale is None and self.samples.dtype.kind != "f":

@@ -73,6 +73,9 @@ class XlsxSource(Source):
         table, column = self.columns[index]
         return table.begins_with_number(column)
 
+    def length(self, index: int) -> int | None:
+        return self.columns[index][0].n_rows
+
     def column_values(self, index: int) -> Float:
         table, column = self.columns[index]
         return table.column_values(column)

@@ -59,8 +59,9 @@ def test_tdms_gives_values_rate_unit_and_start(tmp_path):
         "file": "rig.tdms", "channel": "Messung/Drehmoment", "unit_assumed": False,
         "rate_from": "property 'wf_increment'", "start_time": "2024-05-01T12:00:00.250000", "scale": 1e-3,
     }  # fmt: skip
-    with pytest.raises(ValueError, match=r"sampling_rate = 1000 Hz contradicts its property 'wf_increment'"):
-        read_recording(path, sampling_rate=1_000)
+    given = read_recording(path, sampling_rate=1_000)
+    assert given.sampling_rate == 1_000
+    assert "1000 Hz, overrides property 'wf_increment', which says 25600 Hz" in given.meta["time_notes"][0]
 
 
 def test_tdms_of_many_segments_and_groups(tmp_path):
@@ -160,7 +161,7 @@ def test_a_tdms_time_channel_gives_the_rate_where_no_property_does(tmp_path):
     assert recording.sampling_rate == 1_000
     np.testing.assert_array_equal(recording.torque, TORQUE)
     with pytest.raises(ValueError, match=r"'g/note' must hold real numbers"):
-        read_recording(path, channel="note")
+        read_recording(path, channel="note", sampling_rate=1)
 
 
 def test_one_channel_of_a_large_tdms_file_takes_the_memory_of_one(tmp_path):
@@ -482,7 +483,10 @@ def test_a_recording_that_went_through_excel_keeps_its_labels(tmp_path):
         ({"S": [*EXCEL, [1.5, None]]}, "row 6, column 'Drehmoment' holds nothing; it must hold a number"),
         ({"S": [*EXCEL, [1.5, "=1+2"]]}, "row 6, column 'Drehmoment' holds nothing"),
         ({"S": [*EXCEL, [1.5, "#DIV/0!"]]}, "row 6, column 'Drehmoment' holds '#DIV/0!', which is not"),
-        ({"A": EXCEL, "B": [*EXCEL, ["x"]]}, "time_channel= must be given, .* fit: 'A/Zeit', 'B/Zeit'"),
+        (
+            {"A": EXCEL, "B": [*EXCEL, ["x"]]},
+            "channel= must be .* fit: 'A/Drehmoment', 'B/Drehmoment'",
+        ),
         (
             {"I": [["note"], ["more"]], "B": [*EXCEL, [1.5, "x"]]},
             "row 6 of sheet 'B', column 'Drehmoment' holds 'x'",
