@@ -732,7 +732,7 @@ def test_inspect_says_what_would_spoil_a_count(capsys, folder, tmp_path):
 
 
 def test_inspect_prints_json_and_goes_on_after_a_bad_file(capsys, folder, tmp_path):
-    (tmp_path / "rig.csv").write_text("Zeit [s];Drehmoment;Winkel\n" + "0;1;0\n1;2;9\n2;4;18\n", encoding="utf-8")
+    (tmp_path / "rig.csv").write_text("Zeit [s];Drehmoment;Winkel\n0;1;0\n1;2;9\n2;4;18\n", encoding="utf-8")
     code, out, err = run(capsys, "inspect", tmp_path / "rig.csv", folder / "worn.csv", "--json")
     assert code == 2
     bad, good = json.loads(out)
