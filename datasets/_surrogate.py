@@ -101,7 +101,7 @@ def make_rig_recordings(
     progress : callable, optional
         Called after each recording with the number done and the total.
     kernel : {"exact", "batch", "auto"}, default "exact"
-        As in :func:`cyclofeat.simulators.simulate_many`. Batches are several times as fast, in single
+        See :func:`cyclofeat.simulators.simulate_many`. Batches are several times as fast, in single
         precision: the torque differs by less than the error of the time step.
     solver : Solver, optional
         Time step and integrator. ``Solver(integrator="adams_bashforth")`` halves the time and errs by some
@@ -198,7 +198,7 @@ def make_rig_recording(
     Parameters
     ----------
     rig, duration, sampling_rate, random_state, with_angle, quantity
-        As in :func:`make_rig_recordings`.
+        See :func:`make_rig_recordings`.
     defects : LobeDefects, default healthy
         Worn or removed lobes.
 

@@ -157,9 +157,9 @@ class LobeDefects:
         lobes : int or iterable of int
             Number of worn lobes (consecutive from lobe 0) or their indices.
         wheels, wear_share, wear_centre
-            As for :class:`LobeDefects`.
+            See :class:`LobeDefects`.
         depth : float, optional
-            As for :class:`LobeDefects`. Default: 1, the papers' chord, or 0 with ``wear_um``.
+            See :class:`LobeDefects`. Default: 1, the papers' chord, or 0 with ``wear_um``.
         wear_um : float or sequence of float, optional
             Radial wear in um, the same for all worn lobes or one for each in the order of ``lobes``.
 

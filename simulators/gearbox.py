@@ -455,7 +455,7 @@ class CycloidalGearbox:
         Parameters
         ----------
         **changes : object
-            As for :meth:`steel`.
+            See :meth:`steel`.
 
         Returns
         -------
@@ -477,7 +477,7 @@ class CycloidalGearbox:
         Parameters
         ----------
         **changes : object
-            As for :meth:`steel`.
+            See :meth:`steel`.
 
         Returns
         -------

@@ -527,7 +527,7 @@ class Rig:
         Parameters
         ----------
         defects, duration, sampling_rate, random_state, start_angle, settled, quantity, **options
-            As in :meth:`simulate`.
+            See :meth:`simulate`.
         assembly : int or numpy.random.SeedSequence, optional
             Seed of the assembly; equal seeds give the same machine. Default: ``random_state``.
         spare_s : float, default 0

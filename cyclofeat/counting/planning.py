@@ -194,7 +194,7 @@ def plan_measurement(
         simulation answers, with ``rig``, ``load_nm``, ``output_turns``, ``n_assemblies``, ``random_state``
         and ``n_jobs``. Default: a table of trials answers, how many output turns to record.
     rig : str or Rig
-        As in :func:`cyclofeat.datasets.make_rig_recordings`. The table is of R1.
+        See :func:`cyclofeat.datasets.make_rig_recordings`. The table is of R1.
     speed_rpm, load_nm : float, optional
         Nominal input speed in RPM and load in Nm. Default: those of the rig's gearbox. The table is of 500
         RPM and 22 Nm; another speed is taken to need as many turns.

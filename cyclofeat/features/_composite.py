@@ -101,9 +101,9 @@ class TorqueFeatures(WindowTransformer):
         ``"all"`` - and, by name only, the whole spectra ``WelchPSD`` and ``AmplitudeSpectrum`` with thousands
         of columns.
     preset, wavelet
-        As for :class:`SpectralEntropy` and :class:`WaveletLevelStatistics`, for the parts that take one.
+        See :class:`SpectralEntropy` and :class:`WaveletLevelStatistics`, for the parts that take one.
     input_speed_hz, n_lobes, speed_tolerance
-        As for :class:`LobeMap`.
+        See :class:`LobeMap`.
     n_jobs : int, default=None
         Number of threads that work on chunks of windows, as in joblib: ``None`` is one, -1 all processors.
         ``joblib.parallel_config`` chooses processes or a cluster instead.

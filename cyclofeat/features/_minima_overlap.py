@@ -38,7 +38,7 @@ class WaveletMinimaOverlap(WaveletTransformer):
     Parameters
     ----------
     sampling_rate, wavelet, levels, colours
-        As for :class:`WaveletLevelStatistics`. Paper B saw the overlap grow at levels 3 and 4 only.
+        See :class:`WaveletLevelStatistics`. Paper B saw the overlap grow at levels 3 and 4 only.
     reference : int, float or str, default="worst"
         Class that windows are compared with: ``"worst"`` for the largest label in ``y`` (of strings, the last
         in alphabetical order), or a label. Paper B has 8 worn lobes but refers to 7.

@@ -30,7 +30,7 @@ class OrderSpectrum(WindowTransformer):
     Parameters
     ----------
     sampling_rate, input_speed_hz, n_lobes, speed_tolerance
-        As for :class:`LobeMap`.
+        See :class:`LobeMap`.
     n_lines : int, default=48
         Number of lines from the first on.
     n_mesh_lines : int, default=2

@@ -167,7 +167,7 @@ class SpectralFlatness(CourseTransformer):
     Parameters
     ----------
     sampling_rate, preset, band, n_parts
-        As for :class:`SpectralEntropy`.
+        See :class:`SpectralEntropy`.
 
     Examples
     --------
@@ -193,7 +193,7 @@ class SpectralCentroid(CourseTransformer):
     Parameters
     ----------
     sampling_rate, preset, band, n_parts
-        As for :class:`SpectralEntropy`; paper A fig. 14 shows such a course.
+        See :class:`SpectralEntropy`; paper A fig. 14 shows such a course.
 
     Examples
     --------
@@ -222,7 +222,7 @@ class SpectralRolloff(CourseTransformer):
     Parameters
     ----------
     sampling_rate, preset, band, n_parts
-        As for :class:`SpectralEntropy`. With the mean kept, more than 95 % of the power of most torque lies
+        See :class:`SpectralEntropy`. With the mean kept, more than 95 % of the power of most torque lies
         next to 0 Hz.
     fraction : float, default=0.95
         Fraction of the power, above 0 and at most 1.
@@ -263,7 +263,7 @@ class NarrowbandRatio(SpectralTransformer):
     Parameters
     ----------
     sampling_rate, preset
-        As for :class:`SpectralEntropy`.
+        See :class:`SpectralEntropy`.
     fundamental_hz : float, default=100.0
         Fundamental in Hz. Paper A's 100 Hz is order 12 at 500 RPM, and the mains' second harmonic.
     half_width_hz : float, default=5.0
@@ -314,7 +314,7 @@ class BandPower(SpectralTransformer):
     Parameters
     ----------
     sampling_rate, preset
-        As for :class:`SpectralEntropy`. With the mean kept, the lowest band holds the square of the mean
+        See :class:`SpectralEntropy`. With the mean kept, the lowest band holds the square of the mean
         torque.
     bands : sequence of tuple of float, default=None
         Lower and upper limits in Hz, both included. ``None`` takes :func:`cyclofeat.signal.octave_bands`.
@@ -360,7 +360,7 @@ class WelchPSD(SpectralTransformer):
     Parameters
     ----------
     sampling_rate, preset
-        As for :class:`SpectralEntropy`.
+        See :class:`SpectralEntropy`.
     band : tuple of float, default=None
         Lower and upper limit in Hz of the lines kept, both included. ``None`` keeps all: 8193 lines, 64 KiB,
         per window of 46,080 samples.

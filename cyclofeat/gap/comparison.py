@@ -263,7 +263,7 @@ class Comparison:
         Parameters
         ----------
         measured : MeasuredTurns
-            As of :meth:`measured`; without counts, ``defect_counts`` are simulated.
+            See :meth:`measured`; without counts, ``defect_counts`` are simulated.
 
         Returns
         -------

@@ -105,11 +105,11 @@ class GapDisplay(Display):
         ----------
         result : cyclofeat.gap.GapResult
         kind, ax, phase
-            As in :meth:`plot`.
+            See :meth:`plot`.
         condition : int, default=0
             Number of the condition.
         label : str, default="measured"
-            As in :class:`GapDisplay`.
+            See :class:`GapDisplay`.
 
         Returns
         -------
@@ -161,7 +161,7 @@ class GapDisplay(Display):
         Parameters
         ----------
         kind, phase
-            As in :meth:`plot`.
+            See :meth:`plot`.
 
         Returns
         -------

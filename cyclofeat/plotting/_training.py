@@ -126,7 +126,7 @@ class TrainingDisplay(Display):
         model : cyclofeat.counting.LobeModel
             With a training domain.
         recording : Recording
-            As for :meth:`cyclofeat.counting.LobeModel.count`.
+            See :meth:`cyclofeat.counting.LobeModel.count`.
 
         Returns
         -------

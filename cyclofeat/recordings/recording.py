@@ -285,7 +285,7 @@ class Recording:
         Parameters
         ----------
         reduction : int, optional
-            As for :meth:`input_angle`.
+            See :meth:`input_angle`.
 
         Returns
         -------

@@ -180,7 +180,7 @@ class Report:
         Parameters
         ----------
         model, counted, **options
-            As of :func:`write_count_report`.
+            See :func:`write_count_report`.
 
         Returns
         -------
@@ -194,7 +194,7 @@ class Report:
         Parameters
         ----------
         results, **options
-            As of :func:`write_evaluation_report`.
+            See :func:`write_evaluation_report`.
 
         Returns
         -------
@@ -208,7 +208,7 @@ class Report:
         Parameters
         ----------
         result, **options
-            As of :func:`write_gap_report`.
+            See :func:`write_gap_report`.
 
         Returns
         -------

@@ -121,7 +121,7 @@ def normalized_entropy(
     Parameters
     ----------
     psd, frequencies, band
-        As for :func:`shannon_entropy`.
+        See :func:`shannon_entropy`.
 
     Returns
     -------
@@ -157,7 +157,7 @@ def spectral_flatness(
     Parameters
     ----------
     psd, frequencies, band
-        As for :func:`shannon_entropy`.
+        See :func:`shannon_entropy`.
 
     Returns
     -------
@@ -187,7 +187,7 @@ def spectral_centroid(
     Parameters
     ----------
     psd, frequencies, band
-        As for :func:`shannon_entropy`.
+        See :func:`shannon_entropy`.
 
     Returns
     -------
@@ -222,7 +222,7 @@ def spectral_rolloff(
     Parameters
     ----------
     psd, frequencies, band
-        As for :func:`shannon_entropy`.
+        See :func:`shannon_entropy`.
     fraction : float, default=0.95
         Fraction q of the power, above 0 and at most 1.
 

@@ -232,7 +232,7 @@ def estimate_input_speed(
     Parameters
     ----------
     X, sampling_rate, n_lobes
-        As for :func:`order_lines`.
+        See :func:`order_lines`.
     nominal_hz : float
         Nominal input speed in turns per second.
     tolerance : float, default=0.015

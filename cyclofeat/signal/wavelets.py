@@ -218,7 +218,7 @@ def scalogram(
     Parameters
     ----------
     X, wavelet, levels
-        As for :func:`dwt`; row 0 is level 1, the highest frequencies.
+        See :func:`dwt`; row 0 is level 1, the highest frequencies.
     colours : int, default=64
         Number of colours.
 

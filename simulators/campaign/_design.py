@@ -108,10 +108,10 @@ class Campaign:
         Runs in one file. Default: so many that there are 20 files, but at most 128. An interrupted campaign
         loses the shard that is not full, and the runs that its workers were at.
     kernel : {"auto", "batch", "exact"}
-        As in :func:`cyclofeat.simulators.simulate_many`. "auto" and "batch" raise where batches cannot be
+        See :func:`cyclofeat.simulators.simulate_many`. "auto" and "batch" raise where batches cannot be
         compiled, for other runs would be made than elsewhere.
     integrator : {"midpoint", "adams_bashforth"}
-        As in :class:`cyclofeat.simulators.Solver`: the second takes half the time, with about three times the
+        See :class:`cyclofeat.simulators.Solver`: the second takes half the time, with about three times the
         error of the time step.
 
     Examples
@@ -418,7 +418,7 @@ class Campaign:
         content : dict
             May leave out keys; may hold the remarks of a file too.
         preset : callable, optional
-            As for :meth:`from_json`.
+            See :meth:`from_json`.
 
         Returns
         -------

@@ -54,12 +54,12 @@ class _MeterEffect(Effect):
         rate : float
             Sampling rate in Hz.
         random, context
-            As for :meth:`change_torque`.
+            See :meth:`change_torque`.
 
         Returns
         -------
         ndarray, shape (n,)
-            As for :meth:`change_torque`.
+            See :meth:`change_torque`.
         """
         raise NotImplementedError
 

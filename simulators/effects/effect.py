@@ -237,7 +237,7 @@ class Effect(BaseEstimator):
         Parameters
         ----------
         gearbox, duration, random
-            As for :meth:`load_fluctuation`.
+            See :meth:`load_fluctuation`.
 
         Returns
         -------

@@ -134,7 +134,7 @@ class GroupCalibratedCounter(Counter):
         Parameters
         ----------
         X, y, groups, **metadata
-            As for :meth:`fit`.
+            See :meth:`fit`.
 
         Returns
         -------
@@ -174,7 +174,7 @@ class GroupCalibratedCounter(Counter):
         Parameters
         ----------
         X : array-like, shape (n_windows, n_samples)
-            As for :meth:`fit`.
+            See :meth:`fit`.
 
         Returns
         -------

@@ -110,7 +110,7 @@ class EntropyLadder(Counter):
         Parameters
         ----------
         X : array-like, shape (n_windows, n_features)
-            As for :meth:`fit`.
+            See :meth:`fit`.
 
         Returns
         -------

@@ -105,7 +105,7 @@ class LobeCounter(Counter):
     random_state : int or None, default=None
         Seed of trees, networks and folds.
     speed_tolerance : float, default=0.015
-        As of :class:`~cyclofeat.features.LobeMap`; 0 for windows over the angle of the shaft.
+        See :class:`~cyclofeat.features.LobeMap`; 0 for windows over the angle of the shaft.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class LobeCounter(Counter):
     calibrated_ : bool
         Whether there were enough assemblies to hold some out.
     dependence_ : float or None
-        As of :class:`GroupCalibratedCounter`.
+        See :class:`GroupCalibratedCounter`.
     pattern_ : {"consecutive", "any"}
         Which sets of lobes are thought possible: neighbours only, unless worn lobes in training are apart.
     weights_ : ndarray, shape (n_opinions,)
@@ -243,7 +243,7 @@ class LobeCounter(Counter):
         Parameters
         ----------
         X, y, groups, worn, passage
-            As for :meth:`fit`; so are the errors.
+            See :meth:`fit`, also for the errors.
 
         Returns
         -------
@@ -330,7 +330,7 @@ class LobeCounter(Counter):
         Parameters
         ----------
         X, passage
-            As for :meth:`predict_lobe_proba`; so are the errors.
+            See :meth:`predict_lobe_proba`, also for the errors.
 
         Returns
         -------
@@ -380,7 +380,7 @@ class LobeCounter(Counter):
         ----------
         lines : LobeLines
         passage : array-like, shape (n_windows,), optional
-            As for :meth:`predict_lobe_proba`.
+            See :meth:`predict_lobe_proba`.
         proba : ndarray, shape (n_windows, n_classes), optional
             Probabilities of counts, where they are at hand too.
 

@@ -102,7 +102,7 @@ def make_entropy_counter(
     Parameters
     ----------
     sampling_rate, n_trees, random_state
-        As for :func:`make_lobe_counter`.
+        See :func:`make_lobe_counter`.
 
     Returns
     -------

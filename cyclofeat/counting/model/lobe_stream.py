@@ -44,7 +44,7 @@ class LobeStream:
         Nominal speed of the input shaft in turns per minute; required without an angle. Of a model with a
         coarser one, that which the rate suits at this speed counts; without a speed, the finest.
     angle_is_absolute : bool, default=False
-        As of :class:`~cyclofeat.Recording`.
+        See :class:`~cyclofeat.Recording`.
     block_turns : int, optional
         Output turns of a block, for a rig without a tachometer.
 

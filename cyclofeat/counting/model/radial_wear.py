@@ -132,7 +132,7 @@ class RadialWear:
         stated : (depths_um, range_um)
             Depth of each recording's wear in um, not used where no lobe is worn; least and largest depth.
         n_lobes, n_trees, random_state : int
-            As of :class:`LobeModel`.
+            See :class:`LobeModel`.
         network : LobeCounter, optional
             A counter of kind "network", which counts the runs with their lobe lines; worn lobes are known and
             neighbours. Default: trees.

@@ -198,7 +198,7 @@ class LoopModel(RegressorMixin, BaseEstimator):
         Parameters
         ----------
         loops : sequence
-            As for :meth:`fit`.
+            See :meth:`fit`.
         y, sample_weight : ignored
 
         Returns
