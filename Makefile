@@ -7,6 +7,7 @@ PYTHON ?= $(shell for p in python3.11 python3 python3.12 python3.13 python3.14; 
 
 BIN := .venv/bin
 INSTALLED := .venv/.installed
+WITH_DOCS := .venv/.docs
 WHEEL := dist/.wheel
 # Folders too: their date tells that a file was taken away.
 SOURCES := $(shell find cyclofeat simulators datasets -name __pycache__ -prune -o -print) LICENSE README.md
@@ -30,7 +31,12 @@ $(INSTALLED): pyproject.toml
 			  $(PYTHON) -m pip --python .venv/bin/python install -q pip; }; \
 	fi
 	@echo "Installing into .venv (some minutes on a slow line)"
-	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[test,lint]'
+	$(BIN)/python -m pip install -q --disable-pip-version-check --no-compile -e '.[test,lint]'
+	@$(BIN)/python -m compileall -q -j 0 .venv/lib >/dev/null 2>&1 || true  # pip would use one core alone
+	@touch $@
+
+$(WITH_DOCS): $(INSTALLED)
+	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[docs]'
 	@touch $@
 
 demo: $(INSTALLED)  ## simulate, train, count worn lobes from files; writes demo/count.html and demo/evaluation.html
@@ -96,8 +102,7 @@ test-oldest: $(WHEEL)  ## the same with the oldest supported dependencies, and s
 	bash .ci/with_wheel oldest sh -c 'python $(CURDIR)/.ci/wheel_check.py && \
 		pytest -p no:cacheprovider $(CURDIR)/tests/test_common.py'
 
-docs: $(INSTALLED)  ## the documentation with its gallery, executed; writes docs/_build/html
-	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[docs]'
+docs: $(WITH_DOCS)  ## the documentation with its gallery, executed; writes docs/_build/html
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m sphinx -E -W --keep-going -q -b html docs docs/_build/html
 
 bench-simulator: $(INSTALLED)  ## the simulator's speed; writes benchmarks/simulator.md
@@ -161,7 +166,6 @@ bench-asv: $(INSTALLED)  ## speed of features, counter and simulator over COMMIT
 		$(CURDIR)/$(BIN)/asv run --skip-existing $(COMMITS) && $(CURDIR)/$(BIN)/asv publish
 
 papers: $(INSTALLED)  ## both papers' statements; writes docs/papers_statements.csv
-	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[plot]'
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.papers
 
 test-gap: $(INSTALLED)  ## the gap workflow's longest tests: generator and simulator, a killed run
