@@ -100,7 +100,7 @@ wheel-check: $(WHEEL)  ## install the wheel into an empty environment and use it
 
 test-oldest: $(WHEEL)  ## the same with the oldest supported dependencies, and scikit-learn's own checks
 	bash .ci/with_wheel oldest sh -c 'python $(CURDIR)/.ci/wheel_check.py && \
-		pytest -p no:cacheprovider $(CURDIR)/tests/test_common.py'
+		pytest -p no:cacheprovider -m "not slow" $(CURDIR)/tests/test_common.py'
 
 docs: $(WITH_DOCS)  ## the documentation with its gallery, executed; writes docs/_build/html
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m sphinx -E -W --keep-going -q -b html docs docs/_build/html

@@ -33,8 +33,8 @@ from cyclofeat.simulators import BrakeRotor, Drift, Hum, Noise, Rig
 model = Rig()  # the bare gearbox of the papers, at 500 RPM and 22 Nm
 missing = [BrakeRotor(0.02, 12_000.0, 0.03), Drift(0.3), Hum(0.3), Noise(0.1)]
 hidden = model.with_added(*MAY_DIFFER, *missing)
-recordings = make_rig_recordings(6, (0, 3), rig=hidden, duration=2.0, random_state=1, kernel="auto")
-fitted, held_out = hold_out(recordings, 0.4, random_state=0)
+recordings = make_rig_recordings(4, (0, 3), rig=hidden, duration=2.0, random_state=1, kernel="auto")
+fitted, held_out = hold_out(recordings, 0.5, random_state=0)
 
 # %%
 # Compare, name, add, judge
@@ -88,7 +88,7 @@ plt.show()
 def counter_of(rig):
     known = make_rig_recordings(8, (0, 1, 3), rig=rig, duration=1.85, random_state=2, n_jobs=2, kernel="auto")
     X, y, _ = Windower(output_turns=1).transform(known)
-    return make_lobe_counter(known[0].sampling_rate, n_trees=100).fit(X, y)
+    return make_lobe_counter(known[0].sampling_rate, n_trees=100, random_state=0).fit(X, y)
 
 
 new = make_rig_recordings(6, (0, 1, 3), rig=hidden, duration=1.85, random_state=99, n_jobs=2, kernel="auto")

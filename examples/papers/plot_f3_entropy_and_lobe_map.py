@@ -22,7 +22,7 @@ from cyclofeat.simulators import Noise
 COUNTS = (0, 1, 3, 5, 7)
 N_ASSEMBLIES = 8
 rig = rig_preset("R0").without("load_drift").with_effects(Noise(0.05))
-recordings = make_rig_recordings(N_ASSEMBLIES, COUNTS, rig=rig, wheels=BOTH, random_state=5)
+recordings = make_rig_recordings(N_ASSEMBLIES, COUNTS, rig=rig, wheels=BOTH, random_state=5, kernel="auto")
 X = np.array([recording.torque for recording in recordings])
 y = np.array([recording.defect_count for recording in recordings])
 assembly = np.arange(len(X))
