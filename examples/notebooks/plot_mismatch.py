@@ -33,8 +33,8 @@ from cyclofeat.simulators import BrakeRotor, Drift, Hum, Noise, Rig
 model = Rig()  # the bare gearbox of the papers, at 500 RPM and 22 Nm
 missing = [BrakeRotor(0.02, 12_000.0, 0.03), Drift(0.3), Hum(0.3), Noise(0.1)]
 hidden = model.with_added(*MAY_DIFFER, *missing)
-recordings = make_rig_recordings(4, (0, 3), rig=hidden, duration=2.0, random_state=1, kernel="auto")
-fitted, held_out = hold_out(recordings, 0.5, random_state=0)
+recordings = make_rig_recordings(6, (0, 3), rig=hidden, duration=2.0, random_state=1, kernel="auto")
+fitted, held_out = hold_out(recordings, 0.4, random_state=0)
 
 # %%
 # Compare, name, add, judge
