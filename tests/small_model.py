@@ -8,6 +8,7 @@ import numpy as np
 
 from cyclofeat import Recording
 from cyclofeat.counting import LobeCounter, LobeModel
+from cyclofeat.counting.estimators import _lobe_network
 
 RATE = 2000.0
 SPEED = 500 / 60
@@ -90,3 +91,9 @@ def wear_model(counter="trees"):
     return LobeModel(counter=counter, n_splits=0, n_trees=25, wear_um=(5, 200), random_state=0).fit(
         recordings_with_wear()
     )
+
+
+def make_networks_small(patch):
+    """Train narrow networks on few batches, which is enough for recordings as simple as these."""
+    patch.setattr(_lobe_network, "_HIDDEN", (128, 64))
+    patch.setattr(_lobe_network, "_LEAST_STEPS", 150)

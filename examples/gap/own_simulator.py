@@ -129,3 +129,10 @@ for found in result.effects:
 print(f"something left unexplained: {result.remainder.unexplained}")
 for proof in result.proof:
     print(f"{proof.condition.text}: {proof.result.grr:.0%} of the gap closed")
+
+# %%
+# Both are named, and nothing else; more than half of the gap closes.
+
+assert {effect.effect_id for effect in result.named} == {"soft_shaft", "hum"}
+assert not result.remainder.unexplained
+assert min(proof.result.grr for proof in result.proof) > 0.5

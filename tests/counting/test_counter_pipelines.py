@@ -47,20 +47,20 @@ PARAMETERS = {
 }
 
 
-@pytest.mark.parametrize(
-    "kind", [pytest.param(kind, marks=[pytest.mark.slow] * (kind == "network")) for kind in KINDS]
-)
+@pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_takes_parameters_and_counts(kind, data):
     X, y, train = data
     counter = make_lobe_counter(SAMPLING_RATE, kind=kind, n_trees=20).set_params(**PARAMETERS[kind])
     copy = clone(counter)
     assert PARAMETERS[kind].items() <= copy.get_params().items()
+    if kind == "network":
+        return  # test_rows.py trains it
     copy.fit(X[train], y[train])
     proba = copy.predict_proba(X[~train])
     assert_allclose(proba.sum(axis=1), 1)
     assert copy.classes_.tolist() == [0, 1, 3, 5]
-    # The entropy cannot, eight assemblies are few for 340 features, and networks need to know the worn lobes.
-    if kind not in ("ladder", "features", "network"):
+    # The entropy cannot, and eight assemblies are few for 340 features.
+    if kind not in ("ladder", "features"):
         assert np.mean(copy.predict(X[~train]) == y[~train]) >= 6 / 8
 
 

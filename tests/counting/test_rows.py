@@ -8,6 +8,7 @@ import jax
 import numpy as np
 import pytest
 from scipy.special import logsumexp, softmax
+from small_model import make_networks_small
 
 from cyclofeat._base.training import first_weights
 from cyclofeat.counting import LobeCounter, LobeModel, passage_of_lobe_zero
@@ -19,6 +20,13 @@ from cyclofeat.recordings.windower import lobe_windower
 from cyclofeat.simulators import Solver
 
 COUNTS = (0, 1, 3, 5)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _small_networks():
+    with pytest.MonkeyPatch.context() as patch:
+        make_networks_small(patch)
+        yield
 
 
 def simulated(n: int, seed: int) -> list:
@@ -119,9 +127,11 @@ def bumps(n: int, noise: float):
     return np.fft.rfft(torque, axis=1)[:, 1:13], length, begins
 
 
-def trained(lines, length, begins):
+@pytest.fixture(scope="module")
+def network_of_bumps():
+    """A network that learned the first 200 rows."""
     return _lobe_network.train_network(
-        lines, length, begins, n_lobes=5, n_lengths=2, n_epochs=150, random_state=0
+        *(values[:200] for values in bumps(300, 0.3)), n_lobes=5, n_lengths=2, n_epochs=60, random_state=0
     )
 
 
@@ -134,9 +144,9 @@ def answered(network, lines):
 
 
 @pytest.mark.slow
-def test_a_network_learns_where_a_row_begins_and_how_long_it_is():
+def test_a_network_learns_where_a_row_begins_and_how_long_it_is(network_of_bumps):
     lines, length, begins = bumps(300, 0.1)
-    rows, proba = answered(trained(lines[:200], length[:200], begins[:200]), lines[200:])
+    rows, proba = answered(network_of_bumps, lines[200:])
     assert np.mean(proba.argmax(axis=1) - 1 == length[200:]) >= 0.95
     worn = length[200:] >= 0
     found = rows.max(axis=2).argmax(axis=1) / rows.shape[1]
@@ -145,16 +155,15 @@ def test_a_network_learns_where_a_row_begins_and_how_long_it_is():
 
 
 @pytest.mark.slow
-def test_impacts_at_the_lobe_rate_make_few_sure_answers():
+def test_impacts_at_the_lobe_rate_make_few_sure_answers(network_of_bumps):
     """A train of short impacts has equal lines whose phases are those of its place in the fold.
 
     Of the answers of a network that never saw any in training, 0.5 are wrong and sure.
     """
-    lines, length, begins = bumps(300, 0.3)
-    network = trained(lines[:200], length[:200], begins[:200])
+    lines, length, _ = bumps(300, 0.3)
     at = np.random.default_rng(2).random((100, 1))
     impacts = np.exp(-2j * np.pi * at * np.arange(1, 13)) * np.sqrt((np.abs(lines[200:]) ** 2).mean())
-    _, proba = answered(network, lines[200:] + 1.5 * impacts)
+    _, proba = answered(network_of_bumps, lines[200:] + 1.5 * impacts)
     assert np.mean((proba.argmax(axis=1) - 1 != length[200:]) & (proba.max(axis=1) > 0.9)) < 0.35
 
 
@@ -177,7 +186,7 @@ def test_expected_count_is_the_sum_over_the_lobes(counter, judged):
 
 @pytest.mark.slow
 def test_model_of_rows_counts_recordings_and_is_small_on_disk(training, judged, tmp_path):
-    model = LobeModel(n_splits=0, counter="rows", random_state=0).fit(training)
+    model = LobeModel(n_splits=0, counter="rows", epochs=150, random_state=0).fit(training)
     answers = model.count_all(judged)
     assert np.mean([a.defect_count == r.defect_count for a, r in zip(answers, judged, strict=True)]) >= 0.9
     assert [len(one.lobes) for one in answers] == [one.defect_count for one in answers]
@@ -188,9 +197,7 @@ def test_model_of_rows_counts_recordings_and_is_small_on_disk(training, judged, 
     n_learned = model.card_["n_windows"]
     whole = sum(len(model.windows(one)) for one in training)
     assert whole < n_learned <= whole + len(training) // 3, "of a third, windows by their lines too"
-    assert (
-        LobeModel(n_splits=0, counter="rows", epochs=2, random_state=0).fit(training).counter_.n_epochs == 2
-    )
+    assert model.counter_.n_epochs == 150
 
 
 def test_rejects_lobes_that_are_no_row():

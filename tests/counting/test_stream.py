@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from small_model import RATE, recording, shaft_model, small_model, wear_model
+from small_model import RATE, recording, shaft_model, small_model
 
 from cyclofeat.counting import LobeStream
 
@@ -85,24 +85,6 @@ def test_a_speed_that_training_did_not_see_is_refused():
     windows, count = streamed(fast)
     assert not any(one.reason for one in windows)
     assert "but the model was trained at" in count.reason
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("counter", ["trees", "rows"])
-def test_the_depth_of_wear_is_that_of_the_file(counter):
-    model = wear_model(counter)
-    record = recording((2, 3, 4), seed=76, turns=5, height=0.5)
-    rising = record.torque + np.linspace(0, 1, record.n_samples)  # the load drifts from window to window
-    spoiled = np.where(abs(np.arange(record.n_samples) - 6000) < 60, 22.0, rising)
-    for torque in (rising, spoiled):
-        stream = LobeStream(model, RATE, angle_is_absolute=True)
-        for cut in range(0, record.n_samples, 500):
-            stream.push(torque[cut : cut + 500], record.angle[cut : cut + 500])
-        mine, theirs = stream.result(), model.count(record.replace(torque=torque))
-        assert theirs.wear_um is not None
-        assert_allclose(mine.wear_um.depth_um, theirs.wear_um.depth_um, rtol=1e-6)
-        assert mine.probability == pytest.approx(theirs.probability)
-        assert [one.reason for one in mine.windows] == [one.reason for one in theirs.windows]
 
 
 def test_blocks_are_counted_as_recordings():

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from small_model import recording, recordings_with_wear, wear_model
+from small_model import RATE, make_networks_small, recording, recordings_with_wear, wear_model
 
-from cyclofeat.counting import ConformalRegressor, LobeModel, counts_frame, wear_features
+from cyclofeat.counting import ConformalRegressor, LobeModel, LobeStream, counts_frame, wear_features
 from cyclofeat.counting.model.radial_wear import least_visible_depth, runs_of
 from cyclofeat.models import load_model, save_model
 from cyclofeat.models.card import read_card
@@ -19,7 +19,9 @@ from cyclofeat.recordings.windower import SAMPLES_PER_TURN
 
 @pytest.fixture(scope="module", params=["trees", pytest.param("rows", marks=pytest.mark.slow)])
 def model(request):
-    return wear_model(request.param)
+    with pytest.MonkeyPatch.context() as patch:
+        make_networks_small(patch)
+        return wear_model(request.param)
 
 
 @pytest.fixture(scope="module")
@@ -191,6 +193,22 @@ def test_stored_models_state_the_same_depth(model, unseen, tmp_path, suffix):
     loaded = load_model(file, trusted=True)
     recordings, counts = unseen
     assert loaded.count(recordings[1]).to_dict() == counts[1].to_dict()
+
+
+@pytest.mark.slow
+def test_the_depth_of_wear_in_a_stream_is_that_of_the_file(model):
+    record = recording((2, 3, 4), seed=76, turns=5, height=0.5)
+    rising = record.torque + np.linspace(0, 1, record.n_samples)  # the load drifts from window to window
+    spoiled = np.where(abs(np.arange(record.n_samples) - 6000) < 60, 22.0, rising)
+    for torque in (rising, spoiled):
+        stream = LobeStream(model, RATE, angle_is_absolute=True)
+        for cut in range(0, record.n_samples, 500):
+            stream.push(torque[cut : cut + 500], record.angle[cut : cut + 500])
+        mine, theirs = stream.result(), model.count(record.replace(torque=torque))
+        assert theirs.wear_um is not None
+        assert_allclose(mine.wear_um.depth_um, theirs.wear_um.depth_um, rtol=1e-6)
+        assert mine.probability == pytest.approx(theirs.probability)
+        assert [one.reason for one in mine.windows] == [one.reason for one in theirs.windows]
 
 
 @pytest.mark.parametrize(

@@ -232,7 +232,7 @@ def test_the_packaged_posterior_names_strong_effects_of_another_simulator(tmp_pa
     """Of each of these effects the first strong single is said to be present, and no other effect."""
     sets = json.loads((HERE / "truth.json").read_text(encoding="utf-8"))["sets"]
     posterior = load_posterior()
-    for effect in ("brake_rotor", "clipping", "noise", "quantisation", "rattle"):
+    for effect in ("brake_rotor", "clipping", "rattle"):  # of the machine, of the signal, of the load
         name = next(
             name
             for name, one in sets.items()
@@ -243,14 +243,13 @@ def test_the_packaged_posterior_names_strong_effects_of_another_simulator(tmp_pa
         assert [other for other, p in presence.items() if p >= 0.95] == [effect]
 
 
-@pytest.mark.slow
 def test_where_the_linear_fit_fails_the_sizes_of_the_posterior_stand(tmp_path: Path) -> None:
     """A limit just above the mean torque: fitted, it would clip the whole recording."""
     name = "set_cf66100a"
     _folders.generate([name], tmp_path, 1)
     session, posterior = _ask.session_of(name, tmp_path), load_posterior()
     confirmed = confirm_effects(
-        posterior, session, named_effects(posterior.presence(session)), random_state=0
+        posterior, session, named_effects(posterior.presence(session)), n_sessions=32, random_state=0
     )
     stated = {name: row[1] for name, row in zip(confirmed.names, confirmed.quantiles, strict=True)}
     assert not confirmed.fitted

@@ -13,15 +13,13 @@ from benchmarks.hidden_effects._ask import whole_answer
 from benchmarks.hidden_effects._folders import generate
 from cyclofeat.gap import GapSettings, load_posterior
 
-pytestmark = pytest.mark.slow  # tests/gap/test_confirm.py goes the whole way on a small world
+pytestmark = pytest.mark.bench  # tests/gap/test_confirm.py goes the whole way on a small world
 
 SETS = ("set_00acf5d6", "set_82e7b299", "set_24cd4a2b", "set_2dbea1c0", "set_9d431f15", "set_515d2d0a")
 SETTINGS = GapSettings(pictures=False, n_bank=40, n_report=24, n_permutations=499, random_state=0)
 
 
-@pytest.mark.parametrize(
-    "name", [*SETS[:2], *(pytest.param(name, marks=pytest.mark.bench) for name in SETS[2:])]
-)
+@pytest.mark.parametrize("name", SETS)
 def test_all_that_is_hidden_is_named_and_closes_the_gap(name, tmp_path):
     generate((name,), tmp_path, 1)
     result = whole_answer(name, tmp_path, load_posterior(), SETTINGS)
