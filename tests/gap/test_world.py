@@ -51,7 +51,7 @@ def test_each_number_of_effects_is_as_probable_and_each_effect_as_frequent():
     effects += (Noise(), Gain(), Hum(), Offset())
     prior, random = EffectPrior(effects, 6), np.random.default_rng(2)
     drawn = []
-    for _ in range(3000):
+    for _ in range(1500):
         in_machine = prior.in_machine(random)
         drawn.append((*in_machine, *prior.on_torque(len(in_machine), random)))
         assert all(effect.needs_simulation() for effect in in_machine)
