@@ -9,7 +9,8 @@ each other one    one command
 ================  ====================================================================================
 
 The module of a command has two functions: ``add_arguments(parser)``, and ``run(arguments)``, which returns
-its result as it is printed (``Printed``: text, JSON, error), or generates one result after the other.
+its result as it is printed (``Printed``: text, JSON, error), or generates one result after the other. What is
+computed is yielded before a page is drawn.
 
 A module is imported when its command is called, and imports what computes when it runs: ``--help`` answers
 at once.
@@ -18,9 +19,11 @@ at once.
 from __future__ import annotations
 
 import argparse
+import functools
 import importlib
 import io
 import json
+import operator
 import os
 import sys
 import warnings
@@ -36,6 +39,7 @@ from cyclofeat.cli._options import (
     RaisingParser,
     check_targets,
     error_text,
+    expected_errors,
     print_message,
     warn,
 )
@@ -121,8 +125,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run_and_print(arguments: argparse.Namespace) -> int:
     """Run a command, print each result as soon as it is known, and return the exit code.
 
-    Errors of input and surroundings are results too; any other error is a defect of the toolkit and keeps its
-    traceback.
+    Errors of input and surroundings, and any of one file, are results too; other errors are defects of the
+    toolkit and keep their traceback.
     """
     failed = refused = False
     # Results of "lines" are lines of JSON anyway, a list on request.
@@ -146,7 +150,8 @@ def _run_and_print(arguments: argparse.Namespace) -> int:
     finally:
         # What is finished is printed although the work was interrupted.
         if documents:
-            print(json.dumps(documents if output == "list" else documents[0], indent=2), flush=True)
+            document = documents if output == "list" else functools.reduce(operator.or_, documents)
+            print(json.dumps(document, indent=2), flush=True)
     return 2 if failed else 3 * refused
 
 
@@ -162,7 +167,7 @@ def _printed_results(arguments: argparse.Namespace) -> Iterator[Printed]:
             load_effects(path)
         result = command_module(arguments.command).run(arguments)
         yield from result if isinstance(result, Iterator) else (result,)
-    except _expected_errors() as error:
+    except expected_errors() as error:
         cause: BaseException | None = error
         while cause is not None:
             if isinstance(cause, KeyboardInterrupt):  # as in the import of a compiled module
@@ -170,13 +175,6 @@ def _printed_results(arguments: argparse.Namespace) -> Iterator[Printed]:
             cause = cause.__cause__ or cause.__context__
         text = error_text(error, arguments)
         yield Printed("", {"error": text}, text, failed=True)
-
-
-def _expected_errors() -> tuple[type[Exception], ...]:
-    """Return the errors of input and surroundings, without importing the simulators for one of theirs."""
-    simulators = sys.modules.get("cyclofeat.simulators")
-    failed = () if simulators is None else (simulators.SimulationFailed,)
-    return ValueError, TypeError, OSError, ImportError, MemoryError, *failed
 
 
 def _close_output() -> None:

@@ -6,6 +6,7 @@ import argparse
 import math
 import re
 import sys
+import traceback
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
@@ -138,15 +139,26 @@ def _typed_text(typed: dict[str, Any], wanted: str) -> str:
     return f"{name} {value}" if fnmatchcase(value.lower(), pattern) else ""
 
 
+def expected_errors() -> tuple[type[Exception], ...]:
+    """Return the errors of input and surroundings, without importing the simulators for one of theirs."""
+    simulators = sys.modules.get("cyclofeat.simulators")
+    failed = () if simulators is None else (simulators.SimulationFailed,)
+    return ValueError, TypeError, OSError, ImportError, MemoryError, *failed
+
+
 def error_text(error: Exception, arguments: argparse.Namespace) -> str:
     """Return the message of an error on one line, with options in place of arguments of functions.
 
     Messages name an argument first (``speed_rpm must be positive``), then it is an option if that was typed,
-    or with its sign of equality (``give speed_rpm=``, ``channel = 'x' does not exist``).
+    or with its sign of equality (``give speed_rpm=``, ``channel = 'x' does not exist``). An unexpected error
+    gets its type and its place in the code.
     """
     message = " ".join(str(error).split())
     if isinstance(error, MemoryError):
         message = f"not enough memory: {message}"
+    elif not isinstance(error, expected_errors()):
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        return f"{type(error).__name__}: {message} ({Path(place.filename).name}, line {place.lineno})"
     first, space, rest = message.partition(" ")
     option = arguments.options.get(f"{first}=")
     if option in arguments.typed:
@@ -257,7 +269,7 @@ def check_folder(option: str, path: Path) -> None:
 
 T = TypeVar("T")
 FILES = "recordings (.csv, .csv.gz, .txt, .npz, .tdms, .mat, .parquet, .wav, .xlsx), or folders of them"
-UNREADABLE = (ValueError, TypeError, OSError, ImportError)
+_MOST_ERRORS = 10
 _DELIMITERS = {",": ",", ";": ";", "tab": "\t", "space": " "}
 
 # Argument of read_recording: its option, and how the option is parsed.
@@ -346,7 +358,7 @@ def list_entries(paths: Sequence[str]) -> list[Entry | UnreadableFolder]:
     for path in map(Path, paths):
         try:
             entries += folder_entries(path) if path.is_dir() else [Entry(path)]
-        except (ValueError, OSError) as error:
+        except Exception as error:
             entries.append(UnreadableFolder(path, error))
     return entries
 
@@ -380,7 +392,8 @@ def process_files(
 ) -> Iterator[FileResult[T]]:
     """Read file by file, and yield the result of ``work(path, recording)`` or the error of each.
 
-    ``doing`` says in the line of progress what is done, such as "counting".
+    No error of one file ends the others. ``doing`` says in the line of progress what is done, such as
+    "counting".
     """
     from cyclofeat.datasets.readers import one_line
 
@@ -392,20 +405,21 @@ def process_files(
                 recording = entry.read(**options)
                 title = name_file(entry.path, one_line(recording))
                 result = FileResult(entry.path, title, work(entry.path, recording))
-            except UNREADABLE as error:
+            except Exception as error:
                 result = FileResult(entry.path, title, error=error_text(error, arguments))
             progress(done, len(entries))
             yield result
 
 
 def read_all(paths: Sequence[str], arguments: argparse.Namespace) -> list[Recording]:
-    """Return all recordings that the paths name, read as the options state."""
-    recordings: list[Recording] = []
-    for result in process_files("reading recordings", list_entries(paths), arguments, lambda _, read: read):
-        if result.value is None:
-            raise ValueError(name_file(result.path, result.error))
-        recordings.append(result.value)
-    return recordings
+    """Return all recordings that the paths name, read as the options state; the error names each bad file."""
+    entries = list_entries(paths)
+    results = list(process_files("reading recordings", entries, arguments, lambda _, recording: recording))
+    wrong = [name_file(result.path, result.error) for result in results if result.value is None]
+    if wrong:
+        more = f"; and {len(wrong) - _MOST_ERRORS} more files" if len(wrong) > _MOST_ERRORS else ""
+        raise ValueError("; ".join(wrong[:_MOST_ERRORS]) + more)
+    return [result.value for result in results if result.value is not None]
 
 
 def name_file(path: Path, message: str) -> str:

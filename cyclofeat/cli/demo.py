@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cyclofeat._base.progress import Progress, Steps
 from cyclofeat._base.quantities import lobes_text
 from cyclofeat.cli._options import Printed, add_jobs, add_target
-from cyclofeat.cli.evaluate import cross_validate
+from cyclofeat.cli.evaluate import cross_validate, folds_text, write_page
 
 if TYPE_CHECKING:
     from cyclofeat.recordings import Recording
@@ -26,7 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_jobs(parser)
 
 
-def run(arguments: argparse.Namespace, *, training_assemblies: int = 24, file_assemblies: int = 4) -> Printed:
+def run(
+    arguments: argparse.Namespace, *, training_assemblies: int = 24, file_assemblies: int = 4
+) -> Iterator[Printed]:
     """Train, write surrogate recordings, count them from their files, compare counters, write the pages.
 
     The folder then holds ``recordings/``, ``model.skops``, ``count.html`` and ``evaluation.html``. Assemblies
@@ -60,12 +63,9 @@ def run(arguments: argparse.Namespace, *, training_assemblies: int = 24, file_as
             CountedRecording(file.name, recording, model.count(recording))
             for file, recording in zip(files, map(read_recording, files), strict=True)
         ]
-        settings = {"model file": model_file}
-        write_count_report(model, counted, pages[0], settings=settings, most_sections=_SECTIONS)
     protocol = Protocol(random_state=0, n_jobs=arguments.n_jobs)
-    scores = cross_validate(
-        LobeModel(random_state=0), training, protocol, page=pages[1], files=f"none: {origin}"
-    )
+    candidate = LobeModel(random_state=0)
+    scores = cross_validate(candidate, training, protocol)
     lines, facts = _score_counts(counted)
     lines = [
         "Rig R1: brake rotor behind a compliant torque meter, drifting load, noise.",
@@ -75,10 +75,15 @@ def run(arguments: argparse.Namespace, *, training_assemblies: int = 24, file_as
         *lines,
         f"Cross-validated over {len(training)} assemblies, the same folds for both (chance 0.125):",
         *(f"  {name:34s} {score}" for name, score in scores.items()),
-        f"Pages: {', '.join(map(str, pages))}  ({time.monotonic() - began:.0f} s in all)",
     ]
     facts["cross_validation"] = {name: score.to_dict() for name, score in scores.items()}
-    return Printed("\n".join(lines), facts | {"model": str(model_file), "pages": list(map(str, pages))})
+    yield Printed("\n".join(lines), facts | {"model": str(model_file)})
+    of_count = {"model file": model_file}
+    write_count_report(model, counted, pages[0], settings=of_count, most_sections=_SECTIONS)
+    settings = {"files": f"none: {origin}", "options of the model": repr(candidate)}
+    write_page(scores, pages[1], training, folds_text(protocol), settings)
+    names = list(map(str, pages))
+    yield Printed(f"Pages: {', '.join(names)}  ({time.monotonic() - began:.0f} s in all)", {"pages": names})
 
 
 def _score_counts(counted: list[CountedRecording]) -> tuple[list[str], dict[str, Any]]:

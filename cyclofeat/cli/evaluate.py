@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -52,8 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_idle(parser, *of_training, beside=["--model"])
 
 
-def run(arguments: argparse.Namespace) -> Printed:
-    """Test a stored model, or cross-validate the one that train would make."""
+def run(arguments: argparse.Namespace) -> Iterator[Printed]:
+    """Test a stored model, or cross-validate the one that train would make, then write the page."""
     from cyclofeat.counting import Protocol, evaluate
 
     protocol = Protocol(
@@ -71,22 +71,24 @@ def run(arguments: argparse.Namespace) -> Printed:
         raise ValueError("evaluate needs files that state defect_count and assembly, some do not")
     files = ", ".join(arguments.files[:5]) + (", ..." if len(arguments.files) > 5 else "")
     if arguments.model is None:
-        results = cross_validate(model, recordings, protocol, page=arguments.report, files=files)
-        return _print_scores(results, "folds by assembly")
-    common = set(model.card_.get("assemblies") or ()) & {recording.assembly for recording in recordings}
-    if common:
-        note(
-            "assemblies of the recordings have names of training assemblies, such as "
-            f"{min(common, key=str)!r}: if they are the same, the scores are too high"
-        )
-    results = {arguments.model: evaluate(model, recordings, protocol=replace(protocol, hold_out="nothing"))}
+        how, folds = "folds by assembly", folds_text(protocol)
+        results = cross_validate(model, recordings, protocol)
+        settings = {"options of the model": repr(model)}
+    else:
+        common = set(model.card_.get("assemblies") or ()) & {recording.assembly for recording in recordings}
+        if common:
+            note(
+                "assemblies of the recordings have names of training assemblies, such as "
+                f"{min(common, key=str)!r}: if they are the same, the scores are too high"
+            )
+        how = "tested as stored"
+        folds = "none: the model was trained before, on assemblies that must be others than these"
+        stored = evaluate(model, recordings, protocol=replace(protocol, hold_out="nothing"))
+        results = {arguments.model: stored}
+        settings = {"trained on": model.card_["description"], "for recordings": model.made_for()}
+    yield _print_scores(results, how)
     if arguments.report:
-        _write_page(
-            results, arguments.report, recordings, files,
-            folds="none: the model was trained before, on assemblies that must be others than these",
-            settings={"trained on": model.card_["description"], "for recordings": model.made_for()},
-        )  # fmt: skip
-    return _print_scores(results, "tested as stored")
+        write_page(results, arguments.report, recordings, folds, {"files": files, **settings})
 
 
 def _print_scores(results: dict[str, Evaluation], how: str) -> Printed:
@@ -115,17 +117,11 @@ def _print_scores(results: dict[str, Evaluation], how: str) -> Printed:
 
 
 def cross_validate(
-    model: LobeModel,
-    recordings: Sequence[Recording],
-    protocol: Protocol,
-    *,
-    page: str | Path | None,
-    files: str,
+    model: LobeModel, recordings: Sequence[Recording], protocol: Protocol
 ) -> dict[str, Evaluation]:
     """Evaluate an untrained model, and one with the papers' best feature, on the same folds of assemblies.
 
-    Recordings state ``assembly`` and ``defect_count``; ``files`` are those that were read. Write the report
-    ``page`` if one is given.
+    Recordings state ``assembly`` and ``defect_count``.
     """
     from cyclofeat.counting import LobeModel, evaluate, make_entropy_counter
 
@@ -138,29 +134,29 @@ def cross_validate(
             results[name] = evaluate(
                 candidate.set_params(n_splits=0), recordings, protocol=replace(protocol, progress=progress)
             )
-    if page is not None:
-        shared_out = f"assemblies of every count shared out by the seed {protocol.random_state}"
-        _write_page(
-            results, page, recordings, files, folds=f"{protocol.n_splits} folds, {shared_out}",
-            settings={"options of the model": repr(model)},
-        )  # fmt: skip
     return results
 
 
-def _write_page(
+def folds_text(protocol: Protocol) -> str:
+    """Return how a cross-validation shares out assemblies, for its page."""
+    return (
+        f"{protocol.n_splits} folds, assemblies of every count shared out by the seed {protocol.random_state}"
+    )
+
+
+def write_page(
     results: dict[str, Evaluation],
     page: str | Path,
     recordings: Sequence[Recording],
-    files: str,
-    *,
     folds: str,
-    settings: dict[str, object],
+    settings: dict[str, str],
 ) -> None:
+    """Write the page of an evaluation; ``settings`` begin with the files that were read."""
     from cyclofeat.report import write_evaluation_report
 
     with Progress("writing the report"):
         written = write_evaluation_report(
             results, page, sources=[recording.source for recording in recordings], folds=folds,
-            settings={"files": files, "recordings": len(recordings), **settings},
+            settings={"files": settings["files"], "recordings": len(recordings), **settings},
         )  # fmt: skip
     note(f"report: {written}")

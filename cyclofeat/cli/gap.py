@@ -7,6 +7,7 @@ import contextlib
 import dataclasses
 import importlib.util
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -321,14 +322,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_idle(parser, *(option for option in READING if option != "--quantity"), without=["MEASURED"])
 
 
-def run(arguments: argparse.Namespace) -> Printed:
-    """Compare, name, correct, judge, and write report and corrected model; or only prepare, or check."""
+def run(arguments: argparse.Namespace) -> Iterator[Printed]:
+    """Compare, name, correct, judge, then write corrected model and report; or only prepare, or check."""
     if arguments.cache is not None:
         check_folder("--cache", Path(arguments.cache))
     if arguments.prepare is not None:
-        return prepare_posterior(arguments)
+        yield prepare_posterior(arguments)
+        return
     if arguments.check:
-        return run_check(arguments, _posterior_of_model(arguments))
+        yield run_check(arguments, _posterior_of_model(arguments))
+        return
     if not arguments.measured:
         raise ValueError("MEASURED must name recordings, or folders of them")
     from cyclofeat.gap import compare_recordings, find_gap
@@ -356,19 +359,17 @@ def run(arguments: argparse.Namespace) -> Printed:
             "recordings": f"{len(recordings)}",
             "simulated recordings": f"{len(simulated)} of {arguments.simulated}",
         }
-    lines = gap_lines(result)
+    yield Printed("\n".join(gap_lines(result)), result.to_dict())
     if arguments.save_simulator is not None:
         (result.posterior_rig or result.rig).to_json(arguments.save_simulator)
+        yield Printed(f"corrected model: {arguments.save_simulator}", {})
     if arguments.out is not None:
         from cyclofeat.report import write_gap_report
 
         sources = [recording.source for recording in recordings]
         with Progress("cyclofeat gap: writing the report"):
             write_gap_report(result, arguments.out, sources=sources, settings=settings)
-        lines.append(f"report: {arguments.out}")
-    if arguments.save_simulator is not None:
-        lines.append(f"corrected model: {arguments.save_simulator}")
-    return Printed("\n".join(lines), result.to_dict())
+        yield Printed(f"report: {arguments.out}", {})
 
 
 def _gap_settings(arguments: argparse.Namespace) -> GapSettings:

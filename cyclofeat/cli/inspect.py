@@ -10,7 +10,6 @@ from typing import Any
 from cyclofeat._base.quantities import number_of
 from cyclofeat.cli._options import (
     FILES,
-    UNREADABLE,
     Printed,
     add_reading_options,
     list_entries,
@@ -33,7 +32,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     for result in process_files("inspecting", files, arguments, lambda _, recording: describe(recording)):
         facts = result.value
         channels: dict[str, str | None] = {}  # none where the file cannot be opened
-        with contextlib.suppress(*UNREADABLE):
+        with contextlib.suppress(Exception):
             channels = list_channels(result.path, delimiter=delimiter)
         if facts is None:
             yield result.format_result(facts={"channels": channels})

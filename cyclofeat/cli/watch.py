@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any, Self
 from cyclofeat._base.files import check_parent
 from cyclofeat._base.quantities import lobes_text, number_of
 from cyclofeat.cli._options import (
-    UNREADABLE,
     Printed,
     add_history_options,
     add_model_options,
@@ -307,8 +306,7 @@ def _count_arrivals(
             except FileNotFoundError:
                 continue  # removed since
             except Exception as error:  # one bad file must not end the watch, whatever is wrong with it
-                name = "" if isinstance(error, UNREADABLE) else f"{type(error).__name__}: "
-                watch.mark_failed(path, name_file(path, name + error_text(error, arguments)))
+                watch.mark_failed(path, name_file(path, error_text(error, arguments)))
                 continue
             state = None
             with unsaved:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import sys
 from collections.abc import Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -35,11 +38,22 @@ class Display:
 
 
 def require_matplotlib() -> None:
-    """Raise ``ImportError`` that says what to install, where matplotlib is missing."""
+    """Import matplotlib, or raise ``ImportError`` that says what to install.
+
+    ``MPLBACKEND`` may name a backend that is not installed, such as a notebook's outside its environment, and
+    would end the import. Pages need no backend: it is set afterwards, if it is known.
+    """
+    backend = None if "matplotlib" in sys.modules else os.environ.pop("MPLBACKEND", None)
     try:
         import_module("matplotlib.figure")
     except ImportError as error:
         raise ImportError("drawing needs matplotlib: pip install matplotlib") from error
+    finally:
+        if backend is not None:
+            os.environ["MPLBACKEND"] = backend
+    if backend:
+        with contextlib.suppress(ValueError):
+            import_module("matplotlib").rcParams["backend"] = backend
 
 
 def axes_for(ax: Axes | None, figsize: tuple[float, float]) -> tuple[Figure | SubFigure, Axes]:

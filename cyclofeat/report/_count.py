@@ -20,7 +20,6 @@ from cyclofeat.plotting import (
     TorqueDisplay,
     TrainingDisplay,
 )
-from cyclofeat.plotting.drawing import require_matplotlib
 from cyclofeat.plotting.kinds import feature_of, words_of
 from cyclofeat.report import _figures
 from cyclofeat.report._page import check_page_path, count_text, describe_origin, write_page
@@ -124,7 +123,6 @@ def summarise_count(
     """Summarise a count for its template; parameters and errors are as for the page."""
     if most_sections < 0:
         raise ValueError(f"most_sections must not be negative, got {most_sections!r}")
-    require_matplotlib()
     rows: list[dict[str, Any]] = []
     sources: list[str | None] = []
     urgent: list[tuple[bool, float, int, CountedRecording]] = []

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cyclofeat.plotting import EvaluationDisplay
-from cyclofeat.plotting.drawing import require_matplotlib
 from cyclofeat.report import _figures
 from cyclofeat.report._page import check_page_path, describe_origin, write_page
 
@@ -95,7 +94,6 @@ def summarise_evaluation(
     for name, result in results.items():
         if not (np.array_equal(result.labels, first.labels) and np.array_equal(result.groups, first.groups)):
             raise ValueError(f"results must be of the same windows, but {name!r} is of others than {main!r}")
-    require_matplotlib()
     _, surrogate, origin = describe_origin(sources)
     labels, windows = first.labels, first.windows
     unit = "window" if windows is None else "recording"

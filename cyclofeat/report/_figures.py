@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.displays import thin_samples
 from cyclofeat.plotting import LobeMapDisplay, OrderDisplay, SpectrumDisplay, TorqueDisplay
+from cyclofeat.plotting.drawing import require_matplotlib
 from cyclofeat.report._page import count_text, probability_text
 from cyclofeat.signal.lobes import lobe_frequency
 
@@ -200,6 +201,7 @@ def data_uri(content: bytes, kind: str = "image/svg+xml") -> str:
 
 
 def _draw_svg(draw: Draw, size: tuple[float, float], scheme: str) -> str:
+    require_matplotlib()
     import matplotlib
     from matplotlib.figure import Figure
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from cyclofeat._base.quantities import in_words, number_of, unit_text
 from cyclofeat.plotting import GapDisplay, GapOverlayDisplay
-from cyclofeat.plotting.drawing import require_matplotlib
 from cyclofeat.plotting.gap_words import cell_name, difference_words, effect_name, family_name, p_words
 from cyclofeat.report import _figures
 from cyclofeat.report._figures import Axis, Line, Plot
@@ -119,7 +118,6 @@ def summarise_gap(
     title: str = "",
 ) -> dict[str, Any]:
     """Summarise a gap for its template; parameters and errors are as for the page."""
-    require_matplotlib()
     label, surrogate, origin = describe_origin(sources)
     given = list(result.warnings)
     n = sum(where.n_recordings for where in result.where)

@@ -12,7 +12,6 @@ import numpy as np
 
 from cyclofeat.history import GearboxState, History, HistoryRow
 from cyclofeat.history.alarm import time_text
-from cyclofeat.plotting.drawing import require_matplotlib
 from cyclofeat.report import _figures
 from cyclofeat.report._figures import Axis, Line, Picture, Plot, Span
 from cyclofeat.report._page import check_page_path, count_heading, count_text, write_page
@@ -67,7 +66,6 @@ def write_history_report(
 
 def summarise_history(history: History, *, states: Sequence[GearboxState] | None = None) -> dict[str, Any]:
     """Summarise a history for its template; parameters and errors are as for the page."""
-    require_matplotlib()
     shown = [history.state(name) for name in history.gearboxes()] if states is None else list(states)
     if not shown:
         raise ValueError(f"history {history.path} holds no recording")

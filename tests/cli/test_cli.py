@@ -21,6 +21,7 @@ from cyclofeat import __version__
 from cyclofeat.cli import main, make_parser
 from cyclofeat.counting import LobeModel, Protocol, evaluate
 from cyclofeat.datasets import read_recording, write_recording
+from cyclofeat.datasets.readers import Entry
 from cyclofeat.datasets.readers._read import ReadingOptions
 from cyclofeat.models import save_model
 from cyclofeat.simulators import (
@@ -747,6 +748,22 @@ def test_inspect_prints_json_and_goes_on_after_a_bad_file(capsys, folder, tmp_pa
     (found,) = json.loads(out)
     assert found["speed_measured_rpm"] == pytest.approx(1.5)
     assert found["sampling_rate"] == 1
+
+
+def test_no_error_in_one_file_is_lost_or_ends_the_others(capsys, folder, model, monkeypatch):
+    read = Entry.read
+
+    def read_or_fail(entry, **arguments):
+        return {}["rows"] if entry.path.suffix == ".npz" else read(entry, **arguments)
+
+    monkeypatch.setattr(Entry, "read", read_or_fail)
+    files = [*sorted(folder.glob("R*.npz"))[:2], folder / "worn.csv"]
+    code, out, err = run(capsys, "count", *files, *model, "--json")
+    *bad, good = json.loads(out)
+    assert (code, "defect_count" in good, len(bad)) == (2, True, 2)
+    assert re.fullmatch(r"KeyError: 'rows' \(test_cli\.py, line \d+\)", bad[0]["error"])
+    code, _, err = run(capsys, "train", *files, "--out", folder / "m.skops")
+    assert (code, err.count(".npz: KeyError"), err.count("\n")) == (2, 2, 1)
 
 
 @pytest.mark.parametrize(

@@ -40,7 +40,7 @@ def made(monkeypatch):
 @pytest.mark.slow
 def test_the_demonstration_goes_from_recordings_to_pages(made, tmp_path):
     arguments = argparse.Namespace(out=tmp_path, n_jobs=1)
-    printed = demo.run(arguments, training_assemblies=5, file_assemblies=1)
+    printed, pages = demo.run(arguments, training_assemblies=5, file_assemblies=1)
     assert made == [5, 1]
     text = printed.text
     assert "counts right: 1.000" in text
@@ -51,7 +51,7 @@ def test_the_demonstration_goes_from_recordings_to_pages(made, tmp_path):
     # safe to load: no word of trust
     assert load_model(tmp_path / "model.skops").card_["classes"] == list(range(8))
     for page in (tmp_path / "count.html", tmp_path / "evaluation.html"):
-        assert str(page) in text
+        assert str(page) in pages.text
         assert "SURROGATE" in page.read_text(encoding="utf-8")
 
 

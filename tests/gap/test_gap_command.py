@@ -171,9 +171,16 @@ def test_two_folders_of_recordings_need_no_model(
     assert found["effects"] == found["named"] == []
     assert "<html" in (tmp_path / "page.html").read_text(encoding="utf-8")
     monkeypatch.setattr(cyclofeat.gap, "compare_recordings", lambda *_, **__: results[0])
-    code, out, _ = run(capsys, measured, "--simulated", runs)
-    assert code == 0
+
+    def fail(*_: Any, **__: Any) -> None:
+        raise ValueError("no page")
+
+    monkeypatch.setattr("cyclofeat.report.write_gap_report", fail)
+    options = ("--simulated", runs, "--out", tmp_path / "other.html")
+    code, out, err = run(capsys, measured, *options)  # what is finished is printed before the page
+    assert (code, err) == (2, "cyclofeat: error: no page\n")
     assert out.startswith("model and measurement disagree (p = ")
+    assert json.loads(run(capsys, measured, *options, "--json")[1]) == found | {"error": "no page"}
     code, _, err = run(capsys, measured, "--simulated", runs, "--hold-out", "0.4")
     assert (code, err) == (2, "cyclofeat: error: --hold-out has no effect with --simulated: leave it out\n")
 

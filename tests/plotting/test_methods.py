@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import subprocess
 import sys
 
@@ -97,6 +98,21 @@ def test_plot_works_after_the_import_of_the_root_and_names_a_missing_matplotlib(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
     )
     assert run.stdout.strip() == "drawing needs matplotlib: pip install matplotlib"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("backend", "used"), [("none_such", "agg"), ("svg", "svg")])
+def test_a_page_needs_no_backend_and_keeps_that_of_the_user(tmp_path, backend, used):
+    code = (
+        "from cyclofeat.report import Report; import cyclofeat\n"
+        "Report('a').add_figure(cyclofeat.Recording([1.0, 2.0], 1.0)).write('page.html')\n"
+        "import matplotlib, os; os.environ.pop('DISPLAY', 0); print(matplotlib.get_backend())"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True,
+        env=os.environ | {"MPLBACKEND": backend},
+    )  # fmt: skip
+    assert run.stdout.strip() == used
 
 
 def test_an_evaluation_in_tables_is_the_evaluation(evaluation):
