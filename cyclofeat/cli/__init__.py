@@ -49,7 +49,7 @@ __all__ = ["main", "make_parser"]
 
 # Help of each command, and its JSON: one document, a list, or a line for each result.
 COMMANDS: dict[str, tuple[str, Literal["one", "list", "lines"]]] = {
-    "simulate": ("simulate one recording and write it to a file", "one"),
+    "simulate": ("simulate a recording to a file, or many to a folder with their manifest", "one"),
     "animate": (
         "simulate the gearbox and write a page that animates it with its forces and its torque", "one",
     ),

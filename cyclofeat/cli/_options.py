@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from cyclofeat.datasets.readers import Entry
     from cyclofeat.recordings import Recording
 
+T = TypeVar("T")
+
 
 @dataclass(frozen=True)
 class Printed:
@@ -195,6 +197,24 @@ def positive_number(text: str) -> float:
     return number
 
 
+def range_of(unit: str, most: float = math.inf) -> Callable[[str], tuple[float, float]]:
+    """Return the type of an option that takes ``LOW:HIGH`` or one number."""
+
+    def parse_range(text: str) -> tuple[float, float]:
+        ends = [positive_number(end) for end in text.split(":", 1)]
+        if not ends[0] <= ends[-1] <= most:
+            limit = "" if most == math.inf else f" and at most {most:g}"
+            raise argparse.ArgumentTypeError(f"must be LOW:HIGH or one number in {unit}{limit}, got {text!r}")
+        return ends[0], ends[-1]
+
+    return parse_range
+
+
+def list_of(parse: Callable[[str], T]) -> Callable[[str], list[T]]:
+    """Return the type of an option that takes several values, separated by commas."""
+    return lambda text: [parse(part) for part in text.split(",")]
+
+
 def add_jobs(parser: argparse._ActionsContainer, workers: str = "processes") -> None:
     """Add the option that states the number of workers."""
     parser.add_argument(
@@ -210,11 +230,14 @@ def add_seed(parser: argparse.ArgumentParser, drawn: str, default: int = 0) -> N
     )  # fmt: skip
 
 
-Kind = Literal["file", "folder", "model", "page"]
+Kind = Literal["file", "folder", "model", "page", "recordings"]
 
 
 def add_target(parser: argparse.ArgumentParser, option: str, kind: Kind = "file", **parsing: Any) -> None:
-    """Add an option that names a file or folder to write, and ``--force`` with the first of them."""
+    """Add an option that names a file or folder to write, and ``--force`` with the first of them.
+
+    ``"recordings"`` is a folder where ``--count`` is given, else a file.
+    """
     targets: dict[str, Kind] | None = parser.get_default("targets")
     if targets is None:
         targets = {}
@@ -238,7 +261,7 @@ def check_targets(arguments: argparse.Namespace) -> None:
         if other != option:
             raise ValueError(f"{other} and {option} must name different files, both are {path}")
         written = [path]
-        if kind == "folder":
+        if kind == "folder" or (kind == "recordings" and arguments.count is not None):
             check_folder(option, path)
             written = [path] if path.is_dir() and any(path.iterdir()) else []
         elif path.is_dir():
@@ -267,7 +290,6 @@ def check_folder(option: str, path: Path) -> None:
         raise NotADirectoryError(f"{option} must name a folder, {path} is a file")
 
 
-T = TypeVar("T")
 FILES = "recordings (.csv, .csv.gz, .txt, .npz, .tdms, .mat, .parquet, .wav, .xlsx), or folders of them"
 _MOST_ERRORS = 10
 _DELIMITERS = {",": ",", ";": ";", "tab": "\t", "space": " "}

@@ -36,21 +36,20 @@ def run(
     are those of each defect count: to train on, and to count from files.
     """
     from cyclofeat.counting import LobeModel, Protocol
-    from cyclofeat.datasets import read_recording, write_recording
+    from cyclofeat.datasets import read_recording
+    from cyclofeat.datasets.readers import write_folder
     from cyclofeat.models import load_model, save_model
     from cyclofeat.models.persistence import check_model_path
     from cyclofeat.report import CountedRecording, check_page_path, write_count_report
 
     began, folder = time.monotonic(), Path(arguments.out)
-    (folder / "recordings").mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     # Errors now rather than after the simulation.
     model_file = check_model_path(folder / "model.skops")
     pages = [check_page_path(folder / name) for name in ("count.html", "evaluation.html")]
     training = _simulate_assemblies(training_assemblies, _TRAINING_SEED, arguments.n_jobs)
-    files = []
-    for recording in _simulate_assemblies(file_assemblies, _FILE_SEED, arguments.n_jobs):
-        files.append(folder / "recordings" / f"{recording.assembly}.npz")
-        write_recording(files[-1], recording)
+    simulated = _simulate_assemblies(file_assemblies, _FILE_SEED, arguments.n_jobs)
+    files = write_folder(folder / "recordings", simulated)
     origin = f"{len(training)} simulated assemblies of rig R1"
     with Steps() as step:
         step(f"training on {origin}")

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.checks import whole
@@ -19,6 +17,7 @@ from cyclofeat.cli._options import (
     add_seed,
     add_target,
     positive_number,
+    range_of,
     read_all,
     whole_number,
 )
@@ -65,12 +64,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="output turns of each simulated assembly (default: 2; 5 with --wear)",
     )  # fmt: skip
     parser.add_argument(
-        "--speeds", type=_range_of("RPM"), metavar="LOW:HIGH",
+        "--speeds", type=range_of("RPM"), metavar="LOW:HIGH",
         help="input speeds of the simulated assemblies in RPM, such as 100:1500 (default: 0.8 to 1.25 times "
         "the rig's)",
     )  # fmt: skip
     parser.add_argument(
-        "--loads", dest="load_nm", type=_range_of("Nm"), metavar="LOW:HIGH",
+        "--loads", dest="load_nm", type=range_of("Nm"), metavar="LOW:HIGH",
         help="loads of the simulated assemblies in Nm, such as 3:40 (default: 0.8 to 1.25 times the rig's)",
     )  # fmt: skip
     parser.add_argument("--max-count", type=int, default=7, help="largest number of worn lobes (default 7)")
@@ -80,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     wear = add_counter_options(parser)
     wear.add_argument(
-        "--mixed-wear", type=_range_of("um", 200), metavar="LOW:HIGH",
+        "--mixed-wear", type=range_of("um", 200), metavar="LOW:HIGH",
         help="about a third of the simulated worn assemblies have radial wear, such as 60:200 um, the others "
         "the papers' chord; both are counted, no depth is learned",
     )  # fmt: skip
@@ -127,7 +126,7 @@ def add_counter_options(parser: argparse.ArgumentParser) -> argparse._MutuallyEx
     add_idle(parser, "--epochs", without=["--counter rows"])
     wear = parser.add_mutually_exclusive_group()
     wear.add_argument(
-        "--wear", dest="wear_um", type=_range_of("um", 200), metavar="LOW:HIGH",
+        "--wear", dest="wear_um", type=range_of("um", 200), metavar="LOW:HIGH",
         help="learn the depth of radial wear, such as 5:200 um, and count from all windows of a recording at "
         "once; simulated lobes then have such wear in place of the papers' chord",
     )  # fmt: skip
@@ -153,19 +152,6 @@ def untrained_model(arguments: argparse.Namespace) -> LobeModel:
         windower, arguments.counter, epochs=arguments.epochs, wear_um=arguments.wear_um,
         random_state=arguments.random_state,
     )  # fmt: skip
-
-
-def _range_of(unit: str, most: float = math.inf) -> Callable[[str], tuple[float, float]]:
-    """Return the type of an option that takes ``LOW:HIGH`` or one number."""
-
-    def parse_range(text: str) -> tuple[float, float]:
-        ends = [positive_number(end) for end in text.split(":", 1)]
-        if not ends[0] <= ends[-1] <= most:
-            limit = "" if most == math.inf else f" and at most {most:g}"
-            raise argparse.ArgumentTypeError(f"must be LOW:HIGH or one number in {unit}{limit}, got {text!r}")
-        return ends[0], ends[-1]
-
-    return parse_range
 
 
 def run(arguments: argparse.Namespace) -> Printed:

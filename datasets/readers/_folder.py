@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 import os
+import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from cyclofeat._base.quantities import QUANTITIES
+from cyclofeat._base.files import write_whole
+from cyclofeat._base.quantities import QUANTITIES, from_1
 from cyclofeat.datasets.readers._columns import WORN, check_no_bare_lobes
 from cyclofeat.datasets.readers._csv import TextLines, cells_of
-from cyclofeat.datasets.readers._read import SOURCES, file_path, read_recording
+from cyclofeat.datasets.readers._read import SOURCES, file_path, read_recording, write_recording
 from cyclofeat.recordings import Recording
+
+if TYPE_CHECKING:
+    from cyclofeat.simulators.campaign import CampaignData
 
 #: Name of the file that describes the recordings of its folder.
 MANIFEST = "recordings.csv"
@@ -71,11 +79,12 @@ class Entry:
     path: Path
     arguments: dict[str, Any] = field(default_factory=dict)
     line: int | None = None  # of the manifest, if there is one
+    reader: Callable[..., Recording] = read_recording
 
     def read(self, **arguments: Any) -> Recording:
         """Read the recording; arguments given here precede those of the manifest."""
         given = {key: value for key, value in arguments.items() if value is not None}
-        return read_recording(self.path, **(self.arguments | given))
+        return self.reader(self.path, **(self.arguments | given))
 
 
 def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recording]:
@@ -91,7 +100,8 @@ def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recordin
         spaces), ``n_lobes`` (of a disc, if not 15), ``run``, ``speed`` (RPM of the input), ``load`` (Nm),
         ``source``, ``assembly``, ``angle_of``, ``angle_is_absolute`` (true or false). An empty cell states
         nothing.
-        Without a manifest all files that :func:`read_recording` knows are read, by name, but for ``.txt``.
+        Without a manifest all files that :func:`read_recording` knows are read, by name, but for ``.txt``; of
+        a campaign (:func:`cyclofeat.simulators.run_campaign`) all runs that reached their end.
     **arguments
         Arguments of :func:`read_recording` for all recordings; they precede the manifest.
 
@@ -131,6 +141,25 @@ def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recordin
     return recordings
 
 
+def write_folder(path: str | os.PathLike[str], recordings: Iterable[Recording]) -> list[Path]:
+    """Write recordings as ``<assembly>.npz``, and last the manifest of their labels; return the files."""
+    folder, files = file_path(path), []
+    folder.mkdir(parents=True, exist_ok=True)
+    text = io.StringIO(newline="")
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(["file", "quantity", "speed", "load", "defect_count", WORN, "assembly", "source"])
+    for recording in recordings:
+        files.append(folder / (re.sub(r"[^\w.-]", "_", str(recording.assembly)) + ".npz"))
+        write_recording(files[-1], recording)
+        worn = " ".join(map(str, from_1(recording.worn_lobes or ())))
+        rows.writerow([
+            files[-1].name, recording.quantity, recording.speed_rpm, recording.load_nm,
+            recording.defect_count, worn, recording.assembly, recording.source,
+        ])  # fmt: skip
+    write_whole(folder / MANIFEST, lambda file: file.write(text.getvalue().encode()))
+    return files
+
+
 def folder_entries(path: str | os.PathLike[str]) -> list[Entry]:
     """List the recordings of a folder, by its manifest or its files' names, without reading them.
 
@@ -142,10 +171,13 @@ def folder_entries(path: str | os.PathLike[str]) -> list[Entry]:
     if not folder.is_dir():
         raise ValueError(f"{folder} is no folder; use read_recording for a file")
     if (folder / "campaign.json").is_file():
-        raise ValueError(
-            f"folder {folder} holds a campaign, whose windows are arrays and not recordings: "
-            "cyclofeat.simulators.load_campaign reads it"
-        )
+        from cyclofeat.simulators import load_campaign
+
+        data = load_campaign(folder)
+        if n_failed := int((~data.ok).sum()):
+            warnings.warn(f"{folder}: {n_failed} runs that failed are not read", stacklevel=3)
+        runs = data.ok.nonzero()[0].tolist()
+        return [Entry(folder / f"{run:07d}", reader=partial(_read_run, data, run)) for run in runs]
     endings = tuple(SOURCES)
     files = sorted(
         file for file in folder.iterdir() if file.name.lower().endswith(endings) and file.name != MANIFEST
@@ -161,6 +193,24 @@ def folder_entries(path: str | os.PathLike[str]) -> list[Entry]:
         shown = ", ".join(sorted(left_out)[:5]) + (", ..." if len(left_out) > 5 else "")
         warnings.warn(f"{MANIFEST} does not name {shown}: not read", stacklevel=3)
     return entries
+
+
+def _read_run(data: CampaignData, run: int, path: Path, **arguments: Any) -> Recording:
+    """Return the recording of a campaign's run, at its nominal speed and load, without an angle."""
+    row, gearbox = {name: values[run] for name, values in data.parameters.items()}, data.campaign.rig.gearbox
+    speed, load = (
+        row.get(f"effects.gearbox_parameter_{name}.value", getattr(gearbox, name))
+        for name in ("input_speed", "load_torque")
+    )
+    recording = Recording(
+        data.X[run], data.sampling_rate, assembly=str(row["assembly"]), run=path.name, source="surrogate",
+        worn_lobes=row[WORN] - 1, speed_rpm=round(30 * speed / math.pi, 6), load_nm=load,
+        n_lobes=gearbox.n_lobes, meta={name: x for name, x in row.items() if isinstance(x, float) and x == x},
+    )  # fmt: skip
+    for name, value in arguments.items():
+        if value != getattr(recording, name, None):
+            raise ValueError(f"{path}: {name}= contradicts the campaign, or has no effect: leave it out")
+    return recording
 
 
 def _read_manifest(folder: Path) -> list[Entry]:

@@ -20,7 +20,7 @@ import small_model
 from cyclofeat import __version__
 from cyclofeat.cli import main, make_parser
 from cyclofeat.counting import LobeModel, Protocol, evaluate
-from cyclofeat.datasets import read_recording, write_recording
+from cyclofeat.datasets import read_folder, read_recording, write_recording
 from cyclofeat.datasets.readers import Entry
 from cyclofeat.datasets.readers._read import ReadingOptions
 from cyclofeat.models import save_model
@@ -99,6 +99,32 @@ def test_simulate_writes_what_it_says(capsys, tmp_path):
     assert recording.source == "simulated"
     assert recording.duration == pytest.approx(0.5)
     assert recording.angle_is_absolute
+
+
+@pytest.mark.slow
+def test_simulate_writes_a_folder_with_its_manifest(capsys, tmp_path):
+    conditions = ["--worn-counts", "0,3", "--speeds", 500, "--loads", "11,20:30"]
+    options = [*conditions, "--rig", "r0", "--duration", 0.05]
+    code, _, err = run(capsys, "simulate", "--out", tmp_path / "m", "--count", 7, *options)
+    assert code == 0, err
+    recordings = read_folder(tmp_path / "m")
+    text = (tmp_path / "m" / "recordings.csv").read_text(encoding="utf-8")
+    rows = list(csv.DictReader(text.splitlines()))
+    assert [r.defect_count for r in recordings] == [0, 3, 0, 3, 0, 3, 0]
+    assert [r.load_nm == 11 or 20 < r.load_nm < 30 for r in recordings] == [True] * 7
+    assert [float(row["load"]) for row in rows] == [r.load_nm for r in recordings]
+    assert rows[0]["load"] == rows[1]["load"] == "11.0"
+    assert len({r.assembly for r in recordings}) == 7
+    for wrong, message in {
+        ("--count", 7): "--force to overwrite", ("--count", 3, "--force"): "--count must be at least 4",
+        ("--count", 7, "--worn-lobes", 1): "no effect with --count", (): "no effect without --count",
+    }.items():  # fmt: skip
+        code, _, err = run(capsys, "simulate", "--out", tmp_path / "m", *wrong, *options)
+        assert (code, message in err) == (2, True), err
+    one = ["--speeds", 750, "--loads", 11, "--duration", 0.05, "--out", tmp_path / "one.npz"]
+    assert run(capsys, "simulate", *one)[0] == 0
+    recording = read_recording(tmp_path / "one.npz")
+    assert (recording.speed_rpm, recording.load_nm, recording.assembly) == (750, 11, "nominal")
 
 
 @pytest.mark.slow

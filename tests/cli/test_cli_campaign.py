@@ -13,11 +13,19 @@ import pytest
 
 from cyclofeat.cli import main
 from cyclofeat.cli.campaign import example
-from cyclofeat.datasets import rig_preset
-from cyclofeat.simulators import Campaign, CycloidalGearbox, Rig, load_campaign
+from cyclofeat.datasets import read_folder, rig_preset
+from cyclofeat.simulators import Campaign, CycloidalGearbox, GearboxParameter, Rig, load_campaign
 
 QUICK = Rig.r0().replace(name="quick", gearbox=CycloidalGearbox.steel(ramp_time=0.02))
-SMALL = Campaign(name="small", rig=QUICK, defect_counts=(0, 3), repeats=4, duration=0.02, runs_per_shard=3)
+LOADS = GearboxParameter("load_torque", (15, 25))
+SMALL = Campaign(
+    name="small",
+    rig=QUICK.with_effects(LOADS),
+    defect_counts=(0, 3),
+    repeats=4,
+    duration=0.02,
+    runs_per_shard=3,
+)
 
 
 def run(capsys, *arguments):
@@ -34,11 +42,13 @@ def design(tmp_path):
 
 def test_from_a_design_to_windows(capsys, design, tmp_path):
     out = tmp_path / "out"
+    campaign = SMALL.replace(rig=QUICK.with_effects(GearboxParameter("load_torque", (15, 25))))
+    campaign.to_json(design)
     code, text, err = run(capsys, "campaign", design, "--out", out, "--jobs", 1)
     assert code == 0, err
     assert text.startswith(f"{out}: 8 runs of 512 samples (8 ok), ")
     data = load_campaign(out, verify=True)
-    assert data.campaign == SMALL
+    assert data.campaign == campaign
     assert np.isfinite(np.asarray(data.X)).all()
     code, text, _ = run(capsys, "campaign", "--verify", out, "--json")
     assert code == 0
@@ -47,6 +57,16 @@ def test_from_a_design_to_windows(capsys, design, tmp_path):
         "folder": str(out), "n_runs": 8, "n_samples": 512, "sampling_rate": 25600.0, "n_shards": 3,
         "bytes": size, "status": {"ok": 8},
     }  # fmt: skip
+    recordings = read_folder(out, quantity="output_torque", sampling_rate=25_600)
+    np.testing.assert_array_equal([recording.torque for recording in recordings], data.X)
+    assert [recording.assembly for recording in recordings] == data.groups.tolist()
+    loads = data.parameters["effects.gearbox_parameter_load_torque.value"]
+    assert [recording.load_nm for recording in recordings] == loads.tolist()
+    for recording, worn in zip(recordings, data.parameters["worn_lobes_from_1"], strict=True):
+        assert recording.worn_lobes == tuple(sorted(worn - 1))
+    code, text, err = run(capsys, "inspect", out, "--speed", 500)
+    assert (code, text.count("500 RPM"), text.count("surrogate"), err) == (0, 16, 8, "")
+    assert "--speed contradicts the campaign" in run(capsys, "inspect", out, "--speed", 400)[2]
 
 
 def test_the_folder_holds_its_own_design(capsys, design, tmp_path):

@@ -17,7 +17,7 @@ from memory import peak_bytes
 from small_model import recording as burst_recording
 from small_model import shaft_model
 
-from cyclofeat.datasets import describe, read_folder, read_recording, write_recording
+from cyclofeat.datasets import describe, read_recording, write_recording
 from cyclofeat.datasets.readers import _columns, one_line
 from cyclofeat.datasets.readers._npz import load_arrays
 from cyclofeat.recordings import Recording
@@ -720,13 +720,6 @@ def test_one_line_is_for_people():
     assert "0 worn lobes" in one_line(Recording([21, 23], 1_000, worn_lobes=()))
     assert "CONSTANT" in one_line(Recording([3.5, 3.5], RATE))
     assert one_line(Recording([1, 2], RATE, meta={"channel": "a1", "unit": "g"})).startswith("a1 1 to 2 g")
-
-
-def test_a_campaign_s_folder_is_no_folder_of_recordings(tmp_path):
-    (tmp_path / "campaign.json").write_text("{}", encoding="utf-8")
-    (tmp_path / "parameters.parquet").write_bytes(b"PAR1")
-    with pytest.raises(ValueError, match="holds a campaign.*load_campaign reads it"):
-        read_folder(tmp_path)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".csv.gz"])
