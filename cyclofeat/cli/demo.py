@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from cyclofeat._base.progress import Progress, Steps
 from cyclofeat._base.quantities import lobes_text
 from cyclofeat.cli._options import Printed, add_jobs, add_target
-from cyclofeat.cli.evaluate import cross_validate, folds_text, write_page
+from cyclofeat.cli.evaluate import cross_validate, write_page
 
 if TYPE_CHECKING:
     from cyclofeat.recordings import Recording
@@ -77,10 +77,9 @@ def run(
     ]
     facts["cross_validation"] = {name: score.to_dict() for name, score in scores.items()}
     yield Printed("\n".join(lines), facts | {"model": str(model_file)})
-    of_count = {"model file": model_file}
-    write_count_report(model, counted, pages[0], settings=of_count, most_sections=_SECTIONS)
+    write_count_report(model, counted, pages[0], settings={"model file": model_file}, most_sections=_SECTIONS)
     settings = {"files": f"none: {origin}", "options of the model": repr(candidate)}
-    write_page(scores, pages[1], training, folds_text(protocol), settings)
+    write_page(scores, pages[1], training, protocol, settings)
     names = list(map(str, pages))
     yield Printed(f"Pages: {', '.join(names)}  ({time.monotonic() - began:.0f} s in all)", {"pages": names})
 

@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
         raise ValueError("evaluate needs files that state defect_count and assembly, some do not")
     files = ", ".join(arguments.files[:5]) + (", ..." if len(arguments.files) > 5 else "")
     if arguments.model is None:
-        how, folds = "folds by assembly", folds_text(protocol)
+        how, cross_validated = "folds by assembly", protocol
         results = cross_validate(model, recordings, protocol)
         settings = {"options of the model": repr(model)}
     else:
@@ -81,14 +81,13 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
                 "assemblies of the recordings have names of training assemblies, such as "
                 f"{min(common, key=str)!r}: if they are the same, the scores are too high"
             )
-        how = "tested as stored"
-        folds = "none: the model was trained before, on assemblies that must be others than these"
+        how, cross_validated = "tested as stored", None
         stored = evaluate(model, recordings, protocol=replace(protocol, hold_out="nothing"))
         results = {arguments.model: stored}
         settings = {"trained on": model.card_["description"], "for recordings": model.made_for()}
     yield _print_scores(results, how)
     if arguments.report:
-        write_page(results, arguments.report, recordings, folds, {"files": files, **settings})
+        write_page(results, arguments.report, recordings, cross_validated, {"files": files, **settings})
 
 
 def _print_scores(results: dict[str, Evaluation], how: str) -> Printed:
@@ -137,23 +136,20 @@ def cross_validate(
     return results
 
 
-def folds_text(protocol: Protocol) -> str:
-    """Return how a cross-validation shares out assemblies, for its page."""
-    return (
-        f"{protocol.n_splits} folds, assemblies of every count shared out by the seed {protocol.random_state}"
-    )
-
-
 def write_page(
     results: dict[str, Evaluation],
     page: str | Path,
     recordings: Sequence[Recording],
-    folds: str,
+    protocol: Protocol | None,
     settings: dict[str, str],
 ) -> None:
-    """Write the page of an evaluation; ``settings`` begin with the files that were read."""
+    """Write the page of a cross-validation, or of the test of a stored model where ``protocol`` is None."""
     from cyclofeat.report import write_evaluation_report
 
+    folds = "none: the model was trained before, on assemblies that must be others than these"
+    if protocol is not None:
+        shared_out = f"assemblies of every count shared out by the seed {protocol.random_state}"
+        folds = f"{protocol.n_splits} folds, {shared_out}"
     with Progress("writing the report"):
         written = write_evaluation_report(
             results, page, sources=[recording.source for recording in recordings], folds=folds,

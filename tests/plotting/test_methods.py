@@ -85,6 +85,11 @@ def test_a_kind_that_there_is_not_is_an_error_with_those_that_there_are(recordin
         recording.plot("wavelet")
 
 
+def _printed(code, folder, **environment):
+    command, environment = [sys.executable, "-c", code], os.environ | environment
+    return subprocess.check_output(command, cwd=folder, env=environment, text=True).strip()
+
+
 @pytest.mark.slow
 def test_plot_works_after_the_import_of_the_root_and_names_a_missing_matplotlib(tmp_path):
     code = (
@@ -94,10 +99,7 @@ def test_plot_works_after_the_import_of_the_root_and_names_a_missing_matplotlib(
         "try: recording.plot()\n"
         "except ImportError as error: print(error)"
     )
-    run = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    assert run.stdout.strip() == "drawing needs matplotlib: pip install matplotlib"
+    assert _printed(code, tmp_path) == "drawing needs matplotlib: pip install matplotlib"
 
 
 @pytest.mark.slow
@@ -108,11 +110,7 @@ def test_a_page_needs_no_backend_and_keeps_that_of_the_user(tmp_path, backend, u
         "Report('a').add_figure(cyclofeat.Recording([1.0, 2.0], 1.0)).write('page.html')\n"
         "import matplotlib, os; os.environ.pop('DISPLAY', 0); print(matplotlib.get_backend())"
     )
-    run = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True,
-        env=os.environ | {"MPLBACKEND": backend},
-    )  # fmt: skip
-    assert run.stdout.strip() == used
+    assert _printed(code, tmp_path, MPLBACKEND=backend) == used
 
 
 def test_an_evaluation_in_tables_is_the_evaluation(evaluation):
