@@ -10,6 +10,7 @@ import traceback
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, NoReturn, TypeVar, cast
@@ -360,28 +361,22 @@ def reading_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
     return {argument: value for argument, value in typed.items() if value is not None}
 
 
-@dataclass(frozen=True)
-class UnreadableFolder:
-    """A folder that holds no recordings or a wrong manifest; the error is raised when it is read."""
+def list_entries(paths: Sequence[str]) -> list[Entry]:
+    """Return the files named, and the files of the folders named, as their manifests state.
 
-    path: Path
-    error: Exception
-
-    def read(self, **_: Any) -> Recording:
-        """Raise the error."""
-        raise self.error
-
-
-def list_entries(paths: Sequence[str]) -> list[Entry | UnreadableFolder]:
-    """Return the files named, and the files of the folders named, as their manifests state."""
+    The error of a folder that holds no recordings, or a wrong manifest, is raised when it is read.
+    """
     from cyclofeat.datasets.readers import Entry, folder_entries
 
-    entries: list[Entry | UnreadableFolder] = []
+    def raise_error(error: Exception, *_: object, **__: object) -> Recording:
+        raise error
+
+    entries: list[Entry] = []
     for path in map(Path, paths):
         try:
             entries += folder_entries(path) if path.is_dir() else [Entry(path)]
         except Exception as error:
-            entries.append(UnreadableFolder(path, error))
+            entries.append(Entry(path, reader=partial(raise_error, error)))
     return entries
 
 
@@ -408,7 +403,7 @@ class FileResult(Generic[T]):
 
 def process_files(
     doing: str,
-    entries: Sequence[Entry | UnreadableFolder],
+    entries: Sequence[Entry],
     arguments: argparse.Namespace,
     work: Callable[[Path, Recording], T],
 ) -> Iterator[FileResult[T]]:
