@@ -120,7 +120,7 @@ def test_every_option_that_names_something_is_known_to_be_written_or_not(command
     ],
 )
 def test_nothing_is_overwritten_unasked(capsys, tmp_path, command, option, kind):
-    path = tmp_path / {"page": "a.html", "model": "a.joblib", "file": "a.csv", "folder": "a"}[kind]
+    path = tmp_path / {"page": "a.html", "model": "a.joblib", "folder": "a"}.get(kind, "a.csv")
     content = path
     if kind == "folder":
         path.mkdir()
