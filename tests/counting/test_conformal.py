@@ -119,7 +119,7 @@ def test_few_assemblies_cannot_promise_few_refusals():
 @pytest.mark.slow
 def test_torque_that_the_counter_was_not_made_for_is_refused():
     """Another speed, no gear signal, nine worn lobes: from rig R1, against 5 % refusals of its like."""
-    options = {"rig": "R1", "n_jobs": 2}  # whose noise is 0.2 Nm
+    options = {"rig": "R1", "kernel": "batch"}  # whose noise is 0.2 Nm
     training = make_rig_recordings(12, (0, 1, 3, 5, 7), random_state=21, **options)
     new = make_rig_recordings(6, (0, 1, 3, 5, 7), random_state=22, **options)
     nine = make_rig_recordings(10, [9], random_state=23, **options)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from types import SimpleNamespace
 
 import numpy as np
@@ -201,7 +202,9 @@ SETTINGS = GapSettings(n_bank=12, n_after=12, n_report=12, n_permutations=499, r
 
 
 @pytest.mark.slow
-def test_what_is_missing_is_named_sized_and_closes_the_gap(posterior):
+def test_what_is_missing_is_named_sized_and_closes_the_gap(posterior, monkeypatch):
+    few = functools.partial(confirm_effects, n_sessions=32)
+    monkeypatch.setattr("cyclofeat.gap._workflow.confirm_effects", few)
     told = []
     result = find_gap(
         # In more noise a line of the shaft would not show, and its absence would be open.
@@ -227,7 +230,7 @@ def test_what_is_missing_is_named_sized_and_closes_the_gap(posterior):
     assert told[-1] == "judging on recordings held out"
 
 
-@pytest.mark.slow
+@pytest.mark.bench
 def test_what_is_missing_is_found_in_the_input_torque_too(tmp_path):
     """The noise is 0.3 / 15 Nm there, and counts times the reduction."""
     quantity = "input_torque"
