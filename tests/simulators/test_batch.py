@@ -108,10 +108,10 @@ KINDS = {
     "rubbing": lambda: rubbing(machines()[::2] + lacking(machines())[1::2]),
     "uneven and rubbing": lambda: rubbing(uneven(machines()[::4] + lacking(machines())[1::4])),
 }
-# Lobes with pitch errors and friction have machine code of their own, which compiles for ten seconds each.
-every_kind = pytest.mark.parametrize(
-    "kind", [pytest.param(kind, marks=[pytest.mark.slow] * (k > 1)) for k, kind in enumerate(KINDS)]
-)
+# Lobes with pitch errors and friction have machine code of their own, which compiles for half a minute each:
+# their equations are compared at once in double precision, and each alone in single precision.
+SLOW_KINDS = [pytest.param(kind, marks=pytest.mark.slow) for kind in ("uneven", "rubbing")]
+in_single = pytest.mark.parametrize("kind", ["smooth", "lacking", *SLOW_KINDS])
 
 
 def courses_of(each: Machines, n: int, dt: float = 1e-5) -> list[np.ndarray]:
@@ -179,7 +179,7 @@ def rms(values: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.slow  # compiles the kernel for double precision
-@every_kind
+@pytest.mark.parametrize("kind", ["smooth", "lacking", "uneven and rubbing"])
 @pytest.mark.parametrize("integrator", ["midpoint", "adams_bashforth"])
 def test_double_precision_is_the_exact_kernel_but_for_the_moments_of_description(
     integrator: str, kind: str
@@ -194,9 +194,7 @@ def test_double_precision_is_the_exact_kernel_but_for_the_moments_of_description
     assert rms(error[:, 1]).max() < 2e-6
 
 
-# Not friction with pitch errors: there one contact of one machine changes a step later than in double
-# precision, and this jump of 3 mNm in one sample is more than the step errs.
-@every_kind
+@in_single
 @pytest.mark.parametrize("integrator", ["midpoint", "adams_bashforth"])
 def test_single_precision_errs_less_than_the_time_step(integrator: str, kind: str) -> None:
     each, n = KINDS[kind](), 2000
@@ -209,7 +207,7 @@ def test_single_precision_errs_less_than_the_time_step(integrator: str, kind: st
     assert (error < of_step).all(), np.argwhere(error >= of_step)
 
 
-@every_kind
+@in_single
 def test_a_lane_depends_on_nothing_but_itself(kind: str) -> None:
     each, n, solver = KINDS[kind]()[:11], 1500, Solver()
     courses = courses_of(each, n)
@@ -219,14 +217,6 @@ def test_a_lane_depends_on_nothing_but_itself(kind: str) -> None:
     assert np.array_equal(shuffled, together[:, :, order])
     alone = in_lanes(each[6:7], courses[6:7], solver, n)
     assert np.array_equal(alone[:, :, 0], together[:, :, 6])
-
-
-@pytest.mark.slow  # compiles the kernel for other lanes
-def test_the_number_of_lanes_changes_nothing() -> None:
-    each, n, solver = machines()[:3], 1500, Solver()
-    courses = courses_of(each, n)
-    eight, sixteen = (in_lanes(each, courses, solver, n, lanes=lanes) for lanes in (8, 16))
-    assert np.array_equal(eight, sixteen)
 
 
 def test_courses_of_speed_and_load() -> None:
