@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.signal import butter, sosfilt
@@ -12,11 +14,12 @@ from cyclofeat.signal.drive import controlled_lag, follow_motor
 from cyclofeat.signal.speed import follow_speed
 
 RATE, HERTZ = 4_000.0, 8.0
-WORN = 16 / 15 * np.arange(1, 33)
+WORN = tuple(16 / 15 * np.arange(1, 33))
 # Of a sound disc: mesh and even lines of the shaft; of its motor: ripple, and one wave for each of 21 slots.
-SOUND = np.array([4.0, 6.0, 8.0, 10.0, 14.0, 16.0, 20.0, 32.0])
+SOUND = (4.0, 6.0, 8.0, 10.0, 14.0, 16.0, 20.0, 32.0)
 
 
+@cache
 def driven(orders, gain=0.1, integral_s=0.015, motor=(30.0,), seed=0, turns=32):
     """Return the current and the angle in rad of a shaft that slows down where load or lobes brake it."""
     random = np.random.default_rng(seed)

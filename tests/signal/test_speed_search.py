@@ -35,7 +35,7 @@ def test_the_speed_of_a_worn_disc_is_found(rpm, turns):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rpm", [240.0, 330.0, 500.0, 760.0])
+@pytest.mark.parametrize("rpm", [240.0, 500.0, 760.0])
 def test_a_sound_disc_is_not_taken_for_a_worn_one_at_another_speed(rpm):
     found = [60 * one.speed_hz for one in search_speed(torque(rpm, 40 * 60 / rpm, worn=False), RATE)]
     assert found == [] or any(speed == pytest.approx(rpm, rel=2e-3) for speed in found)
