@@ -1,21 +1,19 @@
 """What the processes of one run of the tests share: the compiled simulator, simulated recordings."""
 
+from __future__ import annotations
+
 import gc
 import os
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import joblib
-import numba
 import pytest
 
-from cyclofeat.datasets import make_rig_recordings
-from cyclofeat.gap import Comparison
-from cyclofeat.gap.where.locate import LocatedGap, locate
-from cyclofeat.simulators import BrakeRotor, CycloidalGearbox, Hum, Noise, Rig, simulate, simulate_many
+if TYPE_CHECKING:  # imported where needed: the process that hands out the tests runs none
+    from cyclofeat.gap.where.locate import LocatedGap
 
 sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are no part of the package
 
@@ -41,6 +39,8 @@ class MadeOnce:
         folder.mkdir(exist_ok=True)
 
     def __call__(self, name: str, make: Callable[[], Any]) -> Any:
+        import joblib
+
         file, lock = self.folder / f"{name}.joblib", self.folder / name
         try:
             lock.mkdir()
@@ -66,26 +66,30 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
     return MadeOnce(folder / "made_once")
 
 
-STEEL = CycloidalGearbox.steel(ramp_time=0.02)
-COMPILED: dict[str, Callable[[], Any]] = {
-    "exact": lambda: simulate(STEEL, duration=0.005).torque_out.size,
-    "friction": lambda: simulate(STEEL.replace(sleeve_friction=0.05), duration=0.005).torque_out.size,
-    "batch": lambda: len(simulate_many([STEEL], duration=0.005, kernel="batch")),
-}
-
-
 @pytest.fixture(autouse=True, scope="session")
 def _compiled_once(made_once: MadeOnce) -> None:
     """Let one process of a parallel run compile each kernel, and the others load it."""
     worker = os.environ.get("PYTEST_XDIST_WORKER")
-    if worker is not None and not numba.config.DISABLE_JIT:
-        for name in sorted(COMPILED, reverse=worker == "gw0"):
-            made_once(name, COMPILED[name])
+    if worker is None or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
+        return
+    from cyclofeat.simulators import CycloidalGearbox, simulate, simulate_many
+
+    steel = CycloidalGearbox.steel(ramp_time=0.02)
+    kernels: dict[str, Callable[[], Any]] = {
+        "exact": lambda: simulate(steel, duration=0.005).torque_out.size,
+        "friction": lambda: simulate(steel.replace(sleeve_friction=0.05), duration=0.005).torque_out.size,
+        "batch": lambda: len(simulate_many([steel], duration=0.005, kernel="batch")),
+    }
+    for name in sorted(kernels, reverse=worker == "gw0"):
+        made_once(name, kernels[name])
 
 
 @pytest.fixture(scope="session")
 def surrogates(made_once):
     """Eight surrogate assemblies of rig R1 for each of four defect counts."""
+    from cyclofeat.datasets import make_rig_recordings
+    from cyclofeat.simulators import Rig
+
     return made_once(
         "surrogates",
         lambda: make_rig_recordings(
@@ -97,6 +101,9 @@ def surrogates(made_once):
 @pytest.fixture(scope="session")
 def compared_hum(made_once: MadeOnce) -> dict[str, LocatedGap]:
     """Six recordings with strong hum, and six with nothing, compared with a small bank of a rig."""
+    from cyclofeat.gap import Comparison
+    from cyclofeat.gap.where.locate import locate
+    from cyclofeat.simulators import BrakeRotor, CycloidalGearbox, Hum, Noise, Rig
 
     def make() -> dict[str, LocatedGap]:
         # Soon settled: short to simulate.

@@ -27,6 +27,7 @@ from cyclofeat.counting import (
 from cyclofeat.features import LobeMap, SpectralEntropy
 
 
+@cache
 def estimators() -> list[BaseEstimator]:
     """Every public estimator, and once more with the parameters that change its way through the code."""
     return [
@@ -42,9 +43,9 @@ def estimators() -> list[BaseEstimator]:
         EntropyLadder(SpectralEntropy(SAMPLING_RATE), column=-1),
         LobeCounter(SAMPLING_RATE, n_lobes=4, n_trees=2, n_splits=2),
         LobeCounter(SAMPLING_RATE, kind="network", n_lobes=4, n_epochs=1, n_splits=2),
-        GroupCalibratedCounter(LogisticRegression()),
-        ConformalRegressor(n_trees=10),
-        TrainingDomain(),
+        GroupCalibratedCounter(LogisticRegression(), n_splits=2),
+        ConformalRegressor(n_trees=2, n_splits=2),
+        TrainingDomain(n_splits=2),
     ]
 
 
@@ -90,17 +91,9 @@ FOR_VARIANTS = {
 }
 
 
-#: Estimators that pass every check in the quick tests: one transformer alone and one of several, a pipeline,
-#: and one of each kind of the rest. The others are built like them: their remaining checks are slow tests.
-IN_FULL = {
-    "TorqueStatistics",
-    "TorqueFeatures",
-    "Pipeline LobeMap CountingTrees",
-    "EntropyLadder",
-    "GroupCalibratedCounter",
-    "ConformalRegressor",
-    "TrainingDomain",
-}
+#: Estimators that pass every check in the quick tests: a transformer, a classifier, a regressor, a detector.
+#: The others are built like them: their remaining checks are slow tests.
+IN_FULL = {"TorqueStatistics", "EntropyLadder", "ConformalRegressor", "TrainingDomain"}
 
 
 def name_of(estimator: BaseEstimator) -> str:
@@ -111,15 +104,21 @@ def name_of(estimator: BaseEstimator) -> str:
 
 def marks(estimator: BaseEstimator, check: str) -> list[pytest.MarkDecorator]:
     """What the quick tests leave to the slow ones."""
-    first = str(estimator) not in variants()
+    first = in_words(estimator) not in variants()
     return [] if first and (name_of(estimator) in IN_FULL or check in FOR_VARIANTS) else [pytest.mark.slow]
+
+
+@cache
+def in_words(estimator: BaseEstimator) -> str:
+    """Estimator with its parameters, which is slow to write and asked for at each of its checks."""
+    return str(estimator)
 
 
 @cache
 def variants() -> set[str]:
     """Estimators in words that are not the first of their class."""
     names = [name_of(estimator) for estimator in estimators()]
-    return {str(one) for k, one in enumerate(estimators()) if names[k] in names[:k]}
+    return {in_words(one) for k, one in enumerate(estimators()) if names[k] in names[:k]}
 
 
 def yielded_checks() -> pytest.MarkDecorator:
@@ -131,13 +130,16 @@ def yielded_checks() -> pytest.MarkDecorator:
     # too early for a filter in this file.
     chosen = [
         pytest.param(
-            estimator, check, marks=[*getattr(case, "marks", ()), *marks(estimator, check.func.__name__)]
+            estimator,
+            check,
+            id="-".join([in_words(estimator), check.func.__name__, *map(str, check.keywords.values())]),
+            marks=[*getattr(case, "marks", ()), *marks(estimator, check.func.__name__)],
         )
         for case in checks
         for estimator, check in [getattr(case, "values", case)]
-        if str(estimator) not in others or (is_plain(check) and check.func.__name__ in FOR_VARIANTS)
+        if in_words(estimator) not in others or (is_plain(check) and check.func.__name__ in FOR_VARIANTS)
     ]
-    return pytest.mark.parametrize(names, chosen, **decorator.mark.kwargs)
+    return pytest.mark.parametrize(names, chosen)
 
 
 def is_plain(check: partial[None]) -> bool:
@@ -150,12 +152,12 @@ def checks_by_name() -> list[Any]:
     others = variants()
     for estimator in estimators():
         for name in FOR_ALL + (FOR_TRANSFORMERS if hasattr(estimator, "transform") else ()):
-            if str(estimator) in others and name not in FOR_VARIANTS:
+            if in_words(estimator) in others and name not in FOR_VARIANTS:
                 continue
             reason = expected_failures(estimator).get(name)
             expected = [] if reason is None else [pytest.mark.xfail(reason=reason)]
             marked = [*expected, *marks(estimator, name)]
-            params.append(pytest.param(estimator, name, id=f"{estimator}-{name}", marks=marked))
+            params.append(pytest.param(estimator, name, id=f"{in_words(estimator)}-{name}", marks=marked))
     return params
 
 
@@ -174,7 +176,7 @@ def test_checks_that_are_never_yielded(estimator, name):
     getattr(estimator_checks, name)(type(estimator).__name__, clone(estimator))
 
 
-@pytest.mark.parametrize("estimator", estimators(), ids=str)
+@pytest.mark.parametrize("estimator", estimators(), ids=in_words)
 def test_no_tag_gets_around_a_check(estimator):
     tags = get_tags(estimator)
     assert tags.requires_fit
