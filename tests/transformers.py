@@ -48,7 +48,7 @@ SPECTRAL = [
     CoherenceToReference(SAMPLING_RATE, bands=[(0, 1500)]),
     CoherenceToReference(SAMPLING_RATE, reference="first", bands=[(0, 1500), (100, 300)]),
     OrderSpectrum(SAMPLING_RATE, n_lines=2, n_mesh_lines=1),
-    OrderSpectrum(SAMPLING_RATE, n_lines=2, n_mesh_lines=0, comb="mesh"),
+    OrderSpectrum(SAMPLING_RATE, n_lines=60, n_mesh_lines=0, comb="mesh"),
     HighPass(SAMPLING_RATE),
     TorqueFeatures(SAMPLING_RATE, ["SpectralCentroid", "NormalizedEntropy", "CoherenceToReference"]),
     TorqueFeatures(SAMPLING_RATE),
