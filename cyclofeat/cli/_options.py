@@ -324,6 +324,14 @@ _OPTIONS: dict[str, tuple[str, dict[str, Any]]] = {
             "help": "the angle's channel holds N pulses per turn (1: an index)",
         },
     ),
+    "counts_per_turn": (
+        "--counts-per-turn",
+        {
+            "type": whole_number(1),
+            "metavar": "N",
+            "help": "the angle's channel holds an encoder's counts, N per turn",
+        },
+    ),
     "angle_is_absolute": (
         "--angle-absolute",
         {"action": "store_true", "default": None, "help": "the angle is zero where cam 0 is at pin 0"},
@@ -331,7 +339,12 @@ _OPTIONS: dict[str, tuple[str, dict[str, Any]]] = {
     "speed_rpm": ("--speed", {"type": positive_number, "metavar": "RPM", "help": "nominal input speed, RPM"}),
     "n_lobes": ("--n-lobes", {"type": int, "metavar": "N", "help": "lobes of a disc (default 15)"}),
     "scale": ("--scale", {"type": float, "help": "Nm (or A) per unit of the channel"}),
-    "delimiter": ("--delimiter", {"choices": tuple(_DELIMITERS), "help": "separator in CSV files"}),
+    "delimiter": ("--delimiter", {"choices": tuple(_DELIMITERS), "help": "separator in text files"}),
+    "decimal": ("--decimal", {"choices": (",", "."), "help": "mark of the decimals in text files"}),
+    "table_line": (
+        "--table-line",
+        {"type": whole_number(1), "metavar": "N", "help": "line of the column names in text files, from 1"},
+    ),
 }
 
 
@@ -346,8 +359,9 @@ def add_reading_options(parser: argparse.ArgumentParser, *, sampling_rate: bool 
     channel_of_angle.add_argument(
         "--no-angle", dest="angle_channel", action="store_const", const=False, help="ignore the shaft's angle"
     )
-    add_idle(parser, "--angle-unit", "--angle-absolute", "--pulses-per-turn", beside=["--no-angle"])
-    add_idle(parser, "--angle-unit", beside=["--pulses-per-turn"])
+    of_turns = ("--pulses-per-turn", "--counts-per-turn")
+    add_idle(parser, "--angle-unit", "--angle-absolute", *of_turns, beside=["--no-angle"])
+    add_idle(parser, "--angle-unit", beside=of_turns)
 
 
 READING = (*(option for option, _ in _OPTIONS.values()), "--no-angle")

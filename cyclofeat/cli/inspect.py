@@ -28,16 +28,17 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     from cyclofeat.datasets.readers import list_channels
 
     files = list_entries(arguments.files)
-    delimiter = reading_arguments(arguments).get("delimiter")
+    options = reading_arguments(arguments)
     for result in process_files("inspecting", files, arguments, lambda _, recording: describe(recording)):
         facts = result.value
         channels: dict[str, str | None] = {}  # none where the file cannot be opened
         with contextlib.suppress(Exception):
-            channels = list_channels(result.path, delimiter=delimiter)
+            channels = list_channels(result.path, **options)
         if facts is None:
             yield result.format_result(facts={"channels": channels})
             continue
         lines = [f"started:   {facts['start_time']} (UTC)"] if facts["start_time"] else []
+        lines += [f"table:     {facts['table']}"] if facts["table"] else []
         others = [name if unit is None else f"{name} ({unit})" for name, unit in channels.items()]
         if len(others) > 1:
             lines.append(f"channels:  {', '.join(others)}")

@@ -23,7 +23,8 @@ from cyclofeat.serve.store import Limits, Refused, Store
 # Options of commands, as the page names them.
 _READING = (
     "channel", "quantity", "speed", "scale", "sampling_rate", "time_channel", "time_unit", "angle_channel",
-    "angle_unit", "pulses_per_turn", "n_lobes", "delimiter", "no_angle", "angle_absolute",
+    "angle_unit", "pulses_per_turn", "counts_per_turn", "n_lobes", "delimiter", "decimal", "table_line",
+    "no_angle", "angle_absolute",
 )  # fmt: skip
 _SWITCHES = ("no_angle", "angle_absolute")
 _TITLES = {"inspect": "Inspection", "count": "Count", "gap": "Gap"}

@@ -22,7 +22,7 @@ from cyclofeat.recordings import Recording
 TORQUE_UNITS = {"Nm": 1.0, "kNm": 1e3, "mNm": 1e-3, "Ncm": 1e-2, "Nmm": 1e-3}
 CURRENT_UNITS = {"A": 1.0, "mA": 1e-3}
 # Of the rated current: kept as they are, since a count does not depend on the scale.
-RELATIVE_UNITS = {"%": 1.0, "p.u.": 1.0}
+RELATIVE_UNITS = {"%": 1.0, "p.u.": 1.0, "0.1%": 0.1}
 UNITS_OF = {"output_torque": TORQUE_UNITS, "input_torque": TORQUE_UNITS, "motor_current": CURRENT_UNITS}
 
 _TORQUE, _CURRENT = "torque|(?:dreh)?moment", "current|strom"
@@ -44,8 +44,8 @@ Float = NDArray[np.float64]
 Channel = str | int
 
 TIME_NAMES = {
-    "time", "t", "zeit", "timestamp", "time stamp", "zeitstempel", "datetime", "date time", "x value",
-    "x axis", "second", "uhrzeit", "elapsed time", "time of day", "datum uhrzeit",
+    "time", "t", "zeit", "timestamp", "timestamps", "time stamp", "zeitstempel", "datetime", "date time",
+    "x value", "x axis", "second", "uhrzeit", "elapsed time", "time of day", "datum uhrzeit",
 }  # fmt: skip
 DISC_ANGLE_NAMES = {"disc_angle", "disc angle", "scheibenwinkel"}
 ANGLE_NAMES = DISC_ANGLE_NAMES | {
@@ -53,6 +53,7 @@ ANGLE_NAMES = DISC_ANGLE_NAMES | {
     "eingangswinkel",
 }  # fmt: skip
 
+COUNT_NAMES = {"position", "position actual value", "actual position", "encoder", "counts"}
 PULSE_NAMES = {
     "pulse", "pulses", "tacho", "tachometer", "index", "index pulse", "z pulse", "trigger", "impulse",
     "drehzahlimpulse",
@@ -67,7 +68,8 @@ _OTHER_SPELLINGS = {
     "°": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "radian": "rad", "radians": "rad",
     "sek": "s", "hertz": "Hz", "hz": "Hz", "khz": "kHz", "mhz": "MHz", "s/s": "Hz", "sa/s": "Hz", "1/s": "Hz",
     "rev.": "rev", "turn": "rev", "turns": "rev", "umdrehungen": "rev", "newtonmeter": "Nm",
-    "ampere": "A", "amp": "A", "amps": "A", "pu": "p.u.", "percent": "%", "prozent": "%",
+    "newtonmeters": "Nm", "ampere": "A", "amp": "A", "amps": "A", "pu": "p.u.", "percent": "%",
+    "prozent": "%",
 }  # fmt: skip
 # Units that may follow a name after an underscore, as in torque_nm.
 # phase_a is the first of three, torque_min the least.
@@ -107,27 +109,39 @@ class ReadingOptions:
     angle_unit: str | None = None
     pulses_per_turn: int | None = None
     scale: float | None = None
+    counts_per_turn: int | None = None
     delimiter: str | None = None
+    decimal: str | None = None
+    table_line: int | None = None
 
     def __post_init__(self) -> None:
         if self.sampling_rate is not None:
             check_rate(self.sampling_rate)
         if self.quantity is not None:
             checks.one_of("quantity", self.quantity, QUANTITIES)
-        if self.pulses_per_turn is not None:
-            checks.whole("pulses_per_turn", self.pulses_per_turn, 1)
-            if self.angle_channel is False or self.angle_unit is not None:
-                idle_with = "angle_channel=False" if self.angle_channel is False else "angle_unit="
-                raise ValueError(f"pulses_per_turn= has no effect with {idle_with}")
+        for name in ("pulses_per_turn", "counts_per_turn", "table_line"):
+            if getattr(self, name) is not None:
+                checks.whole(name, getattr(self, name), 1)
+        idle = "angle_channel=False" if self.angle_channel is False else "angle_unit=" * bool(self.angle_unit)
+        for name in ("pulses_per_turn", "counts_per_turn"):
+            if getattr(self, name) is not None and idle:
+                raise ValueError(f"{name}= has no effect with {idle}")
         scale_fits = self.scale is None or (checks.is_number(self.scale) and 0 < abs(self.scale) < math.inf)
         for argument, fits, expected in (
             ("scale", scale_fits, "a finite number other than 0 (Nm per unit)"),
             ("time_unit", self.time_unit in (None, *TIME_UNITS), f"one of {', '.join(TIME_UNITS)}"),
             ("angle_unit", self.angle_unit in (None, *ANGLE_UNITS), "'rad', 'deg' or 'rev'"),
+            ("decimal", self.decimal in (None, ",", "."), "',' or '.'"),
             ("delimiter", self.delimiter in (None, ",", ";", "\t", " "), "',', ';', a tab or a space"),
         ):
             if not fits:
                 raise ValueError(f"{argument} must be {expected}, got {getattr(self, argument)!r}")
+
+    @property
+    def of_table(self) -> dict[str, Any]:
+        """What is stated of the table of a text."""
+        stated = {name: getattr(self, name) for name in ("delimiter", "decimal", "table_line")}
+        return {name: value for name, value in stated.items() if value is not None}
 
     @property
     def without_times(self) -> bool:
@@ -332,7 +346,9 @@ class Source:
                 f"{self.file}: channel {self.names[index]!r} is in {unit!r}, known are {', '.join(known)}; "
                 f"give scale= ({usual} per unit)" + ", or quantity='motor_current'" * (unit in CURRENT_UNITS)
             )
-        return known[unit], unit if unit in RELATIVE_UNITS else "Nm" if unit in TORQUE_UNITS else "A"
+        return known[unit], unit.removeprefix(
+            "0.1"
+        ) if unit in RELATIVE_UNITS else "Nm" if unit in TORQUE_UNITS else "A"
 
     def angle_factor(self, index: int, angle_unit: str | None) -> tuple[float, bool]:
         """Radians per unit of the angle's channel, and whether that is assumed."""
@@ -369,7 +385,7 @@ def clean_unit(unit: str | None) -> str | None:
     """A unit in the spelling used here, e.g. "Nm" for "N·m"; unknown ones stay as they are."""
     if unit is None:
         return None
-    bare = re.sub(r"[\s·⋅*.\-]", "", unit.strip().strip("[]()"))
+    bare = re.sub(r"[\s·⋅*\-]|(?<!\d)\.", "", unit.strip().strip("[]()"))
     return _OTHER_SPELLINGS.get(bare.lower(), bare) or None
 
 
@@ -426,6 +442,12 @@ def import_library(module: str, suffix: str, library: str) -> Any:
 def is_usual(name: str, quantity: str) -> bool:
     """Return True for a usual name of a quantity, in lower case and without its unit."""
     return re.fullmatch(_USUAL[quantity], with_spaces(name)) is not None
+
+
+def is_time_name(name: str) -> bool:
+    """Return True for a usual name of times, such as "time", or "time 1 default sample rate" of catman."""
+    name = with_spaces(name)
+    return name in TIME_NAMES or re.match(r"(time|zeit) \d+ ", name) is not None
 
 
 def named_quantity(name: str) -> str | None:

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import codecs
-import csv
 import gzip
 import io
 import json
 import math
-import os
 import re
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
-from functools import cached_property
-from itertools import islice
+from contextlib import contextmanager
+from importlib import import_module
+from itertools import islice, takewhile
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, Any, NoReturn, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,16 +23,15 @@ from cyclofeat.datasets.readers._columns import (
     FILE_LABELS,
     FORMAT,
     LABELS,
-    UNITS,
     VERSION,
     Source,
     check_rate,
-    clean_unit,
     explain_damage,
     labels_of_file,
     largest_unpacked,
     samples_name,
 )
+from cyclofeat.datasets.readers._table import HEAD_LINES, find_table, parse_clock, split_row
 from cyclofeat.recordings import Recording
 
 _LONGEST_LINE = 2**20  # a longer one is no row of samples, and splitting it would take long
@@ -48,9 +45,11 @@ _MARKS = (
 _UNMARKED = ("utf-8", "cp1252")
 _REMEDY = "save it as text in UTF-8"
 
-# No torque record has more; a file that has is something else, and splitting it would take long.
-_MOST_COLUMNS = 4096
-_NUMBER = r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?(?<!,)"
+_PART = 2048  # rows that are split at a time
+_LONG_FILE = 2**20
+_THOUSANDS = (
+    "does the mark separate thousands, or decimals? Give decimal=',' or decimal='.', the mark of the decimals"
+)
 
 
 class TextLines:
@@ -72,31 +71,25 @@ class TextLines:
                 "characters; one row per sample is right"
             )
         marked = next((encoding for mark, encoding in _MARKS if start.startswith(mark)), None)
-        limit, size = largest_unpacked(path) if self.packed else math.inf, 0
-        with self._open_bytes() as file:
-            while block := file.read(_BLOCK):
-                size += len(block)
-                if size > limit:
-                    limit_gb = f"{limit / 1e9:.3g} GB"
-                    raise ValueError(
-                        f"{path.name} takes more than {limit_gb} when unpacked: unpack it, or split it"
-                    )
-                if marked is None and b"\0" in block:
-                    raise ValueError(
-                        f"{path.name} holds binary data, or UTF-16 without a byte-order mark; {_REMEDY}"
-                    )
-        for encoding in _UNMARKED if marked is None else (marked,):
-            self.encoding, before, block = encoding, 0, b" "
-            decoder, wrong = codecs.getincrementaldecoder(encoding)(), None
+        limit, wrong = largest_unpacked(path) if self.packed else math.inf, 0
+        for self.encoding in _UNMARKED if marked is None else (marked,):
+            decoder, size, block, failed = codecs.getincrementaldecoder(self.encoding)(), 0, b" ", False
             with self._open_bytes() as file:
-                while block and wrong is None:
-                    block, pending = file.read(_BLOCK), len(decoder.getstate()[0])
+                while block and not failed:
+                    block, before = file.read(_BLOCK), size - len(decoder.getstate()[0])
+                    size += len(block)
+                    if size > limit:
+                        too_large = f"takes more than {limit / 1e9:.3g} GB when unpacked"
+                        raise ValueError(f"{path.name} {too_large}: unpack it, or split it")
+                    if marked is None and b"\0" in block:
+                        raise ValueError(
+                            f"{path.name} holds binary data, or UTF-16 without a byte-order mark; {_REMEDY}"
+                        )
                     try:
                         decoder.decode(block, final=not block)
                     except UnicodeDecodeError as error:
-                        wrong = before - pending + error.start
-                    before += len(block)
-            if wrong is None:
+                        wrong, failed = before + error.start, True
+            if not failed:
                 return
         known = marked or "UTF-8, Latin-1, or UTF-16 with a byte-order mark"
         raise ValueError(f"{path.name} is not text in {known} (byte {wrong}); {_REMEDY}")
@@ -123,197 +116,132 @@ class TextLines:
             yield cast("IO[bytes]", packed)
 
 
-def cells_of(line: str, delimiter: str, file: str) -> list[str]:
-    """Return the cells of a row of a CSV file."""
-    try:
-        return next(csv.reader([line], delimiter=delimiter), [])
-    except csv.Error as error:
-        raise ValueError(f"{file} cannot be read as CSV ({error})") from None
-
-
 class CsvSource(Source):
-    """Columns of a CSV file, or of lines that can be read several times.
-
-    Default delimiter: the first of tab, semicolon, comma in the first row; spaces where there are none and
-    the first samples are several numbers.
-    """
+    """Columns of a text file, or of lines that can be read several times; ``stated`` is for `find_table`."""
 
     noun, a_noun, plural = "column", "a column", "columns"
     has_text_numbers = True  # a point in them may separate thousands
 
-    def __init__(self, path: Path, delimiter: str | None, lines: Iterable[str] | None = None) -> None:
+    def __init__(self, path: Path, stated: dict[str, Any], lines: Iterable[str] | None = None) -> None:
         self.file = path.name
         self.lines = TextLines(path) if lines is None else lines
-        comments, start = list[str](), list[str]()
-        for line in self.lines:
-            if not start and (line.startswith("#") or not line.strip()):
-                comments.append(line)
-            else:
-                start.append(line)
-            if len(start) == 3:  # names, units, first samples
-                break
-        if not start:
-            raise ValueError(f"{self.file} holds no row of data")
-        self.labels = labels_from_comments(self.file, comments)
-        spaced = start[-1] if delimiter == " " else ""
-        if delimiter is None and (_holds_numbers(start[0]) or not any(mark in start[0] for mark in "\t;,")):
-            spaced = next(filter(_holds_numbers, start), "")
-        if spaced:
-            self.lines = _WithTabs(self.lines, len(comments), len(spaced.split()))
-            start = list(islice(self.lines, len(comments), len(comments) + len(start)))
-            delimiter = "\t"
-        # Comma last: with the others it is a decimal comma.
-        self.delimiter = delimiter or next((d for d in "\t;," if d in start[0]), ",")
-        self.decimal_comma = self.delimiter != "," and any(
-            "," in line for line in islice(self.lines, len(comments), None)
+        head = list(islice(self.lines, HEAD_LINES))
+        self.labels = labels_from_comments(self.file, takewhile(lambda line: line.startswith("#"), head))
+        self.table = find_table(head, self.file, stated)
+        self.decimal, self.decimal_stated = self.table.decimal, stated.get("decimal") is not None
+        self.named = self.table.names is not None
+        super().__init__(
+            path, self.table.names or [str(j) for j in range(self.table.width)], self.table.units
         )
-        n_columns = start[0].count(self.delimiter) + 1
-        if n_columns > _MOST_COLUMNS:
-            raise ValueError(
-                f"{self.file}: line {len(comments) + 1} has {n_columns} columns, at most {_MOST_COLUMNS} can "
-                "be read; one row per sample and one column per channel are right"
-            )
-        first = self._split_cells(start[0])
-        self.named = all(self._parse_number(cell) is None for cell in first)
-        units: list[str | None] | None = None
-        if self.named:
-            # The row below the names may hold units.
-            cells = self._split_cells(start[1]) if len(start) > 1 else []
-            if len(cells) == len(first) and all(self._parse_number(cell) is None for cell in cells):
-                stated = [clean_unit(cell) for cell in cells]
-                units = stated if any(unit in UNITS for unit in stated) else None
-            if len(start) <= 1 + (units is not None):
-                raise ValueError(f"{self.file} holds column names, but no row of data")
-        n_before = len(comments) + self.named + (units is not None)
-        self.first_line = n_before + 1  # as editors count
-        names = [cell.strip() if self.named else str(index) for index, cell in enumerate(first)]
-        super().__init__(path, names, units)
-        self._checked_rows(islice(self._sample_rows(), 1))  # of the others once they are read
 
-    def _sample_rows(self) -> Iterator[str]:
-        """Yield the rows of samples, read anew."""
-        return islice(self.lines, self.first_line - 1, None)
+    def is_usable(self, index: int) -> bool:
+        return index in self.table.numeric
 
-    def _split_cells(self, line: str) -> list[str]:
-        return cells_of(line, self.delimiter, self.file)
-
-    def _parse_number(self, cell: str) -> float | None:
-        try:
-            return float(cell.replace(",", ".") if self.decimal_comma else cell)
-        except ValueError:
-            return None
-
-    @cached_property
-    def n_rows(self) -> int:
-        """Number of rows of samples."""
-        return self._checked_rows(self._sample_rows())
-
-    def _checked_rows(self, rows: Iterable[str]) -> int:
-        """Return the number of rows, which must have as many columns as the file's first one."""
-        width, count = len(self.names), 0
-        for count, row in enumerate(rows, 1):
-            cells = row.count(self.delimiter) + 1 if '"' not in row else len(self._split_cells(row))
-            if cells != width or not row.strip():
-                doubled = self.delimiter == "," and cells == 2 * width
-                came = number_of(cells, "column") if row.strip() else "an empty line"
-                raise ValueError(
-                    f"{self.file}: {self.sample_place(count - 1)} must have {width} columns as the first row "
-                    f"has, got {came}" + "; are these decimal commas? give delimiter=';'" * doubled
-                )
-        return count
+    def stated_rates(self, torque: int) -> list[tuple[float, str]]:
+        return self.table.rates
 
     def sample_place(self, sample: int) -> str:
-        return f"line {self.first_line + sample}"
+        return f"line {self.table.first + 1 + sample}"
 
     def channel_meta(self, torque: int) -> dict[str, Any]:
-        return {"decimal_comma": True} if self.decimal_comma else {}
+        return ({"decimal_comma": True} if self.decimal == "," else {}) | {"table": self.table.describe()}
+
+    def _column_parts(self, index: int) -> Iterator[tuple[int, list[str]]]:
+        """Yield the cells of a column in parts, with the number of the first sample of each."""
+        table, rows, start = self.table, islice(self.lines, self.table.first, None), 0
+        while part := list(islice(rows, _PART)):
+            cells = []
+            for number, row in enumerate(part, start):
+                parts = split_row(row, table.delimiter, self.file)
+                if not table.width <= len(parts) <= table.widest or not row.strip():
+                    came = number_of(len(parts), "column") if row.strip() else "an empty line"
+                    raise ValueError(
+                        f"{self.file}: {self.sample_place(number)} must have {table.width} columns as the "
+                        f"first row has, got {came}"
+                    )
+                cells.append(parts[index])
+            yield start, cells
+            start += len(part)
 
     def raw_values(self, index: int) -> NDArray[Any]:
-        rows: Iterable[str] | str = self._sample_rows()
-        options: dict[str, Any] = {"delimiter": self.delimiter, "usecols": index, "max_rows": self.n_rows}
-        if self.decimal_comma:
-            if self.has_text_numbers:
-                self._check_points(index)
-            rows = (row.replace(",", ".") for row in rows)
-        elif isinstance(self.lines, TextLines) and not self.lines.packed:
-            # Read by NumPy itself, in half the time.
-            rows, options["encoding"] = os.fspath(self.path), self.lines.encoding
-            options["skiprows"] = self.first_line - 1
+        parts, marks, column = [], dict[str, str](), f"column {self.names[index]!r}"
+        certain = self.labels is not None or self.decimal_stated or not self.has_text_numbers
+        for start, cells in self._column_parts(index):
+            for number, cell in enumerate(cells, start):
+                if (kind := _mark_of(cell, self.decimal)) not in marks:
+                    marks[kind] = f"{self.file}: {self.sample_place(number)}, {column} holds {cell.strip()!r}"
+            try:
+                parts.append(np.array([self._parse_number(cell) for cell in cells], dtype=np.float64))
+            except ValueError:
+                if self.decimal == "." and self.table.delimiter != "," and "other" in marks and not certain:
+                    self.decimal = ","  # in none of the first lines
+                    return self.raw_values(index)
+                self._name_wrong_cell(index, start, cells)
+            values = self._read_at_once(index) if start == 0 and (certain or "decimal" in marks) else None
+            if values is not None:
+                return values
+        if not certain and self.decimal == "," and "other" in marks:
+            raise ValueError(f"{marks['other']}, but other numbers have a decimal comma: {_THOUSANDS}")
+        if not certain and "decimal" not in marks and {"grouped", "bare"} <= marks.keys():
+            raise ValueError(f"{marks['grouped']}, but others are whole: {_THOUSANDS}")
+        return np.concatenate(parts) if parts else np.empty(0)
+
+    def _read_at_once(self, index: int) -> NDArray[Any] | None:
+        """Return a column of a long file as pyarrow reads it, ten times as fast; None where it cannot."""
+        table, lines, size = self.table, self.lines, self.path.stat().st_size
+        if not isinstance(lines, TextLines) or table.delimiter == " " or size < _LONG_FILE:
+            return None
         try:
-            return np.loadtxt(rows, comments=None, quotechar='"', ndmin=1, **options)
-        except ValueError as error:
-            # Name the first cell that is no number.
-            column = f"column {self.names[index]!r}"
-            for row, line in enumerate(self._sample_rows()):
-                cell = self._split_cells(line)[index]
-                if self._parse_number(cell) is None:
-                    shown = cell if len(cell) <= 60 else f"{cell[:60]}..."
-                    problem = f"{shown!r}, which is not a number"
-                    problem = problem if cell.strip() else "nothing; it must hold a number"
-                    place = f"{self.file}: {self.sample_place(row)}"
-                    raise ValueError(f"{place}, {column} holds {problem}") from None
-            raise ValueError(f"{self.file}: {column} cannot be read as numbers ({error})") from None
+            arrow, arrow_csv = import_module("pyarrow"), import_module("pyarrow.csv")
+            columns = [str(column) for column in range(table.width)]
+            read = arrow_csv.read_csv(
+                self.path,
+                arrow_csv.ReadOptions(skip_rows=table.first, column_names=columns, encoding=lines.encoding),
+                arrow_csv.ParseOptions(delimiter=table.delimiter, ignore_empty_lines=False),
+                arrow_csv.ConvertOptions(
+                    column_types={columns[index]: arrow.float64()}, include_columns=[columns[index]],
+                    decimal_point=self.decimal, null_values=[],
+                ),
+            )  # fmt: skip
+        except (ImportError, ValueError):  # rows of another width, or cells that are no numbers: named below
+            return None
+        return np.asarray(read.column(0).to_numpy())
 
-    def _check_points(self, index: int) -> None:
-        """Raise where a column holds a number with a point, and the file one with a decimal comma."""
+    def _parse_number(self, cell: str) -> float:
+        if "_" in cell:  # 1_000 is a number in Python only
+            raise ValueError(cell)
+        if self.decimal == ",":
+            return float((cell.replace(".", "") if self.decimal_stated else cell).replace(",", "."))
+        return float(cell.replace(",", "") if self.decimal_stated else cell)
 
-        def is_number_with(mark: str, cell: str) -> bool:
-            return mark in cell and self._parse_number(cell) is not None
-
-        pointed, has_comma = "", False
-        for number, row in enumerate(self._sample_rows()):
-            cells = self._split_cells(row) if "." in row or "," in row else []
-            if not pointed and cells and is_number_with(".", cells[index]):
-                cell = cells[index].strip()
-                pointed = f"{self.sample_place(number)}, column {self.names[index]!r} holds {cell!r}"
-            has_comma = has_comma or any(is_number_with(",", cell) for cell in cells)
-            if pointed and has_comma:
-                raise ValueError(
-                    f"{self.file}: {pointed}, but other numbers have a decimal comma: does the point "
-                    "separate thousands, or decimals? Write all numbers with a decimal comma, without points"
+    def _name_wrong_cell(self, index: int, start: int, cells: list[str]) -> NoReturn:
+        """Raise the error of the first cell that is no number."""
+        for number, cell in enumerate(cells, start):
+            try:
+                self._parse_number(cell)
+            except ValueError:
+                shown = cell if len(cell) <= 60 else f"{cell[:60]}..."
+                problem = (
+                    f"{shown!r}, which is not a number" if cell.strip() else "nothing; it must hold a number"
                 )
+                place = f"{self.file}: {self.sample_place(number)}, column {self.names[index]!r}"
+                raise ValueError(f"{place} holds {problem}") from None
+        raise AssertionError("all cells are numbers")
 
     def time_values(self, index: int) -> NDArray[Any]:
-        try:
+        if index in self.table.numeric:
             return self.column_values(index)
-        except ValueError:
-            if self.begins_with_number(index):
-                raise
-            cells = [self._split_cells(row)[index].strip() for row in self._sample_rows()]
-            if any(re.match(r"\d{4}-\d\d-\d\d", cell) is None for cell in cells):
-                raise
-            bare = [re.sub(r"(?<=.{10})(Z|[+-]\d\d:?\d\d)$", "", cell).replace(",", ".") for cell in cells]
-            with suppress(ValueError):
-                return np.array(bare, dtype="datetime64[ns]")
-            raise
-
-    def begins_with_number(self, index: int) -> bool:
-        """Return True if the first cell of a column below its name is a number."""
-        return self._parse_number(self._split_cells(next(self._sample_rows()))[index]) is not None
+        times = parse_clock([cell for _, cells in self._column_parts(index) for cell in cells])
+        return self.column_values(index) if times is None else times
 
 
-def _holds_numbers(line: str) -> bool:
-    """Return True for a row of several numbers between spaces."""
-    cells = line.split()
-    return len(cells) > 1 and all(re.fullmatch(_NUMBER, cell) for cell in cells)
-
-
-class _WithTabs:
-    """Lines with tabs between columns that spaces separate; a name keeps its unit in brackets."""
-
-    def __init__(self, lines: Iterable[str], n_comments: int, width: int) -> None:
-        self.lines, self.n_comments, self.width = lines, n_comments, width
-
-    def __iter__(self) -> Iterator[str]:
-        for index, line in enumerate(self.lines, -self.n_comments):
-            yield line if index < 0 else "\t".join(self._split_cells(line, is_head=index < 2))
-
-    def _split_cells(self, line: str, *, is_head: bool) -> list[str]:
-        cells = line.split()
-        if not is_head or len(cells) == self.width:
-            return cells
-        wide = re.split(r"\s{2,}", line.strip())
-        return wide if len(wide) == self.width else re.findall(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?", line)
+def _mark_of(cell: str, decimal: str) -> str:
+    """Return what a number says of its marks: decimal, grouped (thousands, or three decimals), bare, ..."""
+    if decimal not in cell:
+        if "," in cell or "." in cell:
+            return "other"
+        return "bare" if len(cell.strip().lstrip("+-")) <= 3 else "decimal"  # 1234 has no mark
+    return "grouped" if re.fullmatch(r"[+-]?[1-9]\d{0,2}([.,]\d{3})+", cell.strip()) else "decimal"
 
 
 def write_csv(file: IO[bytes], recording: Recording, labels: dict[str, Any]) -> None:

@@ -58,7 +58,7 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
         record.
 
         ``angle_unit_assumed`` (bool), ``time_jitter`` (samples), ``gaps`` (list of [sample after it, samples
-        missing] or None), ``start_time``.
+        missing] or None), ``start_time``, ``table`` (how a text was read).
 
         ``warnings`` : list of str, what would spoil a count.
 
@@ -170,6 +170,7 @@ def _recording_facts(recording: Recording, reduction: int, *, search: bool) -> d
         "time_jitter": meta.get("time_jitter"),
         "gaps": meta.get("gaps"),
         "start_time": meta.get("start_time"),
+        "table": meta.get("table"),
     }
 
 

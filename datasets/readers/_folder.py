@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import QUANTITIES, from_1
 from cyclofeat.datasets.readers._columns import WORN, check_no_bare_lobes
-from cyclofeat.datasets.readers._csv import TextLines, cells_of
+from cyclofeat.datasets.readers._csv import TextLines
 from cyclofeat.datasets.readers._read import SOURCES, file_path, read_recording, write_recording
+from cyclofeat.datasets.readers._table import split_row
 from cyclofeat.recordings import Recording
 
 if TYPE_CHECKING:
@@ -52,6 +53,10 @@ _COLUMNS = {
     "angle_channel": _Column("angle_channel"),
     "angle_unit": _Column("angle_unit"),
     "pulses_per_turn": _Column("pulses_per_turn", int, lambda count: count >= 1, "a whole number from 1"),
+    "counts_per_turn": _Column("counts_per_turn", int, lambda count: count >= 1, "a whole number from 1"),
+    "table_line": _Column("table_line", int, lambda line: line >= 1, "a whole number from 1"),
+    "delimiter": _Column("delimiter"),
+    "decimal": _Column("decimal"),
     "scale": _Column("scale", float, lambda x: x != 0 and math.isfinite(x), "a number other than 0"),
     "defect_count": _Column("defect_count", int, lambda count: count >= 0, "a whole number from 0"),
     WORN: _Column(
@@ -96,10 +101,10 @@ def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recordin
         Folder. If it holds a file ``recordings.csv``, that is its manifest: a CSV file with one line per
         recording and the columns ``file`` (within the folder) and any of ``channel``, ``quantity``,
         ``sampling_rate`` (Hz), ``time_channel``, ``time_unit``, ``angle_channel``, ``angle_unit``,
-        ``pulses_per_turn``, ``scale`` (Nm per unit), ``defect_count``, ``worn_lobes_from_1`` (separated by
-        spaces), ``n_lobes`` (of a disc, if not 15), ``run``, ``speed`` (RPM of the input), ``load`` (Nm),
-        ``source``, ``assembly``, ``angle_of``, ``angle_is_absolute`` (true or false). An empty cell states
-        nothing.
+        ``pulses_per_turn``, ``counts_per_turn``, ``table_line``, ``delimiter``, ``decimal``, ``scale`` (Nm
+        per unit), ``defect_count``, ``worn_lobes_from_1`` (separated by spaces), ``n_lobes`` (of a disc, if
+        not 15), ``run``, ``speed`` (RPM of the input), ``load`` (Nm), ``source``, ``assembly``,
+        ``angle_of``, ``angle_is_absolute`` (true or false). An empty cell states nothing.
         Without a manifest all files that :func:`read_recording` knows are read, by name, but for ``.txt``; of
         a campaign (:func:`cyclofeat.simulators.run_campaign`) all runs that reached their end.
     **arguments
@@ -219,7 +224,7 @@ def _read_manifest(folder: Path) -> list[Entry]:
     if first is None:
         raise ValueError(f"{MANIFEST} is empty; its first line names the columns: {', '.join(_COLUMNS)}")
     delimiter = next((d for d in "\t;," if d in lines[first]), ",")
-    names = [name.strip().lower() for name in cells_of(lines[first], delimiter, MANIFEST)]
+    names = [name.strip().lower() for name in split_row(lines[first], delimiter, MANIFEST)]
     head = f"{MANIFEST}: line {first + 1}:"
     check_no_bare_lobes(head.removesuffix(":"), names)
     for name in names:
@@ -235,7 +240,7 @@ def _read_manifest(folder: Path) -> list[Entry]:
     for number, line in enumerate(lines[first + 1 :], start=first + 2):
         if not line.strip():
             continue
-        cells = [cell.strip() for cell in cells_of(line, delimiter, MANIFEST)]
+        cells = [cell.strip() for cell in split_row(line, delimiter, MANIFEST)]
         if len(cells) != len(names):
             wrong.append(f"line {number}: {len(names)} columns are right, got {len(cells)}")
             continue

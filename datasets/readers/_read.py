@@ -18,6 +18,7 @@ from cyclofeat._base.quantities import QUANTITIES, QUANTITY_UNITS
 from cyclofeat.datasets.readers._columns import (
     ANGLE_NAMES,
     ANGLE_REMEDY,
+    COUNT_NAMES,
     DISC_ANGLE_NAMES,
     LABELS,
     PULSE_NAMES,
@@ -38,7 +39,9 @@ SOURCES: dict[str, tuple[str, str] | Callable[..., Source]] = {
     ".xlsx": ("_xlsx", "XlsxSource"),
 }  # fmt: skip
 # Read as these where they are named; a folder's other text files are notes.
-_TEXT_FILES = {".txt": ".csv", ".txt.gz": ".csv.gz"}
+_TEXT_FILES = {
+    **dict.fromkeys((".txt", ".asc", ".dat", ".lvm", ".log", ".tsv"), ".csv"), ".txt.gz": ".csv.gz",
+}  # fmt: skip
 # How files of each kind begin.
 _SIGNATURES = (
     (b"PK\x03\x04", ".npz", ".xlsx"), (b"\xd0\xcf\x11\xe0", ".xls"),
@@ -65,34 +68,20 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
     Parameters
     ----------
     path : path
-        File whose name ends in one of the following. Units may stand behind a channel's name
-        (``torque [Nm]``, ``torque (Nm)``, ``torque / Nm``, ``torque_nm``) where the file has no place of its
-        own for them.
+        File whose name says its kind. Units may stand behind a channel's name (``torque [Nm]``,
+        ``torque_nm``) where the file has no place of its own for them.
 
-        ``.csv``, ``.txt``, or either with ``.gz``: one row per sample, separated by comma, semicolon, tab or
-        spaces, with or without a row of column names and a row of units below it, in UTF-8, Latin-1, or
-        UTF-16 with a byte-order mark. Without commas between columns, a comma in a number is a decimal comma.
+        ``.csv``, ``.txt``, ``.asc``, ``.dat``, ``.lvm``, ``.log``, ``.tsv``, ``.csv.gz`` or ``.txt.gz``: one
+        row per sample; where the table begins and how it is written is found. ``.xlsx``: the same in a
+        sheet, columns named ``sheet/column`` where several sheets hold data.
 
         ``.npz``: arrays ``torque`` (n,) in Nm (or ``input_torque`` in Nm, ``motor_current`` in A),
-        ``sampling_rate`` () in Hz, optionally ``angle`` (n,) in rad,
-        and the labels that :func:`write_recording` writes. Pickled objects are never loaded, nor files that
-        unpack to more than 2 GB and 30 times their size.
+        ``sampling_rate`` () in Hz, optionally ``angle`` (n,) in rad, and the labels that
+        :func:`write_recording` writes. Pickled objects are never loaded.
 
-        ``.tdms``: channels of all groups and segments, named ``group/channel``; the rate from the property
-        ``wf_increment``, the unit from ``unit_string``. Values are scaled as the file says; a scale that
-        cannot be computed is an error. Needs npTDMS (extra ``io``).
-
-        ``.mat``: numeric vectors, columns of matrices as ``name(:,1)``, fields of structs as ``struct.field``
-        (timetables saved as structs); the rate from a number called ``fs``, ``SampleRate`` and the like, or
-        a step called ``dt``. MATLAB v7.3 needs h5py (extra ``io``).
-
-        ``.parquet``: columns; unit and ``sampling_rate`` may stand in the metadata. Needs pyarrow (extra
-        ``io``).
-
-        ``.xlsx``: columns of a sheet as in a CSV file, named ``sheet/column`` where several sheets hold data.
-        Needs openpyxl (extra ``io``).
-
-        ``.wav``: channels, counted from 0; whole numbers are shares of full scale and need ``scale``.
+        ``.tdms``: channels ``group/channel``, scaled as the file says. ``.mat``: numeric vectors, columns
+        ``name(:,1)``, fields ``struct.field``. ``.parquet``: columns. ``.wav``: channels from 0; whole
+        numbers need ``scale``. TDMS, MATLAB v7.3, Parquet and Excel need libraries of the extra ``io``.
     channel : str or int, optional
         Channel (name, or index from 0 where the file has an order) that holds the quantity. Default: the one
         called "torque", "output_torque", "Drehmoment" and the like ("torque_in", "Motordrehmoment",
@@ -125,9 +114,16 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
         Nm per unit of the channel, for files in another unit than Nm, kNm, mNm, Ncm or Nmm. Of a motor
         current in A or mA, its torque constant, after which the samples are in Nm; of one in another unit, A
         per unit. A motor current in % or p.u. (of the rated one) needs none.
+    counts_per_turn : int, optional
+        The angle's channel holds an encoder's counts, so many in each turn. Its default is then the one
+        called "position", "encoder", "counts" and the like.
     delimiter : {",", ";", "\\t", " "}, optional
-        Separator of a CSV's columns. Default: the first of tab, semicolon, comma in the first row; any number
-        of spaces where there are none and the first samples are several numbers.
+        Separator of a text's columns. Default: the one that separates most numbers.
+    decimal : {",", "."}, optional
+        Mark of a text's decimals; the other one then separates thousands. Default: comma where numbers hold
+        one that separates no columns.
+    table_line : int, optional
+        Line of a text, from 1, in which its columns are named, or its samples begin. Default: found.
     **labels
         Parameters of :class:`~cyclofeat.recordings.Recording`, e.g. ``assembly="A1"``; they take precedence
         over labels in the file, and ``meta`` is merged.
@@ -165,7 +161,7 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
             f"unknown option or label {min(unknown)!r}; known are {', '.join(sorted({*_OPTIONS, *LABELS}))}"
         )
     reading = ReadingOptions(**{name: options[name] for name in options.keys() & _OPTIONS})
-    source = _open_source(path, reading.delimiter)
+    source = _open_source(path, reading)
     parameters = _recording_parameters(source, reading)
     if "angle" not in parameters:  # then the file's labels of the angle are void
         parameters = {key: value for key, value in parameters.items() if not key.startswith("angle")}
@@ -207,12 +203,13 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
     return recording
 
 
-def list_channels(path: str | os.PathLike[str], *, delimiter: str | None = None) -> dict[str, str | None]:
+def list_channels(path: str | os.PathLike[str], **options: Any) -> dict[str, str | None]:
     """Return the names of a file's channels, as ``channel`` takes them, with their units or None.
 
-    Errors are those of :func:`read_recording`.
+    Options and errors are those of :func:`read_recording`.
     """
-    source = _open_source(file_path(path), delimiter)
+    reading = ReadingOptions(**{name: options[name] for name in options.keys() & _OPTIONS})
+    source = _open_source(file_path(path), reading)
     return dict(zip(source.names, source.units, strict=True))
 
 
@@ -261,7 +258,7 @@ def file_path(path: Any) -> Path:
     return Path(path)
 
 
-def _open_source(path: Path, delimiter: str | None) -> Source:
+def _open_source(path: Path, reading: ReadingOptions) -> Source:
     """Channels of a file; an error if it is not of the kind that its name says."""
     if path.is_dir():
         raise ValueError(f"{path} is a directory; give a file in it, or use read_folder")
@@ -291,10 +288,10 @@ def _open_source(path: Path, delimiter: str | None) -> Source:
     kind = SOURCES[suffix]
     if isinstance(kind, tuple):
         kind = getattr(import_module(f"cyclofeat.datasets.readers.{kind[0]}"), kind[1])
-    if suffix.startswith(".csv"):
-        return kind(path, delimiter)
-    if delimiter is not None:
-        raise ValueError(f"delimiter is for CSV files, got {delimiter!r} for {path.name}")
+    if suffix.startswith((".csv", ".xlsx")):
+        return kind(path, reading.of_table)
+    for name, value in reading.of_table.items():
+        raise ValueError(f"{name} is for CSV files, got {value!r} for {path.name}")
     return kind(path)
 
 
@@ -305,13 +302,13 @@ def _recording_parameters(source: Source, reading: ReadingOptions) -> dict[str, 
         times.add(source.find_channel("time_channel", reading.time_channel, set()))
     angle = None
     if reading.angle_channel is not False:
-        by_pulses = reading.pulses_per_turn is not None
-        angle = source.find_channel(
-            "angle_channel", reading.angle_channel, PULSE_NAMES if by_pulses else ANGLE_NAMES
-        )
-        if by_pulses and angle is None:
+        by_pulses, by_counts = reading.pulses_per_turn is not None, reading.counts_per_turn is not None
+        names = PULSE_NAMES if by_pulses else COUNT_NAMES | ANGLE_NAMES if by_counts else ANGLE_NAMES
+        angle = source.find_channel("angle_channel", reading.angle_channel, names)
+        if (by_pulses or by_counts) and angle is None:
             raise ValueError(
-                f"{source.file}: angle_channel= must be given, to say which {source.noun} holds the pulses: "
+                f"{source.file}: angle_channel= must be given, to say which {source.noun} holds the "
+                f"{'pulses' if by_pulses else 'counts'}: "
                 f"{source.channel_names()}"
             )
     labels = source.other_labels if source.labels is None else source.labels
@@ -350,7 +347,11 @@ def _read_angle(source: Source, index: int, reading: ReadingOptions) -> tuple[Fl
     """Return the angle in rad by a channel, and what was done for it."""
     by_pulses = reading.pulses_per_turn is not None
     values = source.column_values(index)
-    factor, assumed = (1.0, False) if by_pulses else source.angle_factor(index, reading.angle_unit)
+    factor, assumed = 1.0, False
+    if reading.counts_per_turn is not None:
+        factor = 2 * math.pi / reading.counts_per_turn
+    elif not by_pulses:
+        factor, assumed = source.angle_factor(index, reading.angle_unit)
     meta: dict[str, Any] = {"angle_unit_assumed": True} if assumed else {}
     try:
         if reading.pulses_per_turn is not None:

@@ -12,11 +12,11 @@ import numpy as np
 from cyclofeat._base.quantities import number_of
 from cyclofeat.datasets.readers._columns import (
     RATE_UNITS,
-    TIME_NAMES,
     TIME_UNITS,
     Float,
     ReadingOptions,
     Source,
+    is_time_name,
     name_and_unit,
     whole_rate,
     with_spaces,
@@ -77,7 +77,7 @@ def named_rate(name: str, value: float, unit: str | None = None) -> float | None
 
 def time_channels(source: Source) -> list[int]:
     """Return the channels that hold times by their names."""
-    return [index for index, base in enumerate(source.bases) if with_spaces(base) in TIME_NAMES]
+    return [index for index, base in enumerate(source.bases) if is_time_name(base)]
 
 
 def time_base(source: Source, torque: int, reading: ReadingOptions) -> tuple[float, dict[str, Any]]:

@@ -8,7 +8,6 @@ import io
 import re
 import warnings
 import zipfile
-from collections.abc import Iterable
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -34,7 +33,7 @@ class XlsxSource(Source):
 
     noun, a_noun, plural = "column", "a column", "columns"
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, stated: dict[str, Any]) -> None:
         sheets: list[tuple[str, list[list[str]]]] = []
         openpyxl = import_library("openpyxl", ".xlsx", "openpyxl")
         with explain_damage(path, "an Excel workbook"), warnings.catch_warnings():
@@ -61,7 +60,14 @@ class XlsxSource(Source):
         if not sheets:
             raise ValueError(f"{path.name} holds no sheet with data")
         several = len(sheets) > 1
-        tables = [_Sheet(path, title if several else "", rows) for title, rows in sheets]
+        tables, errors = [], []
+        for title, rows in sheets:
+            try:
+                tables.append(_Sheet(path, title if several else "", rows, stated))
+            except ValueError as error:  # a sheet of notes
+                errors.append(error)
+        if not tables:
+            raise errors[0]
         self.columns = [(table, index) for table in tables for index in range(len(table.names))]
         plain = [table.names[index] for table, index in self.columns]
         names = [f"{table.title}/{table.names[index]}" for table, index in self.columns] if several else plain
@@ -71,10 +77,13 @@ class XlsxSource(Source):
 
     def is_usable(self, index: int) -> bool:
         table, column = self.columns[index]
-        return table.begins_with_number(column)
+        return table.is_usable(column)
 
     def length(self, index: int) -> int | None:
         return self.columns[index][0].n_rows
+
+    def stated_rates(self, torque: int) -> list[tuple[float, str]]:
+        return self.columns[torque][0].table.rates
 
     def column_values(self, index: int) -> Float:
         table, column = self.columns[index]
@@ -94,7 +103,7 @@ class _Sheet(CsvSource):
 
     has_text_numbers = False
 
-    def __init__(self, path: Path, title: str, rows: list[list[str]]) -> None:
+    def __init__(self, path: Path, title: str, rows: list[list[str]], stated: dict[str, Any]) -> None:
         self.title = title
         width = max(map(len, rows))
         lines = []
@@ -106,15 +115,12 @@ class _Sheet(CsvSource):
             row = [*cells, *[""] * (width - len(cells))]
             csv.writer(line, delimiter="\t", lineterminator="").writerow(row)
             lines.append(line.getvalue())
-        super().__init__(path, "\t", lines)
+        super().__init__(path, stated | {"delimiter": "\t"}, lines)
+        self.n_rows = len(lines) - self.table.first
 
     def sample_place(self, sample: int) -> str:
-        row = f"row {self.first_line + sample}"
+        row = f"row {self.table.first + 1 + sample}"
         return f"{row} of sheet {self.title!r}" if self.title else row
-
-    def _checked_rows(self, rows: Iterable[str]) -> int:
-        """Return the number of rows: they are of one width, and empty cells are an error of their column."""
-        return sum(1 for _ in rows)
 
 
 def _cell_text(cell: Any) -> str:

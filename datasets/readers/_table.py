@@ -1,0 +1,260 @@
+"""Where the table of a text or a sheet begins, how its cells are separated, and what stands above it."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat.datasets.readers._columns import (
+    ANGLE_NAMES,
+    PULSE_NAMES,
+    UNITS,
+    UNITS_OF,
+    clean_unit,
+    is_time_name,
+    is_usual,
+    name_and_unit,
+)
+from cyclofeat.datasets.readers._times import named_rate
+
+HEAD_LINES = 1000  # from which all is concluded
+# No torque record has more; a file that has is something else, and splitting it would take long.
+_MOST_COLUMNS = 4096
+_MOST_HEADS = 20  # rows above the samples among which the names are
+_HALF_DAY = 43_200 * 10**9  # ns
+_NUMBER = re.compile(
+    r"\s*[+-]?(\d[\d_]*[.,]?\d*([.,]\d+)*|[.,]\d+|nan|inf(inity)?)([eE][+-]?\d+)?\s*", re.IGNORECASE
+)
+_CLOCK = re.compile(
+    r"\s*(?P<date>\d{1,4}[-./]\d{1,2}[-./]\d{1,4}|\d{1,2}[-. ]\w{3}[-. ]\d{2,4})?[T ]*"
+    r"(?P<h>\d{1,2}):(?P<m>\d\d):(?P<s>\d\d)(?:[.,:](?P<f>\d+))?\s*(?P<half>[AP]M)?\s*(?P<zone>Z|[+-]\d\d:?\d\d)?\s*",
+    re.IGNORECASE,
+)
+_DATE = re.compile(r"\s*\d{1,4}([-./])\d{1,2}\1\d{1,4}\s*")
+_SETTING = re.compile(r"\W*(\w.*?)\s*[:=]\s*([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*([A-Za-z/]*)\s*")
+
+
+@dataclass(frozen=True)
+class Table:
+    """Table of a text; ``first`` is the index of its first line of samples, ``rates`` stand in its head."""
+
+    delimiter: str
+    first: int
+    names: list[str] | None
+    units: list[str | None] | None
+    width: int
+    widest: int  # that a row may be: comments may follow
+    numeric: frozenset[int]
+    decimal: str
+    rates: list[tuple[float, str]]
+
+    def describe(self) -> str:
+        mark = {"\t": "tab", " ": "spaces"}.get(self.delimiter, f"{self.delimiter!r}")
+        decimal = "decimal comma" if self.decimal == "," else "decimal point"
+        separated = f"{self.width} columns, {mark}, " if self.width > 1 else "1 column, "
+        return f"samples from line {self.first + 1}: {separated}{decimal}"
+
+
+def split_row(line: str, delimiter: str, file: str = "") -> list[str]:
+    """Return the cells of a row."""
+    if delimiter == " ":
+        return line.split()
+    if '"' not in line:
+        return line.split(delimiter)
+    try:
+        return next(csv.reader([line], delimiter=delimiter), [])
+    except csv.Error as error:
+        raise ValueError(f"{file} cannot be read as CSV ({error})") from None
+
+
+def find_table(lines: list[str], file: str, stated: dict[str, Any]) -> Table:
+    """Find the table in the first lines of a file.
+
+    ``stated`` may hold ``delimiter``, ``decimal`` and ``table_line``, the line of the names from 1.
+    """
+    hint = re.fullmatch(r'\s*"?sep=(.)"?\s*', lines[0]) if lines else None
+    begin = max((stated.get("table_line") or 1) - 1, 1 if hint else 0)
+    delimiter = stated.get("delimiter") or (hint[1] if hint else None)
+    filled = [i for i in range(begin, len(lines)) if lines[i].strip() and not lines[i].startswith("#")]
+    if not filled:
+        raise ValueError(f"{file} holds no row of data" + f" from line {begin + 1}" * bool(begin))
+    best, best_score = None, 0.0
+    # Comma after the others, with which it is a decimal comma; one column if nothing separates several.
+    for mark in [delimiter] if delimiter else ["\t", ";", ",", " ", ""]:
+        rows = [split_row(line, mark or ";", file)[: _MOST_COLUMNS + 1] for line in lines]
+        score, table = _table_of(rows, lines, filled, mark or ";", stated)
+        several = table is not None and (delimiter is not None or table.width > 1)
+        if table is not None and ((several and score > best_score + 1e-9) or (best is None and not mark)):
+            best, best_score = table, score
+    if best is None:
+        raise ValueError(
+            f"{file}: no table of numbers in its first {len(lines)} lines; if there is one, give table_line= "
+            "(the line of the column names, from 1) and delimiter="
+        )
+    if best.width > _MOST_COLUMNS:
+        raise ValueError(
+            f"{file}: line {best.first + 1} has more than {_MOST_COLUMNS} columns, which cannot be read; "
+            "one row per sample and one column per channel are right"
+        )
+    return best
+
+
+def _table_of(
+    rows: list[list[str]], lines: list[str], filled: list[int], delimiter: str, stated: dict[str, Any]
+) -> tuple[float, Table | None]:
+    """Return the table of rows that one delimiter separates, with the share of numbers in its cells."""
+    kinds = {i: [_kind_of(cell) for cell in rows[i]] for i in filled}
+    later = filled[len(filled) // 2 :] if len(filled) > 50 else filled
+    weights: Counter[int] = Counter()
+    for i in later:
+        weights[len(rows[i])] += 2 * (kinds[i].count("n") + kinds[i].count("t")) + 1
+    width = weights.most_common(1)[0][0]
+    samples = [i for i in later if len(rows[i]) == width]
+    samples = samples[next((k for k, i in enumerate(samples) if set("nt") & set(kinds[i])), 0) :]
+    columns = range(width)
+    kinds_of = [[kinds[i][j] for i in samples] for j in columns]
+    filled_cells = [sum(kind != "b" for kind in column) for column in kinds_of]
+    numbers = [sum(kind in "nt" for kind in column) for column in kinds_of]
+    numeric = {j for j in columns if 2 * numbers[j] >= filled_cells[j] > 0}
+    fit = [
+        len(rows[i]) == width and any(kinds[i][j] != "b" for j in numeric)
+        and all(kinds[i][j] != "x" for j in numeric) for i in filled
+    ]  # fmt: skip
+    # A setting above the table may look like a sample; what follows it does not.
+    first = next(
+        (i for k, i in enumerate(filled) if fit[k] and 2 * sum(fit[k : k + 4]) >= len(fit[k : k + 4])), None
+    )
+    if first is None:
+        return 0.0, None
+    score = sum(numbers) / max(1, sum(filled_cells))
+    heads = _head_rows(rows, lines, [i for i in filled if i < first], width, delimiter)
+    if not heads and delimiter == "," and not stated.get("delimiter") and filled[0] < first:
+        return 0.0, None  # the names above have fewer commas: these are decimal commas
+    names, units, at = _names_of(heads, numeric, stated)
+    # A number between names and samples is a wrong sample.
+    wrong = [i for i, _ in heads if at < i and any(kinds[i][j] in "nt" for j in numeric)]
+    first = min([first, *wrong])
+    label = next((rows[i] for i in filled if i < at and rows[i][0] == "Y_Unit_Label"), None)
+    if units is None and label is not None:  # LabVIEW, of the values after the times
+        units = [None, *map(clean_unit, label[1:width]), *[None] * width][:width]
+    widest = max(width, len(rows[at])) if heads and delimiter != " " else width
+    comma = any("," in rows[i][j] and kinds[i][j] == "n" for i in samples if i >= first for j in numeric)
+    table = Table(
+        delimiter=delimiter, first=first, names=names, units=units, width=width, widest=widest,
+        numeric=frozenset(j for j in numeric if "n" in kinds_of[j]),
+        decimal=stated.get("decimal") or ("," if comma else "."),
+        rates=_head_rates(rows, lines, first, 0 in numeric),
+    )  # fmt: skip
+    return score, table
+
+
+def _names_of(
+    heads: list[tuple[int, list[str]]], numeric: set[int], stated: dict[str, Any]
+) -> tuple[list[str] | None, list[str | None] | None, int]:
+    """Return the names and units of the columns from the rows above them, and the line of the names."""
+    if not heads:
+        return None, None, -1
+    is_units = len(heads) > 1 and any(clean_unit(cell) in UNITS for cell in heads[0][1])
+    likely = [k for k, (_, cells) in enumerate(heads) if any(map(_is_known_name, cells))]
+    likely = [k for k in likely if k >= is_units] or likely
+    listed = [k for k, (_, cells) in enumerate(heads) if cells[0].lower() == "name" and 0 in numeric]
+    chosen = len(heads) - 1 if stated.get("table_line") else [*listed, *likely, int(is_units)][0]
+    at, names = heads[chosen]
+    if listed:  # TwinCAT: pairs of times and values, with lines of properties below the names
+        del heads[:chosen]
+        names = ["time" if j % 2 == 0 and names[j].lower() == "name" else names[j] for j in range(len(names))]
+    return (
+        names,
+        [clean_unit(cell) for cell in heads[0][1]] if is_units and not listed and chosen else None,
+        at,
+    )
+
+
+def _head_rows(
+    rows: list[list[str]], lines: list[str], above: list[int], width: int, delimiter: str
+) -> list[tuple[int, list[str]]]:
+    """Return the rows above the samples that may name their columns, the lowest first."""
+    heads: list[tuple[int, list[str]]] = []
+    for i in reversed(above):
+        cells = rows[i] if delimiter != " " or len(rows[i]) == width else _wide_cells(lines[i], width)
+        extra = {cell.strip().lower() for cell in cells[width:]} - {"", "comment"}
+        if len(cells) < width or extra or len(heads) == _MOST_HEADS:
+            break
+        heads.append((i, [cell.strip() for cell in cells[:width]]))
+    return heads
+
+
+def _kind_of(cell: str) -> str:
+    """Return n for a number, t for a date or a time of day, b for blank, x for another text."""
+    if not cell.strip():
+        return "b"
+    return "n" if _NUMBER.fullmatch(cell) else "t" if _CLOCK.fullmatch(cell) or _DATE.fullmatch(cell) else "x"
+
+
+def _is_known_name(cell: str) -> bool:
+    base = name_and_unit(cell)[0] if cell else ""
+    known = is_time_name(base) or base in ANGLE_NAMES | PULSE_NAMES
+    return known or any(is_usual(base, quantity) for quantity in UNITS_OF)
+
+
+def _wide_cells(line: str, width: int) -> list[str]:
+    """Return the names of columns that spaces separate; a name keeps its unit in brackets."""
+    wide = re.split(r"\s{2,}", line.strip())
+    return wide if len(wide) == width else re.findall(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?", line)
+
+
+def _head_rates(
+    rows: list[list[str]], lines: list[str], first: int, begins_with_number: bool
+) -> list[tuple[float, str]]:
+    """Return the sampling rates that lines above the samples state, or cells of text before them."""
+    rates: dict[str, float] = {}
+    for i, row in enumerate(rows):
+        if i >= first and (begins_with_number or not row):
+            break
+        triples = list(zip(row, row[1:], [*row[2:], ""], strict=False)) if i < first else [(*row[:2], "")]
+        if i + 1 < first:  # a name above its value
+            triples += [(name, value, "") for name, value in zip(row, rows[i + 1], strict=False)]
+        match = _SETTING.fullmatch(lines[i])
+        triples += [match.groups()] if match else []
+        for name, value, unit in (triple for triple in triples if len(triple) == 3):
+            number = re.fullmatch(r"\s*([+-]?\d*[.,]?\d+(?:[eE][+-]?\d+)?)\s*", value)
+            known = clean_unit(unit) if clean_unit(unit) in UNITS else None
+            rate = (
+                named_rate(name, float(number[1].replace(",", ".")), known)
+                if number and name.strip()
+                else None
+            )
+            if rate is not None:
+                rates.setdefault(f"line {i + 1} ({name.strip()!r})", rate)
+    return [(rate, where) for where, rate in rates.items()]
+
+
+def parse_clock(cells: list[str]) -> NDArray[Any] | None:
+    """Return the times since the first of cells that hold times of day, with or without dates; None if not.
+
+    A date that changes, or a time that falls by hours, is the next day.
+    """
+    seconds, day, date, before = np.empty(len(cells), np.int64), 0, None, None
+    for index, cell in enumerate(cells):
+        match = _CLOCK.fullmatch(cell)
+        if match is None:
+            return None
+        hours = (
+            int(match["h"]) % 12 + 12 * (match["half"].lower() == "pm") if match["half"] else int(match["h"])
+        )
+        time = 10**9 * (3600 * hours + 60 * int(match["m"]) + int(match["s"]))
+        time += int((match["f"] or "0")[:9].ljust(9, "0"))
+        if match["zone"] and match["zone"] not in "Zz":
+            minutes = 60 * int(match["zone"][1:3]) + int(match["zone"][-2:])
+            time -= int(f"{match['zone'][0]}1") * minutes * 60 * 10**9
+        if before is not None and (match["date"] != date if match["date"] else before - time > _HALF_DAY):
+            day += 86_400 * 10**9
+        date, before = match["date"], time
+        seconds[index] = day + time
+    return seconds.view("m8[ns]")
