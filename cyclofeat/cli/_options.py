@@ -294,43 +294,28 @@ def check_folder(option: str, path: Path) -> None:
 FILES = "recordings (.csv, .csv.gz, .txt, .npz, .tdms, .mat, .parquet, .wav, .xlsx), or folders of them"
 _MOST_ERRORS = 10
 _DELIMITERS = {",": ",", ";": ";", "tab": "\t", "space": " "}
+_COUNT: dict[str, Any] = {"type": whole_number(1), "metavar": "N"}
 
 # Argument of read_recording: its option, and how the option is parsed.
 _OPTIONS: dict[str, tuple[str, dict[str, Any]]] = {
     "channel": ("--channel", {"help": "name of the channel to read, or its index from 0"}),
     "quantity": (
-        "--quantity",
-        {"choices": QUANTITIES, "help": "quantity that the channel holds (default output_torque)"},
+        "--quantity", {"choices": QUANTITIES, "help": "quantity of the channel (default output_torque)"}
     ),
     "sampling_rate": (
-        "--sampling-rate",
-        {"type": positive_number, "metavar": "HZ", "help": "sampling rate in Hz"},
+        "--sampling-rate", {"type": positive_number, "metavar": "HZ", "help": "sampling rate in Hz"}
     ),
-    "time_channel": (
-        "--time-channel",
-        {"help": "channel of times, which gives the sampling rate; none: leave times out"},
-    ),
+    "time_channel": ("--time-channel", {"help": "channel of times; none leaves times out"}),
     "time_unit": (
-        "--time-unit",
-        {"choices": ("s", "ms", "us", "ns", "min", "h", "d"), "help": "unit of the times"},
+        "--time-unit", {"choices": ("s", "ms", "us", "ns", "min", "h", "d"), "help": "unit of the times"}
     ),
     "angle_channel": ("--angle-channel", {"help": "channel of the shaft's angle"}),
     "angle_unit": ("--angle-unit", {"choices": ("rad", "deg", "rev"), "help": "unit of the angle"}),
     "pulses_per_turn": (
-        "--pulses-per-turn",
-        {
-            "type": whole_number(1),
-            "metavar": "N",
-            "help": "the angle's channel holds N pulses per turn (1: an index)",
-        },
+        "--pulses-per-turn", _COUNT | {"help": "the angle's channel holds N pulses per turn (1: an index)"}
     ),
     "counts_per_turn": (
-        "--counts-per-turn",
-        {
-            "type": whole_number(1),
-            "metavar": "N",
-            "help": "the angle's channel holds an encoder's counts, N per turn",
-        },
+        "--counts-per-turn", _COUNT | {"help": "the angle's channel holds counts of an encoder, N per turn"}
     ),
     "angle_is_absolute": (
         "--angle-absolute",
@@ -341,11 +326,8 @@ _OPTIONS: dict[str, tuple[str, dict[str, Any]]] = {
     "scale": ("--scale", {"type": float, "help": "Nm (or A) per unit of the channel"}),
     "delimiter": ("--delimiter", {"choices": tuple(_DELIMITERS), "help": "separator in text files"}),
     "decimal": ("--decimal", {"choices": (",", "."), "help": "mark of the decimals in text files"}),
-    "table_line": (
-        "--table-line",
-        {"type": whole_number(1), "metavar": "N", "help": "line of the column names in text files, from 1"},
-    ),
-}
+    "table_line": ("--table-line", _COUNT | {"help": "line of the column names in text files, from 1"}),
+}  # fmt: skip
 
 
 def add_reading_options(parser: argparse.ArgumentParser, *, sampling_rate: bool = True) -> None:

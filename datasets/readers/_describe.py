@@ -33,32 +33,21 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
     Returns
     -------
     dict
-        Values that JSON can hold; unknown ones are None.
-
-        ``file``, ``channel``, ``quantity``, ``unit`` (that of the quantity, unless ``meta`` states another),
-        ``unit_assumed`` (bool), ``minimum``, ``maximum``, ``mean``, ``std`` (in that unit), ``constant``
-        (bool), ``sampling_rate`` (Hz), ``rate_from``, ``n_samples``, ``duration_s``, ``angle`` (shaft and
-        kind of zero), ``speed_rpm``, ``load_nm``, ``assembly``, ``run``, ``defect_count``,
-        ``worn_lobes_from_1`` (list) and ``source``.
+        Values that JSON can hold; unknown ones are None. Content: ``file``, ``channel``, ``quantity``,
+        ``unit``, ``unit_assumed``, ``minimum``, ``maximum``, ``mean``, ``std`` (in that unit), ``constant``,
+        ``sampling_rate`` (Hz), ``rate_from``, ``n_samples``, ``duration_s``, ``angle`` (shaft and kind of
+        zero), ``angle_unit_assumed``, ``speed_rpm``, ``load_nm``, ``assembly``, ``run``, ``defect_count``,
+        ``worn_lobes_from_1``, ``source``, ``time_jitter`` (samples), ``gaps`` (list of [sample after it, samples
+        missing]), ``start_time``, ``table`` (how a text was read).
 
         ``clipped_share`` : share of samples at the record's largest or smallest value where samples pile up
-        there (runs of three and more, four times as many as at the next value).
+        there. ``dropout_share`` : share of samples that repeat one value for much longer than usual, or are
+        exactly 0 between values far from it.
 
-        ``dropout_share`` : share of samples that repeat one value for much longer than usual, or are exactly
-        0 between values far from it.
-
-        ``speed_measured_rpm`` : input speed by the angle, else by the lobe lines near the nominal speed.
-        ``speed_from`` : "angle" or "lobe lines". ``speed_deviation`` : its relative deviation from the
-        nominal speed.
-
-        ``output_turns`` : output turns recorded, by the measured speed, else the nominal one.
-        ``whole_output_turns`` (int) and ``unused_s`` : the rest after them, in s.
-
-        ``run_up_s`` : time at the start, in s, in which speed or mean torque differ from the rest of the
-        record.
-
-        ``angle_unit_assumed`` (bool), ``time_jitter`` (samples), ``gaps`` (list of [sample after it, samples
-        missing] or None), ``start_time``, ``table`` (how a text was read).
+        ``speed_measured_rpm`` : input speed by the angle, else by the lobe lines (``speed_from``).
+        ``speed_deviation`` : its relative deviation from the nominal speed. ``output_turns``,
+        ``whole_output_turns`` and ``unused_s`` : output turns recorded, and the rest after whole ones, in s.
+        ``run_up_s`` : time at the start, in s, in which speed or mean torque differ from the rest.
 
         ``warnings`` : list of str, what would spoil a count.
 

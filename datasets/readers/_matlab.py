@@ -47,6 +47,7 @@ class MatSource(Source):
         self.vectors: dict[str, Callable[[], NDArray[Any]]] = {}
         self.unreadable: dict[str, str] = {}
         self.lengths: dict[str, int] = {}
+        self.titles: dict[str, str] = {}  # of ControlDesk's variables, in place of their names
         self.scalars: dict[str, float] = {}
         self.texts: dict[str, str] = {}
         self.lists: dict[str, list[str]] = {}
@@ -74,7 +75,10 @@ class MatSource(Source):
             stated = self.lists.get(f"{place}.VariableUnits", [])
             if last in columns and len(stated) == len(columns):
                 units[index] = stated[columns.index(last)] or units[index]
-        super().__init__(path, names, units, [last.partition("(")[0] for last in lasts])
+        plain = [
+            self.titles.get(name) or last.partition("(")[0] for name, last in zip(names, lasts, strict=True)
+        ]
+        super().__init__(path, names, units, plain)
 
     def is_usable(self, index: int) -> bool:
         return self.names[index] in self.vectors
@@ -84,6 +88,10 @@ class MatSource(Source):
         if name in self.unreadable:
             raise ValueError(f"{self.file}: variable {name!r} {self.unreadable[name]}")
         return self.vectors[name]()
+
+    def group_of(self, index: int) -> str:
+        name = self.names[index]
+        return name.partition(".")[0] if name in self.titles else name.rpartition(".")[0]
 
     def length(self, index: int) -> int | None:
         return self.lengths.get(self.names[index])
@@ -131,6 +139,13 @@ class MatSource(Source):
             self.unreadable[name] = "must be a full vector of numbers, got a sparse one or another kind"
         elif type(value).__name__ in ("MatlabOpaque", "MatlabFunction"):
             self.unreadable[name] = _OBJECT
+        elif {"Name", "Data"} <= set(value.dtype.names or ()):  # ControlDesk
+            for number, element in enumerate(value.ravel(order="F"), 1):
+                called = f"{name}({number}).Data" if value.size > 1 else f"{name}.Data"
+                self.titles[called] = "".join(map(str, np.ravel(element["Name"])))
+                if "Unit" in value.dtype.names:
+                    self.texts[f"{called}_unit"] = "".join(map(str, np.ravel(element["Unit"])))
+                self._visit_variable(called, element["Data"], depth + 1)
         elif value.dtype.names is not None:
             for field in value.dtype.names:
                 called = f"{name}.{field}"

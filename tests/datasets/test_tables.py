@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from cyclofeat.datasets import read_recording
 
@@ -29,7 +30,7 @@ TABLES = {
     "a rate above": ("# Sample rate: 2 kHz\nTorque [Nm]\n" + rows("{y:.3f}\n"), {}),
     "Keysight": ("x-axis,1\nsecond,Volt\n" + rows("{t:.4E},{y:+.5E}\n"), {"scale": 1}),
     "Rigol": (
-        "X,CH1,Start,Increment,\nSequence,Volt,0,5e-4,\n" + rows("{i},{y:.3f},,,\n"), {"channel": 1, "scale": 1}
+        "X,CH1,Start,Increment,\nn,Volt,0,5e-4,\n" + rows("{i},{y:.3f},,,\n"), {"channel": 1, "scale": 1}
     ),
     "Siglent": ("Sample Interval,0.0005\nUnits,V\nSource,C1\nSecond,Volt\n" + rows("{t:.4f},{y:.3f}\n"), {}),
     "Tektronix": (
@@ -95,3 +96,13 @@ def test_counts_of_an_encoder_are_an_angle(tmp_path):
     recording = read_recording(path, channel=2, quantity="motor_current", counts_per_turn=60)
     np.testing.assert_allclose(recording.angle, np.arange(60) * 2 * np.pi / 60)
     assert (recording.unit, recording.torque[0]) == ("%", 2)
+
+
+def test_variables_of_controldesk_are_found_by_their_names(tmp_path):
+    kind = [("Name", object), ("Data", object), ("Unit", object)]
+    times, torques = np.array(SAMPLES).T
+    y = np.array([("Torque", torques, "Nm"), ("Speed", times, "1/s")], dtype=kind)
+    savemat(tmp_path / "a.mat", {"rec": {"X": np.array([("time", times, "s")], dtype=kind), "Y": y}})
+    recording = read_recording(tmp_path / "a.mat", channel="Torque")
+    np.testing.assert_array_equal(recording.torque, torques)
+    assert recording.sampling_rate == 2000
