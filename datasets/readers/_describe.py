@@ -37,8 +37,8 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
         ``unit``, ``unit_assumed``, ``minimum``, ``maximum``, ``mean``, ``std`` (in that unit), ``constant``,
         ``sampling_rate`` (Hz), ``rate_from``, ``n_samples``, ``duration_s``, ``angle`` (shaft and kind of
         zero), ``angle_unit_assumed``, ``speed_rpm``, ``load_nm``, ``assembly``, ``run``, ``defect_count``,
-        ``worn_lobes_from_1``, ``source``, ``time_jitter`` (samples), ``gaps`` (list of [sample after it, samples
-        missing]), ``start_time``, ``table`` (how a text was read).
+        ``worn_lobes_from_1``, ``source``, ``time_jitter`` (samples), ``gaps`` (list of [sample after it,
+        samples missing]), ``start_time``, ``table`` (how a text was read).
 
         ``clipped_share`` : share of samples at the record's largest or smallest value where samples pile up
         there. ``dropout_share`` : share of samples that repeat one value for much longer than usual, or are

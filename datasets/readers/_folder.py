@@ -99,12 +99,9 @@ def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recordin
     ----------
     path : path
         Folder. If it holds a file ``recordings.csv``, that is its manifest: a CSV file with one line per
-        recording and the columns ``file`` (within the folder) and any of ``channel``, ``quantity``,
-        ``sampling_rate`` (Hz), ``time_channel``, ``time_unit``, ``angle_channel``, ``angle_unit``,
-        ``pulses_per_turn``, ``counts_per_turn``, ``table_line``, ``delimiter``, ``decimal``, ``scale`` (Nm
-        per unit), ``defect_count``, ``worn_lobes_from_1`` (separated by spaces), ``n_lobes`` (of a disc, if
-        not 15), ``run``, ``speed`` (RPM of the input), ``load`` (Nm), ``source``, ``assembly``,
-        ``angle_of``, ``angle_is_absolute`` (true or false). An empty cell states nothing.
+        recording and the columns ``file`` (within the folder), ``speed`` (RPM of the input), ``load`` (Nm),
+        ``worn_lobes_from_1`` (separated by spaces), other arguments of :func:`read_recording`, and labels of
+        :class:`~cyclofeat.recordings.Recording`. An empty cell states nothing.
         Without a manifest all files that :func:`read_recording` knows are read, by name, but for ``.txt``; of
         a campaign (:func:`cyclofeat.simulators.run_campaign`) all runs that reached their end.
     **arguments

@@ -26,6 +26,7 @@ from cyclofeat.datasets.readers._times import named_rate
 HEAD_LINES = 1000  # from which all is concluded
 # No torque record has more; a file that has is something else, and splitting it would take long.
 _MOST_COLUMNS = 4096
+_LONGEST_CELL = 300  # of a number or a setting
 _MOST_HEADS = 20  # rows above the samples among which the names are
 _HALF_DAY = 43_200 * 10**9  # ns
 _NUMBER = re.compile(
@@ -127,9 +128,8 @@ def _table_of(
         and all(kinds[i][j] != "x" for j in numeric) for i in filled
     ]  # fmt: skip
     # A setting above the table may look like a sample; what follows it does not.
-    first = next(
-        (i for k, i in enumerate(filled) if fit[k] and 2 * sum(fit[k : k + 4]) >= len(fit[k : k + 4])), None
-    )
+    likely = (k for k in range(len(fit)) if fit[k] and 2 * sum(fit[k : k + 4]) >= len(fit[k : k + 4]))
+    first = next((filled[k] for k in likely), None)
     if first is None:
         return 0.0, None
     score = sum(numbers) / max(1, sum(filled_cells))
@@ -194,6 +194,8 @@ def _kind_of(cell: str) -> str:
     """Return n for a number, t for a date or a time of day, b for blank, x for another text."""
     if not cell.strip():
         return "b"
+    if len(cell) > _LONGEST_CELL:
+        return "x"
     return "n" if _NUMBER.fullmatch(cell) else "t" if _CLOCK.fullmatch(cell) or _DATE.fullmatch(cell) else "x"
 
 
@@ -220,17 +222,13 @@ def _head_rates(
         triples = list(zip(row, row[1:], [*row[2:], ""], strict=False)) if i < first else [(*row[:2], "")]
         if i + 1 < first:  # a name above its value
             triples += [(name, value, "") for name, value in zip(row, rows[i + 1], strict=False)]
-        match = _SETTING.fullmatch(lines[i])
+        match = _SETTING.fullmatch(lines[i][:_LONGEST_CELL])
         triples += [match.groups()] if match else []
         for name, value, unit in (triple for triple in triples if len(triple) == 3):
             number = re.fullmatch(r"\s*([+-]?\d*[.,]?\d+(?:[eE][+-]?\d+)?)\s*", value)
             known = clean_unit(unit) if clean_unit(unit) in UNITS else None
-            rate = (
-                named_rate(name, float(number[1].replace(",", ".")), known)
-                if number and name.strip()
-                else None
-            )
-            if rate is not None:
+            amount = float(number[1].replace(",", ".")) if number and name.strip() else 0.0
+            if (rate := named_rate(name, amount, known)) is not None:
                 rates.setdefault(f"line {i + 1} ({name.strip()!r})", rate)
     return [(rate, where) for where, rate in rates.items()]
 
@@ -245,9 +243,8 @@ def parse_clock(cells: list[str]) -> NDArray[Any] | None:
         match = _CLOCK.fullmatch(cell)
         if match is None:
             return None
-        hours = (
-            int(match["h"]) % 12 + 12 * (match["half"].lower() == "pm") if match["half"] else int(match["h"])
-        )
+        hours, half = int(match["h"]), (match["half"] or "").lower()
+        hours = hours % 12 + 12 * (half == "pm") if half else hours
         time = 10**9 * (3600 * hours + 60 * int(match["m"]) + int(match["s"]))
         time += int((match["f"] or "0")[:9].ljust(9, "0"))
         if match["zone"] and match["zone"] not in "Zz":
