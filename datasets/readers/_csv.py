@@ -130,6 +130,7 @@ class CsvSource(Source):
         self.table = find_table(head, self.file, stated)
         self.decimal, self.decimal_stated = self.table.decimal, stated.get("decimal") is not None
         self.named = self.table.names is not None
+        self.arrays: dict[int, NDArray[Any]] = {}  # columns that pyarrow has read
         super().__init__(
             path, self.table.names or [str(j) for j in range(self.table.width)], self.table.units
         )
@@ -189,23 +190,28 @@ class CsvSource(Source):
     def _read_at_once(self, index: int) -> NDArray[Any] | None:
         """Return a column of a long file as pyarrow reads it, ten times as fast; None where it cannot."""
         table, lines, size = self.table, self.lines, self.path.stat().st_size
+        if index in self.arrays:
+            return self.arrays.pop(index)
         if not isinstance(lines, TextLines) or table.delimiter == " " or size < _LONG_FILE:
             return None
         try:
             arrow, arrow_csv = import_module("pyarrow"), import_module("pyarrow.csv")
             columns = [str(column) for column in range(table.width)]
+            # All numbers in one go if they are few.
+            wanted = [columns[k] for k in sorted(table.numeric) if len(table.numeric) <= 4 or k == index]
             read = arrow_csv.read_csv(
                 self.path,
                 arrow_csv.ReadOptions(skip_rows=table.first, column_names=columns, encoding=lines.encoding),
                 arrow_csv.ParseOptions(delimiter=table.delimiter, ignore_empty_lines=False),
                 arrow_csv.ConvertOptions(
-                    column_types={columns[index]: arrow.float64()}, include_columns=[columns[index]],
+                    column_types=dict.fromkeys(wanted, arrow.float64()), include_columns=wanted,
                     decimal_point=self.decimal, null_values=[],
                 ),
             )  # fmt: skip
-        except (ImportError, ValueError):  # rows of another width, or cells that are no numbers: named below
+        except (ImportError, ValueError, NotImplementedError, OSError):  # what is wrong is named below
             return None
-        return np.asarray(read.column(0).to_numpy())
+        self.arrays = {int(name): read.column(name).to_numpy() for name in wanted}
+        return self.arrays.pop(index, None)
 
     def _parse_number(self, cell: str) -> float:
         if "_" in cell:  # 1_000 is a number in Python only
