@@ -59,6 +59,8 @@ for effect in result.effects:
         ]
         print(f"{effect.effect:20} {effect.probability:4.0%} {effect.answer:10} {', '.join(sizes)}")
 print("something left unexplained:", result.remainder.unexplained)
+assert {"brake_rotor", "noise"} == {effect.effect for effect in result.effects if effect.answer == "present"}
+assert not result.remainder.unexplained
 
 # %%
 # The intervals are of 90 % and should hold the truth, which only a surrogate rig lets us check: 0.020 kg

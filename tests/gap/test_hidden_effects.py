@@ -9,6 +9,7 @@ import ast
 import hashlib
 import json
 import math
+import runpy
 from collections import Counter
 from pathlib import Path
 
@@ -255,3 +256,10 @@ def test_where_the_linear_fit_fails_the_sizes_of_the_posterior_stand(tmp_path: P
     assert not confirmed.fitted
     assert stated["clipping.limit_nm"] == pytest.approx(18.07, rel=0.04)
     assert stated["clipping.limit_nm"] == pytest.approx(posterior.sizes(session)["clipping.limit_nm"][2])
+
+
+# The gallery shows these two without running them; they assert what they find.
+@pytest.mark.parametrize("name", ["own_simulator", pytest.param("workflow", marks=pytest.mark.bench)])
+def test_example_names_what_is_hidden(name, monkeypatch):
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda *_, **__: None)
+    runpy.run_path(str(ROOT / "examples" / "gap" / f"{name}.py"), run_name="__main__")
