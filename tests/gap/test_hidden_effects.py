@@ -10,21 +10,14 @@ import hashlib
 import json
 import math
 import runpy
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.hidden_effects import (
-    _ask,
-    _effects,
-    _equivalence,
-    _folders,
-    _sets,
-)
+from benchmarks.hidden_effects import _ask, _effects, _equivalence, _folders, _sets
 from benchmarks.hidden_effects._machine import Machine, run
-from cyclofeat.gap import World, load_posterior
+from cyclofeat.gap import load_posterior
 from cyclofeat.gap.confirm.confirm import confirm_effects
 from cyclofeat.gap.posterior.answers import named_effects
 from cyclofeat.gap.world.world import NOISE_AND_DRIFT
@@ -37,7 +30,6 @@ pytestmark = pytest.mark.slow  # a benchmark is no part of the package
 
 HERE = ROOT / "benchmarks" / "hidden_effects"
 FS = 25_600
-STRENGTHS = ("weak", "medium", "strong")
 
 
 def theta(effect: str, strength: str = "medium", seed: int = 0) -> dict[str, float]:
@@ -200,30 +192,6 @@ def test_truth_is_what_code_and_tables_give() -> None:
     digest = (HERE / "truth.sha256").read_text(encoding="utf-8").split()[0]
     assert hashlib.sha256(text.encode()).hexdigest() == digest
     assert json.loads(text)["sets"].keys() == _sets.definitions().keys()
-
-
-def test_every_effect_of_the_training_world_is_hidden_alone_in_three_strengths() -> None:
-    singles = Counter(
-        (effect, strength)
-        for one in _sets.definitions().values()
-        if one.kind == "single"
-        for effect, strength, _ in one.effects
-    )
-    names = World().names
-    assert sorted(_sets.effect_names("sizes.csv")) == sorted(names)
-    assert min(singles[name, strength] for name in names for strength in STRENGTHS) == 4
-    assert not set(_sets.effect_names("beyond.csv")) & set(known_effects())
-
-
-def test_sizes_lie_inside_the_librarys_priors() -> None:
-    for one in _sets.definitions().values():
-        for name, values in one.hidden:
-            if name in known_effects():
-                effect = library(name, values)
-                assert set(values) == set(effect.vector_names())
-                for key, value in values.items():
-                    low, high = effect.parameters[key].prior.ppf([1e-4, 1 - 1e-4])
-                    assert low <= value <= high, (one.name, name, key)
 
 
 # The packaged posterior.
