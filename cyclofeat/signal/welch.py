@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -32,9 +33,12 @@ class WelchPreset:
     symmetric: bool
     remove_mean: bool
 
+    @functools.lru_cache(maxsize=16)  # noqa: B019  (a few presets, which live as long as the module)
     def taper(self, n_samples: int) -> Float:
-        """Window of ``n_samples`` samples, shape (n_samples,), without unit."""
-        return np.asarray(signal.get_window(self.window, n_samples, fftbins=not self.symmetric))
+        """Window of ``n_samples`` samples, shape (n_samples,), without unit; read-only."""
+        taper = np.asarray(signal.get_window(self.window, n_samples, fftbins=not self.symmetric))
+        taper.setflags(write=False)
+        return taper
 
 
 PRESETS: Mapping[str, WelchPreset] = MappingProxyType(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -146,10 +147,10 @@ def summarise_windows(
             (np.column_stack(columns), speed_cells),
             _slow_cells(ripple, lines, rate),
             _amplitude_cells(torque, ripple, mean[:, 0]),
-            _band_cells(hann_lines(lines), ripple.shape[1], rate),
+            _band_cells(lines, ripple.shape[1], rate),
             _order_cells(ripple, rate, of_window, nominal_hz, n_lobes),
             _average_cells(ripple, rate, of_window, n_lobes),
-            _feature_cells(torque, rate),
+            _feature_cells(torque, ripple, rate),
         ]
         values.append(np.hstack([of_family for of_family, _ in families]))
         cells = [cell for _, of_family in families for cell in of_family]
@@ -215,7 +216,7 @@ def _slow_cells(
     ripple: Float, lines: NDArray[np.complex128], sampling_rate: float
 ) -> tuple[Float, list[Cell]]:
     n = ripple.shape[1]
-    time = (np.arange(n) - (n - 1) / 2) / n
+    time = _centred_time(n)
     trend = ripple @ time / (time @ time)
     kept = max(int(np.ceil(_SLOW_HZ * n / sampling_rate)), 2)
     power = 2 * np.sum(np.abs(lines[:, 1:kept]) ** 2, axis=1) / n**2
@@ -229,17 +230,25 @@ def _slow_cells(
     ), cells
 
 
+@functools.lru_cache(maxsize=16)
+def _centred_time(n: int) -> Float:
+    time = (np.arange(n) - (n - 1) / 2) / n
+    time.setflags(write=False)
+    return time
+
+
 def _amplitude_cells(X: Float, ripple: Float, mean: Float) -> tuple[Float, list[Cell]]:
     # Single precision, as torque is recorded: it is sorted in half the time.
     ordered = np.sort(X.astype(np.float32), axis=1)
-    variance = ripple.var(axis=1) + RESOLUTION_NM**2
+    square = ripple.var(axis=1)
+    variance = square + RESOLUTION_NM**2
     squares = ripple**2  # products: other powers of arrays take ten times as long
     cubes, fourths = np.mean(squares * ripple, axis=1), np.mean(squares**2, axis=1)
     at = np.round(np.array(_QUANTILES) * (X.shape[1] - 1)).astype(int)
     quantiles = (ordered[:, at] - mean[:, None]) / np.sqrt(variance)[:, None]
     distinct = 1 - np.mean(np.diff(ordered, axis=1) == 0, axis=1)
     # Cumulants: independent Gaussian noise does not change those above the second.
-    excess = (fourths - 3 * ripple.var(axis=1) ** 2) / variance**2
+    excess = (fourths - 3 * square**2) / variance**2
     columns = [mean, level_db(variance), cubes / variance**1.5, signed_log(excess)]
     names = [("mean", "Nm"), ("level of the ripple", "dB"), ("skewness", "1"), ("excess kurtosis", "1")]
     names += [(f"quantile {q:g} over std", "1") for q in _QUANTILES]
@@ -257,16 +266,18 @@ def _band_cells(
     lines: NDArray[np.complex128], n_samples: int, sampling_rate: float
 ) -> tuple[Float, list[Cell]]:
     frequencies = np.fft.rfftfreq(n_samples, 1 / sampling_rate)
-    psd = 2 * np.abs(lines) ** 2 / (sampling_rate * n_samples * HANN_POWER) + _white_density(sampling_rate)
     last = int(np.floor(10 * np.log10(_HIGHEST_BAND_SHARE * sampling_rate) - 0.5))
+    edges = [10 ** ((band - 0.5) / 10) for band in range(_LOWEST_BAND, last + 2)]
+    at = np.searchsorted(frequencies, edges).tolist()
+    under = hann_lines(lines[:, : at[-1] + 1])[:, : at[-1]]
+    psd = 2 * np.abs(under) ** 2 / (sampling_rate * n_samples * HANN_POWER) + _white_density(sampling_rate)
     columns, cells = [], []
-    for band in range(_LOWEST_BAND, last + 1):
-        low, high = 10 ** ((band - 0.5) / 10), 10 ** ((band + 0.5) / 10)
-        inside = (frequencies >= low) & (frequencies < high)
-        if not inside.any():  # the windows are too short for the band
-            continue
-        columns.append(level_db(psd[:, inside].sum(axis=1) * (frequencies[1] - frequencies[0])))
-        cells.append(Cell("spectrum", f"third octave at {10 ** (band / 10):.3g} Hz", "dB", low, high))
+    for k, band in enumerate(range(_LOWEST_BAND, last + 1)):
+        inside = psd[:, np.arange(at[k], at[k + 1])]
+        if inside.size:  # else the windows are too short for the band
+            columns.append(level_db(inside.sum(axis=1) * (frequencies[1] - frequencies[0])))
+            name = f"third octave at {10 ** (band / 10):.3g} Hz"
+            cells.append(Cell("spectrum", name, "dB", edges[k], edges[k + 1]))
     return np.column_stack(columns), cells
 
 
@@ -289,35 +300,41 @@ def _order_cells(
     ripple, sampling_rate = block_means(ripple, sampling_rate, n_bins / n_lobes * nominal_hz)
     of_windows = zip(ripple, speeds, strict=True)
     power = np.array([_lines_of_a_turn(x, sampling_rate, speed, n_lobes, n_bins) for x, speed in of_windows])
-    per_line = n_lobes + 1  # bins from one line of the lobe comb to the next
-    columns, cells, floors, floor_cells = [], [], [], []
-    for line in range(1, _LOBE_LINES + 1):
-        at = line * per_line
-        near = np.r_[at - per_line // 2 : at - 2, at + 3 : at + per_line // 2 + 1]
-        # Without the lines of the input shaft.
-        near = near[near % n_lobes > 1]
-        near = near[(n_lobes - near % n_lobes) > 1]
-        if at + per_line // 2 >= n_bins or not near.size:
-            continue
-        floor = np.median(power[:, near], axis=1)
-        hz, half = at / n_lobes * nominal_hz, per_line / 2 / n_lobes * nominal_hz
-        columns.append(level_db(power[:, at]) - level_db(floor))
-        name = f"lobe line {line} (order {at / n_lobes:.3g})"
-        cells.append(Cell("lobe lines", name, "dB", hz - half, hz + half))
-        floors.append(level_db(floor))
-        floor_cells.append(Cell("floor", f"around order {at / n_lobes:.3g}", "dB", hz - half, hz + half))
-    for turn in range(1, _SHAFT_LINES + 1):
-        at = turn * n_lobes
-        if at % per_line == 0:
-            continue
-        near = np.r_[at - 6 : at - 2, at + 3 : at + 7]
-        near = near[(near > 2) & (near % per_line > 1) & ((per_line - near % per_line) > 1)]
-        if at + 6 >= n_bins or not near.size:
-            continue
+    per_line, reach = n_lobes + 1, (n_lobes + 1) // 2  # bins from one line of the lobe comb to the next
+    bins = per_line * np.arange(1, _LOBE_LINES + 1)
+    bins, levels, floors = _levels_over_floor(power, bins, np.r_[-reach:-2, 3 : reach + 1], n_lobes)
+    cells, floor_cells = [], []
+    for at in bins.tolist():
+        order, half = at / n_lobes, per_line / 2 / n_lobes * nominal_hz
+        band = order * nominal_hz - half, order * nominal_hz + half
+        cells.append(Cell("lobe lines", f"lobe line {at // per_line} (order {order:.3g})", "dB", *band))
+        floor_cells.append(Cell("floor", f"around order {order:.3g}", "dB", *band))
+    bins = n_lobes * np.arange(1, _SHAFT_LINES + 1)
+    bins = bins[bins % per_line > 0]
+    bins, of_shaft, _ = _levels_over_floor(power, bins, np.r_[-6:-2, 3:7], per_line)
+    for turn in (bins // n_lobes).tolist():
         hz, half = turn * nominal_hz, nominal_hz / 2
-        columns.append(level_db(power[:, at]) - level_db(np.median(power[:, near], axis=1)))
         cells.append(Cell("shaft lines", f"input order {turn}", "dB", hz - half, hz + half))
-    return np.array([*columns, *floors]).T.reshape(len(ripple), -1), cells + floor_cells
+    return np.hstack([levels, of_shaft, floors]), cells + floor_cells
+
+
+def _levels_over_floor(
+    power: Float, bins: NDArray[np.intp], offsets: NDArray[np.intp], period: int
+) -> tuple[NDArray[np.intp], Float, Float]:
+    """Return those of the bins that have a floor, their levels over it, and its level, in dB.
+
+    The floor is the median of the bins at the offsets, but for those at or beside multiples of ``period``.
+    """
+    near = bins[:, np.newaxis] + offsets
+    usable = (near > 2) & (near % period > 1) & (period - near % period > 1)
+    known = usable.any(axis=1) & (near.max(axis=1, initial=0) < power.shape[1])
+    bins, usable = bins[known], usable[known]
+    # All medians at once, of numbers before as many times infinity as others are more.
+    around = np.sort(np.where(usable, power[:, near[known]], np.inf), axis=2)
+    lines, n_usable = np.arange(bins.size), usable.sum(axis=1)
+    middle = around[:, lines, (n_usable - 1) // 2] + around[:, lines, n_usable // 2]
+    floor = level_db(middle / 2)
+    return bins, level_db(power[:, bins]) - floor, floor
 
 
 def _lines_of_a_turn(x: Float, sampling_rate: float, speed: float, n_lobes: int, n_bins: int) -> Float:
@@ -365,12 +382,13 @@ def synchronous_average(
     x: Float, turns_per_sample: float, n_bins: int
 ) -> tuple[Float, NDArray[np.intp], NDArray[np.intp]]:
     """Mean of a signal in each bin of the turn (0 in an empty one), bin of each sample, samples in each."""
-    slots = (np.arange(x.size) * (turns_per_sample * n_bins)).astype(np.intp) % n_bins
+    slots = (np.arange(x.size) * (turns_per_sample * n_bins)).astype(np.intp)
+    slots -= slots // n_bins * n_bins  # the remainder, in a fraction of its time
     n = np.bincount(slots, minlength=n_bins)
     return np.bincount(slots, x, minlength=n_bins) / np.maximum(n, 1), slots, n
 
 
-def _feature_cells(X: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
+def _feature_cells(X: Float, ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
     columns, cells = [], []
     for preset in ("matlab_pwelch", "ripple"):
         frequencies, psd = welch_psd(X, sampling_rate, preset)
@@ -380,7 +398,7 @@ def _feature_cells(X: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
     shapes = (spectral_flatness, spectral_centroid, spectral_rolloff)
     columns += [level_db(shape(psd, frequencies)) for shape in shapes]
     cells += [Cell("features", name, "dB") for name in ("spectral flatness", "spectral centroid", "roll-off")]
-    details = dwt(X - X.mean(axis=1, keepdims=True), _WAVELET, _LEVELS)
+    details = dwt(ripple, _WAVELET, _LEVELS)
     for number, coefficients in enumerate(details[:-1], start=1):
         low, high = level_band(number, sampling_rate)
         around = coefficients - coefficients.mean(axis=1, keepdims=True)
