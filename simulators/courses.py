@@ -221,10 +221,10 @@ def on_lines(at, knots, values):  # type: ignore[no-untyped-def]
     """``numpy.interp(at, knots, values)`` to the last bit, several times as fast for increasing ``at``."""
     joined = np.empty(at.size)
     last = knots.size - 1
-    k, of, slope = 0, -1, 0.0
+    i, k = 0, 0
     if at.size > 0 and at[0] > knots[0]:
         k = np.searchsorted(knots, at[0], side="right") - 1
-    for i in range(at.size):
+    while i < at.size:
         x = at[i]
         while k < last and knots[k + 1] <= x:
             k += 1
@@ -232,10 +232,16 @@ def on_lines(at, knots, values):  # type: ignore[no-untyped-def]
             k -= 1
         if k == last or x <= knots[k]:
             joined[i] = values[k]
-        else:
-            if k != of:  # a quotient takes longer than all the rest
-                of, slope = k, (values[k + 1] - values[k]) / (knots[k + 1] - knots[k])
-            joined[i] = slope * (x - knots[k]) + values[k]
+            i += 1
+            continue
+        # One quotient for all numbers in turn between two knots: it takes longer than all the rest.
+        low, high, value = knots[k], knots[k + 1], values[k]
+        slope = (values[k + 1] - value) / (high - low)
+        joined[i] = slope * (x - low) + value
+        i += 1
+        while i < at.size and low < at[i] < high:
+            joined[i] = slope * (at[i] - low) + value
+            i += 1
     return joined
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -115,7 +116,7 @@ class Machine:
             elif acting:
 
                 def total(time: Float, parts: Sequence[Fluctuation] = acting) -> Float:
-                    return np.asarray(sum(part(time) for part in parts))
+                    return np.asarray(functools.reduce(np.add, (part(time) for part in parts)))
 
                 totals[name] = total
         return Courses(**totals)

@@ -74,9 +74,10 @@ class Request:
         return (*of_machine, self.sampling_rate, self.start, self.solver, self.torque_in, self.motion)
 
     @property
-    def cost(self) -> tuple[int, int]:
-        """Defects of both wheels and number of steps, by which runs are grouped."""
-        return self.defects.defect_count * len(self.defects.wheels), self.sampling.n_steps
+    def cost(self) -> tuple[bool, int, int]:
+        """True with defects, number of pieces, and defects of both wheels, by which runs are grouped."""
+        n_defects = self.defects.defect_count * len(self.defects.wheels)
+        return n_defects > 0, self.sampling.n_steps // _PIECE, n_defects
 
 
 _OPTIONS = {field.name for field in fields(Request)} - {"gearbox", "defects", "constants", "sampling"}
@@ -113,8 +114,8 @@ def obstacle(request: Request, arguments: Mapping[str, Any]) -> str | None:
 def group_requests(requests: Mapping[int, Request]) -> Iterator[dict[int, Request]]:
     """Yield groups of requests that can run together, at most one per lane, by their keys.
 
-    A batch takes as long as its longest run, and each step as long as the lane with most contacts. So runs
-    with equal numbers of defects and of similar length are grouped.
+    A batch takes as long as its longest run, and each step as long as the lane with most contacts: the first
+    defect adds a third, each further one little. So runs of similar length are grouped.
     """
     by_form: dict[tuple[Any, ...], list[int]] = {}
     for key in sorted(requests, key=lambda key: requests[key].cost):
@@ -133,7 +134,8 @@ class SampledCourse:
     n : int
         Number of evaluations.
     angle, speed : ndarray, shape (n_samples,)
-        Of the input, in rad and rad/s, once all pieces were asked for. The speed is picked, like any motion.
+        Of the input, in rad and rad/s, once all pieces were asked for. The speed is picked, like any motion,
+        and empty without.
     """
 
     def __init__(self, request: Request) -> None:
@@ -142,8 +144,8 @@ class SampledCourse:
         self._whole = DriveAndLoad(
             request.gearbox, self.n, self._step, request.sampling_rate, request.start_angle, request.courses,
         )  # fmt: skip
-        self._evaluations = stages * sampling.steps
-        self.angle, self.speed = np.empty(self._time.size), np.empty(self._time.size)
+        self._evaluations = stages * sampling.steps if request.motion else sampling.steps[:0]
+        self.angle, self.speed = np.empty(self._time.size), np.empty(self._evaluations.size)
 
     def piece(self, first: int, last: int, out: Float) -> Float:
         """Return what :class:`DriveAndLoad` does."""
@@ -195,6 +197,7 @@ class BatchIntegration:
         at first. They are valid until the next piece. Results after a run's own end mean nothing.
         """
         stages, tables, n_steps = self._stages, self._tables, max(self._own_steps)
+        lanes, pins = Lanes(self._lanes), Lanes(_PINS)
         faulty = bool(tables.geometry[:, rows.HAS_FAULTS : rows.HAS_FAULTS + 2].any())
         results = aligned_zeros((again + min(_PIECE, n_steps), rows.N_RESULTS, self._lanes), self._dtype)
         angle = aligned_zeros((stages * _CHUNK, self._lanes), np.float64)
@@ -214,7 +217,7 @@ class BatchIntegration:
                 n = min(_CHUNK, size - first)
                 fill_drive(inputs, sizes, stages * first, stages * n, stages, tables.n_lobes, angle, drive)
                 done = integrate_lanes(
-                    Lanes(self._lanes), Lanes(_PINS), stages, begin + first, n, self._solver.dt,
+                    lanes, pins, stages, begin + first, n, self._solver.dt,
                     simulation.ABSURD_TORQUE, faulty, angle, drive, tables,
                     results[again + first : again + first + n],
                 )  # fmt: skip

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -216,7 +215,7 @@ def _slow_cells(
     ripple: Float, lines: NDArray[np.complex128], sampling_rate: float
 ) -> tuple[Float, list[Cell]]:
     n = ripple.shape[1]
-    time = _centred_time(n)
+    time = (np.arange(n) - (n - 1) / 2) / n
     trend = ripple @ time / (time @ time)
     kept = max(int(np.ceil(_SLOW_HZ * n / sampling_rate)), 2)
     power = 2 * np.sum(np.abs(lines[:, 1:kept]) ** 2, axis=1) / n**2
@@ -228,13 +227,6 @@ def _slow_cells(
     return np.column_stack(
         [level_db(power + below), level_db(trend**2 + RESOLUTION_NM**2 / (time @ time))]
     ), cells
-
-
-@functools.lru_cache(maxsize=16)
-def _centred_time(n: int) -> Float:
-    time = (np.arange(n) - (n - 1) / 2) / n
-    time.setflags(write=False)
-    return time
 
 
 def _amplitude_cells(X: Float, ripple: Float, mean: Float) -> tuple[Float, list[Cell]]:
