@@ -206,8 +206,8 @@ def hann_lines(lines: NDArray[np.complex128]) -> NDArray[np.complex128]:
 
     Product with the window is a sum over neighbouring lines; the first and the last have one neighbour here.
     """
-    under = lines / 2
-    under[:, 1:-1] -= (lines[:, 2:] + lines[:, :-2]) / 4
+    under = 0.5 * lines  # a quotient of complex numbers takes several times as long
+    under[:, 1:-1] -= 0.25 * (lines[:, 2:] + lines[:, :-2])
     return under
 
 

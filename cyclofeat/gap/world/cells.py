@@ -94,7 +94,8 @@ def _modulation_cells(ripple: Float, kinematics: Kinematics, speeds: Float) -> t
     between_boxes = means[:, before] * (1 - share) + means[:, before + 1] * share
     light = (ripple - between_boxes).astype(np.float32)
     turns = (kinematics.n_lobes + 1) * speeds[:, None] * np.arange(n_samples) / sampling_rate
-    first = np.exp(-2j * np.pi * turns).astype(np.complex64)
+    first = np.empty(turns.shape, dtype=np.complex64)
+    first.real, first.imag = np.cos(-2 * np.pi * turns), np.sin(-2 * np.pi * turns)
     carrier = np.ones_like(first)
     for line in range(1, _MESH_LINES + 1):
         carrier = carrier * first
