@@ -243,23 +243,3 @@ def on_lines(at, knots, values):  # type: ignore[no-untyped-def]
             joined[i] = slope * (at[i] - low) + value
             i += 1
     return joined
-
-
-@njit(fastmath=False)
-def on_grid(at, step, values, first=0):  # type: ignore[no-untyped-def]
-    """As :func:`on_lines`, with unstored knots at multiples of ``step`` from number ``first`` on."""
-    joined = np.empty(at.size)
-    last = first + values.size - 1
-    for i in range(at.size):
-        x = at[i]
-        k = min(max(int(x / step), first), last)
-        while k < last and (k + 1) * step <= x:
-            k += 1
-        while k > first and x < k * step:
-            k -= 1
-        if k == last or x <= k * step:
-            joined[i] = values[k - first]
-        else:
-            slope = (values[k + 1 - first] - values[k - first]) / ((k + 1) * step - k * step)
-            joined[i] = slope * (x - k * step) + values[k - first]
-    return joined

@@ -8,7 +8,6 @@ whose centre is the origin; the tip of lobe 0 lies on the real axis. SI units an
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -200,12 +199,6 @@ class CycloidalProfile:
         return outline
 
 
-@functools.lru_cache(maxsize=64)
-def _smallest_radius(profile: CycloidalProfile) -> float:
-    """Return the least radius of curvature of the pins' path in m: many gearboxes have one profile."""
-    return 1 / float(profile.curvature(np.linspace(0, math.pi / profile.n_lobes, 181)).max())
-
-
 @dataclass(frozen=True, repr=False)
 class CycloidalGearbox:
     """A single-stage cycloidal gearbox with two wheels, and the rig that drives and brakes it.
@@ -369,8 +362,6 @@ class CycloidalGearbox:
                 if isinstance(value, (list, np.ndarray)):
                     given = tuple(np.asarray(value).tolist())
                 object.__setattr__(self, name, given)
-            elif type(value) is float and 0 < value < math.inf:  # by far the most often
-                continue
             elif name in _POSITIVE:
                 positive(name, value)
             elif name in _NOT_NEGATIVE:
@@ -431,7 +422,7 @@ class CycloidalGearbox:
                 f"({4 * self.n_lobes}), got {points!r}"
             )
         object.__setattr__(self, "profile_points", int(points))
-        smallest = _smallest_radius(self.profile)
+        smallest = 1 / float(self.profile.curvature(np.linspace(0, math.pi / self.n_lobes, 181)).max())
         if self.pin_radius + self.pin_clearance >= smallest:
             raise ValueError(
                 f"pin_radius must be below {smallest - self.pin_clearance:.6g} m, the least radius of "

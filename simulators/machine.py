@@ -111,9 +111,7 @@ class Machine:
                 if effect.overrides(name)
             ]
             acting = [part for part in parts if part is not None]
-            if len(acting) == 1:
-                totals[name] = acting[0]
-            elif acting:
+            if acting:
 
                 def total(time: Float, parts: Sequence[Fluctuation] = acting) -> Float:
                     return np.asarray(functools.reduce(np.add, (part(time) for part in parts)))

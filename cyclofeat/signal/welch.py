@@ -35,10 +35,8 @@ class WelchPreset:
 
     @functools.lru_cache(maxsize=16)  # noqa: B019  (a few presets, which live as long as the module)
     def taper(self, n_samples: int) -> Float:
-        """Window of ``n_samples`` samples, shape (n_samples,), without unit; read-only."""
-        taper = np.asarray(signal.get_window(self.window, n_samples, fftbins=not self.symmetric))
-        taper.setflags(write=False)
-        return taper
+        """Window of ``n_samples`` samples, shape (n_samples,), without unit."""
+        return np.asarray(signal.get_window(self.window, n_samples, fftbins=not self.symmetric))
 
 
 PRESETS: Mapping[str, WelchPreset] = MappingProxyType(

@@ -15,7 +15,7 @@ from cyclofeat.simulators import (
     SimulationRun,
     simulate,
 )
-from cyclofeat.simulators.courses import DriveAndLoad, on_grid, on_lines
+from cyclofeat.simulators.courses import DriveAndLoad, on_lines
 from cyclofeat.simulators.many import simulate_each
 from cyclofeat.simulators.simulation import Integration, relax
 from cyclofeat.simulators.tables import kernel_input, rest_state
@@ -88,12 +88,6 @@ def test_lines_are_those_of_numpy_to_the_last_bit() -> None:
     for at in (np.sort(within), within, knots, knots[:1], knots[-1:], np.array([-np.inf, np.inf])):
         np.testing.assert_array_equal(on_lines(at, knots, values), np.interp(at, knots, values))
     np.testing.assert_array_equal(on_lines(within, knots[:1], values[:1]), np.full(3000, values[0]))
-    for step in (5e-6, 1 / 25_600, 0.1):
-        at = step * np.r_[rng.uniform(-3, 203, 3000), np.arange(203), np.nextafter(np.arange(203), 0)]
-        points = np.arange(values.size) * step
-        np.testing.assert_array_equal(on_grid(at, step, values), np.interp(at, points, values))
-        some = at[(at >= points[20]) & (at < points[70])]
-        np.testing.assert_array_equal(on_grid(some, step, values[20:71], 20), np.interp(some, points, values))
 
 
 @pytest.mark.parametrize(

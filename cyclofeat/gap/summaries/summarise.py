@@ -321,11 +321,10 @@ def _levels_over_floor(
     usable = (near > 2) & (near % period > 1) & (period - near % period > 1)
     known = usable.any(axis=1) & (near.max(axis=1, initial=0) < power.shape[1])
     bins, usable = bins[known], usable[known]
-    # All medians at once, of numbers before as many times infinity as others are more.
+    # All medians at once; infinity stands for the bins that are left out.
     around = np.sort(np.where(usable, power[:, near[known]], np.inf), axis=2)
     lines, n_usable = np.arange(bins.size), usable.sum(axis=1)
-    middle = around[:, lines, (n_usable - 1) // 2] + around[:, lines, n_usable // 2]
-    floor = level_db(middle / 2)
+    floor = level_db((around[:, lines, (n_usable - 1) // 2] + around[:, lines, n_usable // 2]) / 2)
     return bins, level_db(power[:, bins]) - floor, floor
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from typing import Any
 
@@ -153,7 +152,9 @@ def _fixed_in_hz(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]
 
 def _shape_cells(ripple: Float, mean: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
     """Line and parabola through the record, exponential decays, and slips."""
-    sizes = signed_log(10 * (ripple @ _line_and_parabola(ripple.shape[1])))
+    time = np.linspace(-1, 1, ripple.shape[1])
+    shapes = np.column_stack([time, 1.5 * time**2 - 0.5])
+    sizes = signed_log(10 * (ripple @ (shapes / np.sum(shapes**2, axis=0))))
     columns, cells = [*sizes.T], [Cell("course", name, "1") for name in ("straight line", "parabola")]
     # The size of each decay, the level that it leaves, and what the torque settles to.
     slow, rate = block_means(ripple, sampling_rate, _DECAY_HZ)
@@ -176,14 +177,6 @@ def _shape_cells(ripple: Float, mean: Float, sampling_rate: float) -> tuple[Floa
         for name in ("skewness of", "third moment of"):
             cells.append(Cell("slips", f"{name} changes in {1e3 * box_s:g} ms", "1"))
     return np.column_stack(columns), cells
-
-
-@functools.lru_cache(maxsize=64)
-def _line_and_parabola(n: int) -> Float:
-    """Return the weights, (n, 2), that give the sizes of both in a record."""
-    time = np.linspace(-1, 1, n)
-    shapes = np.column_stack([time, 1.5 * time**2 - 0.5])
-    return np.asarray(shapes / np.sum(shapes**2, axis=0))
 
 
 def _code_cells(X: NDArray[np.float32]) -> tuple[Float, list[Cell]]:
