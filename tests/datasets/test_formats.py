@@ -59,9 +59,6 @@ def test_tdms_gives_values_rate_unit_and_start(tmp_path):
         "file": "rig.tdms", "channel": "Messung/Drehmoment", "unit_assumed": False,
         "rate_from": "property 'wf_increment'", "start_time": "2024-05-01T12:00:00.250000", "scale": 1e-3,
     }  # fmt: skip
-    given = read_recording(path, sampling_rate=1_000)
-    assert given.sampling_rate == 1_000
-    assert "1000 Hz, overrides property 'wf_increment', which says 25600 Hz" in given.meta["time_notes"][0]
 
 
 def test_tdms_of_many_segments_and_groups(tmp_path):
@@ -274,13 +271,6 @@ def test_matlab_vectors(tmp_path, write, column):
     assert recording.sampling_rate == RATE
     assert recording.meta["rate_from"] == "variable 'fs'"
     assert not recording.meta["unit_assumed"]
-
-
-def test_matlab_v4(tmp_path):
-    savemat(tmp_path / "rig.mat", {"M": TORQUE, "dt": 1 / RATE}, format="4")
-    recording = read_recording(tmp_path / "rig.mat")
-    np.testing.assert_array_equal(recording.torque, TORQUE)
-    assert recording.sampling_rate == RATE
 
 
 @writers

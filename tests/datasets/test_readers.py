@@ -177,15 +177,10 @@ TORQUE = [21.5, -3.25, 22.125]
 
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
-@pytest.mark.parametrize("mark", ["", "\ufeff"])
-def test_separators_and_line_ends_are_found(tmp_path, separator, end, mark):
-    lines = [
-        separator.join(("time", "torque")),
-        *(separator.join((str(i / 1000), str(t))) for i, t in enumerate(TORQUE)),
-    ]
-    path = tmp_path / "rig.csv"
-    path.write_bytes((mark + end.join(lines) + end).encode())
-    recording = read_recording(path)
+def test_separators_and_line_ends_are_found(tmp_path, separator, end):
+    lines = ["time,torque", *(f"{i / 1000},{t}" for i, t in enumerate(TORQUE)), ""]
+    (tmp_path / "rig.csv").write_bytes(end.join(lines).replace(",", separator).encode())
+    recording = read_recording(tmp_path / "rig.csv")
     assert recording.torque.tolist() == TORQUE
     assert recording.sampling_rate == 1_000
 
@@ -278,12 +273,6 @@ def test_the_angle_is_read_in_its_own_unit(tmp_path):
     assert read_recording(bare, sampling_rate=1, angle_channel=False).angle is None
 
 
-def test_an_angle_that_leaps_is_an_error_with_a_way_out(tmp_path):
-    path = write(tmp_path / "rig.csv", "torque,angle_deg\n1,200\n2,300\n3,40\n")
-    with pytest.raises(ValueError, match=r"'angle_deg': angle must rise or fall, .*angle_channel=False"):
-        read_recording(path, sampling_rate=1)
-
-
 def test_what_was_assumed_is_stated(tmp_path):
     path = write(tmp_path / "rig.csv", "time [s];torque\n0,0;21,5\n0,5;22,5\n1,0;23,0\n")
     recording = read_recording(path)
@@ -314,7 +303,6 @@ BAD_CSV = {
     "a name twice": ("a,a\n1,2\n3,4\n", "channel = 'a' ... [0, 1] ... index", {"channel": "a"}),
     "wrong time column": ("torque\n1\n2\n", "time_channel = 'when' ... 'torque'", {"time_channel": "when"}),
     "wrong angle column": ("torque\n1\n2\n", "angle_channel = 'phi' ... 'torque'", {"angle_channel": "phi"}),
-    "NaN": ("torque\n1\n2\nnan\nnan\n", "'torque' ... finite ... nan ... line 4"),
     "infinity": ("# a\n# b\ntorque\n1\n-inf\n3\n", "finite ... -inf ... line 5"),
     "text in a cell": (
         "a,torque\n1,2\n1,two\n1,2\n", "line 3 ... column 'torque' ... 'two', which is not a number"
@@ -340,6 +328,14 @@ BAD_CSV = {
     "names only": ("torque,a\n", "no table of numbers in its first 1 lines ... table_line="),
     "comments only": ("# a\n# b\n", "no row of data"),
     "blank": ("\n \n", "no row of data"),
+    "an angle that leaps": (
+        "torque,angle_deg\n1,200\n2,300\n3,40\n",
+        "'angle_deg': angle must rise or fall, ... angle_channel=False",
+    ),
+    "a word between spaces": (
+        "time torque\n0 1\n1 x\n2 3\n", "line 3, column 'torque' holds 'x', which is not a number"
+    ),
+    "a short row between spaces": ("time torque\n0 1\n1\n2 3\n", "line 3 ... 2 columns ... got 1 column"),
     "times that stand": (
         "time,torque\n1,1\n1,2\n", "time column 'time' must rise ... by 0 s", {"sampling_rate": None}
     ),
@@ -418,19 +414,6 @@ def test_spaces_separate_columns(tmp_path, head, comma):
     recording = read_recording(tmp_path / "run.txt", **({} if head else bare))
     assert recording.torque.tolist() == [21.9, 22.1]
     assert recording.sampling_rate == 2000
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("time torque\n0 1\n1 x\n2 3\n", "line 3, column 'torque' holds 'x', which is not a number"),
-        ("time torque\n0 1\n1\n2 3\n", "line 3 must have 2 columns as the first row has, got 1 column"),
-    ],
-)
-def test_wrong_rows_between_spaces_are_named(tmp_path, text, message):
-    (tmp_path / "run.txt").write_text(text)
-    with pytest.raises(ValueError, match=message):
-        read_recording(tmp_path / "run.txt", sampling_rate=1)
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-32", "latin-1", "cp1252"])
@@ -516,11 +499,6 @@ def test_arguments_are_checked(tmp_path, arguments, kind, words):
 # -- NPZ of others
 
 
-def test_npz_states_the_unit_of_its_angle(tmp_path):
-    np.savez(tmp_path / "rig.npz", torque=TORQUE, angle=[0, 90, 180], sampling_rate=RATE, angle_unit="deg")
-    np.testing.assert_allclose(read_recording(tmp_path / "rig.npz").angle, [0, np.pi / 2, np.pi])
-
-
 def test_npz_of_others_needs_torque_and_rate_only(tmp_path):
     path = tmp_path / "rig.npz"
     np.savez(path, torque=np.float32(TORQUE), sampling_rate=[25_600], note="second day")
@@ -533,6 +511,8 @@ def test_npz_of_others_needs_torque_and_rate_only(tmp_path):
     recording = read_recording(path)
     assert recording.angle.tolist() == [0.1, 0.2, 0.3]
     assert (recording.assembly, recording.defect_count) == ("A1", 2)
+    np.savez(path, torque=TORQUE, angle=[0, 90, 180], sampling_rate=RATE, angle_unit="deg")
+    np.testing.assert_allclose(read_recording(path).angle, [0, np.pi / 2, np.pi])
     np.savez(path, a1=[1, 2, 3], phi=[0.1, 0.2, 0.3])
     recording = read_recording(path, channel="a1", angle_channel="phi", sampling_rate=5, scale=10)
     assert recording.torque.tolist() == [10, 20, 30]
@@ -554,7 +534,6 @@ BAD_NPZ = {
     "a matrix": ({"torque": [[1], [2]], "sampling_rate": 3}, "'torque' ... 1-D ... (2, 1)"),
     "text": ({"torque": ["a", "b"], "sampling_rate": 3}, "'torque' ... real numbers ... <U1"),
     "complex": ({"torque": [1j, 2], "sampling_rate": 3}, "'torque' ... real numbers ... complex128"),
-    "NaN": ({"torque": [1, np.nan], "sampling_rate": 3}, "torque ... finite ... nan at sample 1"),
     "one sample": ({"torque": [1], "sampling_rate": 3}, "at least 2 samples ... got 1"),
     "short angle": ({"torque": [1, 2], "sampling_rate": 3, "angle": [1]}, "angle ... at least 2"),
     "bad meta": ({"torque": [1, 2], "sampling_rate": 3, "meta": "[1]"}, "'meta' ... JSON object ... [1]"),
@@ -629,7 +608,7 @@ def test_pickles_are_never_loaded(tmp_path, key):
         read_recording(tmp_path / "bare.npz")
 
 
-def test_a_bare_array_and_a_flipped_bit_are_noticed(tmp_path):
+def test_a_bare_array_a_flipped_bit_and_a_missing_end_are_noticed(tmp_path):
     path = tmp_path / "rig.npz"
     with path.open("wb") as file:
         np.save(file, np.zeros(5))
@@ -638,20 +617,10 @@ def test_a_bare_array_and_a_flipped_bit_are_noticed(tmp_path):
     np.savez(path, torque=np.random.default_rng(0).normal(size=1_000), sampling_rate=3)
     damaged = bytearray(path.read_bytes())
     damaged[2_000] ^= 1
-    path.write_bytes(damaged)
-    with pytest.raises(ValueError, match=r"rig.npz is damaged"):
-        read_recording(path)
-
-
-@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
-@pytest.mark.parametrize("share", [0.01, 0.3, 0.7, 0.95, 0.999])
-def test_a_truncated_file_is_damaged(tmp_path, save, share):
-    path = tmp_path / "rig.npz"
-    save(path, torque=np.random.default_rng(0).normal(size=1_000), sampling_rate=3)
-    whole = path.read_bytes()
-    path.write_bytes(whole[: int(share * len(whole))])
-    with pytest.raises(ValueError, match=r"rig.npz is damaged"):
-        read_recording(path)
+    for content in (damaged, path.read_bytes()[:-9]):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=r"rig.npz is damaged"):
+            read_recording(path)
 
 
 # -- descriptions
