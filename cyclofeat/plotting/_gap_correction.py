@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 
 from cyclofeat.plotting._gap import RECORDED
 from cyclofeat.plotting.drawing import (
-    Display,
-    axes_for,
+    PlainDisplay,
     draw_mark_legend,
     legend_above,
     one_of_result,
@@ -36,7 +35,7 @@ _LABELS = {
 }
 
 
-class GapOverlayDisplay(Display):
+class GapOverlayDisplay(PlainDisplay):
     """Display of recordings, model and corrected model over each other.
 
     Lines are means over recordings; bands hold nine recordings in ten.
@@ -52,7 +51,7 @@ class GapOverlayDisplay(Display):
     >>> GapOverlayDisplay.from_result(result, "orders")  # doctest: +SKIP
     """
 
-    SIZE: ClassVar[tuple[float, float]] = (8.0, 3.6)
+    size = (8.0, 3.6)
 
     def __init__(self, overlay: Overlay, *, label: str = "measured") -> None:
         self.overlay = overlay
@@ -94,20 +93,8 @@ class GapOverlayDisplay(Display):
         overlay = one_of_result(f"overlays of kind={kind!r}", of_kind, condition)
         return cls(overlay, label=label).plot(ax)
 
-    def plot(self, ax: Axes | None = None) -> Self:
-        """Draw.
-
-        Parameters
-        ----------
-        ax : matplotlib.axes.Axes, optional
-            Axes to draw on; default, new ones.
-
-        Returns
-        -------
-        self : GapOverlayDisplay
-        """
-        self.figure_, self.ax_ = axes_for(ax, self.SIZE)
-        overlay, ax = self.overlay, self.ax_
+    def _draw(self, ax: Axes) -> None:
+        overlay = self.overlay
         # What fits lies within the wide line of the recordings.
         curves = (
             ("model", overlay.model, theme_colours()[0], "--", 1.2, 0.10),
@@ -130,14 +117,15 @@ class GapOverlayDisplay(Display):
             plain_log_ticks(ax)
         ax.grid(axis="y", alpha=0.3, linewidth=0.6)
         legend_above(ax, ncols=3)
-        return self
 
 
 _GRR_FLOOR = -100.0  # percent: smaller values are drawn there and stated in words
 
 
-class GapReductionDisplay(Display):
+class GapReductionDisplay(PlainDisplay):
     """Display of the share of the gap that each alternative closes on recordings held out.
+
+    Drawing raises ``ValueError`` if no share is defined.
 
     Parameters
     ----------
@@ -160,6 +148,8 @@ class GapReductionDisplay(Display):
 
     def __init__(self, comparison: Sequence[ProofRow]) -> None:
         self.comparison = tuple(comparison)
+        n_alternatives = len(dict.fromkeys(row.alternative for row in self.comparison))
+        self.size = (8.0, 1.4 + 0.6 * n_alternatives)
 
     @classmethod
     def from_result(cls, result: GapResult, ax: Axes | None = None, *, condition: int = 0) -> Self:
@@ -184,29 +174,10 @@ class GapReductionDisplay(Display):
         """
         return cls(one_of_result("proof", result.proof, condition).rows).plot(ax)
 
-    def plot(self, ax: Axes | None = None) -> Self:
-        """Draw.
-
-        Parameters
-        ----------
-        ax : matplotlib.axes.Axes, optional
-            Axes to draw on; default, new ones.
-
-        Returns
-        -------
-        self : GapReductionDisplay
-
-        Raises
-        ------
-        ValueError
-            If no share is defined.
-        """
+    def _draw(self, ax: Axes) -> None:
         rows = [row for row in self.comparison if np.isfinite(row.grr)]
         if not rows:
             raise ValueError("comparison must hold a row with a finite grr to be drawn, got none")
-        n = len(dict.fromkeys(row.alternative for row in self.comparison))
-        self.figure_, self.ax_ = axes_for(ax, (8.0, 1.4 + 0.6 * n))
-        ax = self.ax_
         names = list(dict.fromkeys(row.alternative for row in rows))
         styles = {"all": ("o", "C0", 0.0), "seen": ("s", "C2", 0.22), "unseen": ("D", "C1", 0.44)}
         conditions = [name for name in styles if any(row.condition == name for row in rows)]
@@ -244,4 +215,3 @@ class GapReductionDisplay(Display):
         if len(conditions) > 1:
             marks = [(*styles[name][:2], styles[name][1], COUNT_GROUPS[name]) for name in conditions]
             draw_mark_legend(ax, marks, ncols=len(marks), loc="lower center", bbox_to_anchor=(0.35, 1.0))
-        return self

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from cyclofeat._base.checks import number_series
 from cyclofeat.features import LobeMap
-from cyclofeat.plotting.drawing import Display, Float, axes_for, shade_map, stated_speed, theme_colours
+from cyclofeat.plotting.drawing import Float, PlainDisplay, shade_map, stated_speed, theme_colours
 from cyclofeat.recordings import Recording, Windower
 from cyclofeat.signal import lobes
 
@@ -51,7 +51,7 @@ class LobeMarks:
     probability: ArrayLike | None = None
 
 
-class LobeMapDisplay(Display):
+class LobeMapDisplay(PlainDisplay):
     """Ring of a disc's lobes, as dark as they are worn, and the disturbance while each passes the load.
 
     Parameters
@@ -70,6 +70,7 @@ class LobeMapDisplay(Display):
     Attributes
     ----------
     colorbar_ : matplotlib.colorbar.Colorbar or None
+        Of a model's probabilities.
 
     Raises
     ------
@@ -97,6 +98,7 @@ class LobeMapDisplay(Display):
     >>> _ = display.plot()  # doctest: +SKIP
     """
 
+    size = (5.2, 5.2)
     colorbar_: Colorbar | None
 
     def __init__(
@@ -238,25 +240,13 @@ class LobeMapDisplay(Display):
             marks=LobeMarks(counted=counted.lobes, probability=counted.lobe_probability),
         )
 
-    def plot(self, ax: Axes | None = None) -> Self:
-        """Draw; of a model's probabilities with a colour bar.
-
-        Parameters
-        ----------
-        ax : matplotlib.axes.Axes, optional
-            Axes to draw on; default, new ones.
-
-        Returns
-        -------
-        self : LobeMapDisplay
-        """
-        self.figure_, self.ax_ = axes_for(ax, (5.2, 5.2))
+    def _draw(self, ax: Axes) -> None:
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import Normalize, to_rgba
         from matplotlib.lines import Line2D
         from matplotlib.patches import Circle, Patch, Polygon, Wedge
 
-        ax, ink = self.ax_, theme_colours()[0]
+        ink = theme_colours()[0]
         body: dict[str, Any] = {"facecolor": to_rgba("0.5", 0.18), "edgecolor": ink, "linewidth": 1.0}
         if self.outline is None:
             outline: Patch = Circle((0, 0), 1.0, **body)
@@ -294,14 +284,13 @@ class LobeMapDisplay(Display):
         ax.legend(handles=marks, ncols=2, fontsize="small", frameon=False, **below)
         self.colorbar_ = None
         if self.lobe_probability is not None:
-            self.colorbar_ = self.figure_.colorbar(
+            self.colorbar_ = ax.figure.colorbar(
                 ScalarMappable(Normalize(0.0, 1.0), shade_map("Greys")), ax=ax, location="bottom",
                 shrink=0.75, pad=0.02, aspect=30, label="ring: probability that the lobe is worn",
             )  # fmt: skip
             if self.colorbar_.solids is not None:
                 # One image instead of 256 strips with hairlines between them in vector files.
                 self.colorbar_.solids.set_rasterized(True)
-        return self
 
     def _draw_slots(self, ax: Axes, middles: Float, half: float, ink: str) -> Artist:
         """Draw ring, numbers and bars of the disturbance, and return the bars' entry in the legend."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cyclofeat._base.checks import number_series
-from cyclofeat.plotting.drawing import Display, axes_for, stated_speed
+from cyclofeat.plotting.drawing import PlainDisplay, stated_speed
 from cyclofeat.recordings import Recording
 from cyclofeat.signal.orders import order_lines
 
@@ -23,7 +23,7 @@ _DYNAMIC_RANGE = 1e-5
 _MOST_MISSING = 0.02
 
 
-class OrderDisplay(Display):
+class OrderDisplay(PlainDisplay):
     """Amplitudes of the torque at the lines of the output turn, by their cause.
 
     Line k of the output turn has the order k/z_s of the input shaft. Every (z_s + 1)-th line belongs to the
@@ -72,6 +72,7 @@ class OrderDisplay(Display):
     >>> _ = display.plot()  # doctest: +SKIP
     """
 
+    size = (7.0, 3.2)
     lines_: dict[str, Line2D]
 
     def __init__(self, *, amplitudes: ArrayLike, n_lobes: int = 15, unit: str = "Nm") -> None:
@@ -131,19 +132,7 @@ class OrderDisplay(Display):
         lines = order_lines(first.torque[np.newaxis], rate, [nominal], highest, n_lobes)
         return cls(amplitudes=np.abs(lines[0]), n_lobes=n_lobes, unit=recording.unit)
 
-    def plot(self, ax: Axes | None = None) -> Self:
-        """Draw.
-
-        Parameters
-        ----------
-        ax : matplotlib.axes.Axes, optional
-            Axes to draw on; default, new ones.
-
-        Returns
-        -------
-        self : OrderDisplay
-        """
-        self.figure_, self.ax_ = axes_for(ax, (7.0, 3.2))
+    def _draw(self, ax: Axes) -> None:
         largest = float(self.amplitudes.max()) or 1.0
         bottom = max(float(np.quantile(self.amplitudes, 0.05)), _DYNAMIC_RANGE * largest)
         passage = f"multiples of the lobes' passage (order {self.n_lobes + 1}/{self.n_lobes})"
@@ -159,7 +148,7 @@ class OrderDisplay(Display):
             heights = np.maximum(self.amplitudes[which], bottom)
             gap = np.full(heights.size, np.nan)
             # One path for all strokes of a kind keeps vector files small.
-            (self.lines_[kind],) = self.ax_.plot(
+            (self.lines_[kind],) = ax.plot(
                 np.repeat(self.orders[which], 3),
                 np.column_stack([np.full(heights.size, bottom), heights, gap]).ravel(),
                 color=colour,
@@ -169,15 +158,12 @@ class OrderDisplay(Display):
                 markevery=(1, 3),
                 label=meaning,
             )
-        self.ax_.set_yscale("log")
-        self.ax_.set(
+        ax.set_yscale("log")
+        ax.set(
             xlabel="order of the input shaft (times per turn)",
             ylabel=f"amplitude ({self.unit})",
             xlim=(0, self.orders[-1] + 0.5),
             ylim=(bottom, 3 * largest),
         )
-        self.ax_.grid(axis="y", alpha=0.3, linewidth=0.6)
-        self.ax_.legend(
-            fontsize="small", framealpha=0.85, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2
-        )
-        return self
+        ax.grid(axis="y", alpha=0.3, linewidth=0.6)
+        ax.legend(fontsize="small", framealpha=0.85, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)

@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,32 @@ class Display:
 
     ax_: Axes
     figure_: Figure | SubFigure
+
+
+class PlainDisplay(Display):
+    """Display of one kind, which draws without options: a subclass has ``size`` (inches) and ``_draw``."""
+
+    size: tuple[float, float]
+
+    def _draw(self, ax: Axes) -> None:
+        """Draw on axes that exist."""
+        raise NotImplementedError
+
+    def plot(self, ax: Axes | None = None) -> Self:
+        """Draw.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw on; default, new ones.
+
+        Returns
+        -------
+        self
+        """
+        self.figure_, self.ax_ = axes_for(ax, self.size)
+        self._draw(self.ax_)
+        return self
 
 
 def require_matplotlib() -> None:

@@ -191,7 +191,7 @@ def _draw_overlays(result: GapResult, label: str) -> list[dict[str, Any]]:
             ]
             picture = _figures.draw_picture(
                 GapOverlayDisplay(overlay, label=label).plot,
-                GapOverlayDisplay.SIZE if len(of_kind) == 1 else _BESIDE_ANOTHER,
+                GapOverlayDisplay.size if len(of_kind) == 1 else _BESIDE_ANOTHER,
                 f"{heading} of recordings, model and corrected model: {overlay.condition.text}",
                 plot=Plot(overlay.x, lines, (axes[0], axes[1])),
             )
