@@ -67,7 +67,7 @@ def test_names_and_order_of_the_features():
         ["coherence(mscohere;healthy;0..1500Hz)"],
         ["coherence(mscohere;first;0..1500Hz)", "coherence(mscohere;first;100..300Hz)"],
         [f"order_amplitude_nm(output;k{k:03};v2)" for k in (1, 2, *range(224, 257))],
-        ["order_amplitude_nm(output;k1;v2)", "order_amplitude_nm(output;k2;v2)"],
+        [f"order_amplitude_nm(output;k{k:02};v2)" for k in range(1, 61)],
         [f"x{sample}" for sample in range(500)],
     ]
     assert names == expected
