@@ -147,10 +147,6 @@ def test_the_mesh_line_bears_out_the_inferred_rate(oedi):
     assert np.all((shaft > 29.4) & (shaft < 29.9))
 
 
-def test_a_file_can_be_named(oedi):
-    np.testing.assert_array_equal(load_oedi_gearbox(MINI).signals, oedi.signals)
-
-
 def test_plain_signals_of_any_length_are_read_too(tmp_path, oedi):
     with np.load(MINI) as archive:
         arrays = {name: archive[name] for name in archive.files if name not in ("signals_i16", "scale")}

@@ -59,12 +59,3 @@ def test_a_lazy_and_a_type_only_import_are_seen(tmp_path):
     (package / "two.py").write_text("if TYPE_CHECKING:\n    from .room.one import f", encoding="utf-8")
     with pytest.raises(CycleError, match=r"house\.two.*house\.room\.one|house\.room\.one.*house\.two"):
         TopologicalSorter(graph_of({"house": package})).prepare()
-
-
-def test_a_package_that_a_part_of_it_imports_is_a_circle(tmp_path):
-    package = tmp_path / "house"
-    package.mkdir()
-    (package / "__init__.py").write_text("from house.one import f", encoding="utf-8")
-    (package / "one.py").write_text("from house import g", encoding="utf-8")
-    with pytest.raises(CycleError):
-        TopologicalSorter(graph_of({"house": package})).prepare()

@@ -200,7 +200,6 @@ def test_equal_steps_of_the_angle():
             "sampling_rate=500 holds frequencies up to 250, but line 496 .* reaches 279",
         ),
         ({"sampling_rate": 30.0, "n_lines": 3, "n_mesh_lines": 0}, "sampling_rate=30 is too low"),
-        ({"n_lines": 0}, "'n_lines' parameter .* Got 0 instead"),
     ],
 )
 def test_bad_parameters(parameters, message):

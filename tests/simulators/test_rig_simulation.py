@@ -210,25 +210,6 @@ def test_the_assembly_follows_from_its_own_seed_and_drift_and_noise_from_the_run
     assert abs(moved) > 0.05  # another drift, of the same rms
 
 
-def test_one_effect_more_changes_no_random_number_of_another():
-    base = [Noise(1.0), Drift(2.0, of="sensor")]
-    plain = Rig(STEEL, base).simulate(random_state=0, **SHORT).torque_out
-    for extra in (Hum(0.5), Offset(0.5), Noise(0.1, 1.0)):
-        more = Rig(STEEL, [*base, extra]).simulate(random_state=0, **SHORT).torque_out
-        other = Rig(STEEL, [extra]).simulate(random_state=0, **SHORT).torque_out
-        bare = Rig(STEEL).simulate(random_state=0, **SHORT).torque_out
-        if not isinstance(extra, Noise):  # alone it is the first of its name, there the second
-            np.testing.assert_allclose(more - plain, other - bare, atol=1e-12)
-        np.testing.assert_allclose((more - plain).std(), (other - bare).std(), rtol=0.4, atol=1e-12)
-
-
-def test_two_effects_of_one_kind_are_independent():
-    bare = Rig(STEEL).simulate(duration=0.4, sampling_rate=FS, random_state=0).torque_out
-    both = Rig(STEEL, [Noise(1.0)] * 2).simulate(duration=0.4, sampling_rate=FS, random_state=0).torque_out
-    # twice the same noise would have twice the rms
-    assert (both - bare).std() == pytest.approx(math.sqrt(2), rel=4 / math.sqrt(2 * both.size))
-
-
 def test_a_longer_record_begins_like_a_shorter_one():
     simulator = Rig.r1().with_added(Noise(0.2), Drift(of="sensor"), Hum(0.1), Quantisation(0.05))
     short, long = (
