@@ -85,9 +85,6 @@ def test_the_example_is_a_design_to_edit(capsys, tmp_path):
     assert code == 0
     assert f"cyclofeat campaign {file} --out FOLDER" in text
     assert Campaign.from_json(file) == example()
-    code, _, err = run(capsys, "campaign", "--example", file)
-    assert code == 2
-    assert "exists: give --example another name" in err
     edited = json.loads(file.read_text(encoding="utf-8")) | {
         "repeats": 1,
         "defect_counts": [0, 1],

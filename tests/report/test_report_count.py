@@ -276,13 +276,6 @@ def test_a_wrong_count_stands_out(model, drawn):
     assert (row["count"], row["stated"], row["wrong"]) == (3, 0, True)
 
 
-def test_what_spoils_a_count_is_told(model, drawn):
-    one = recording((4, 5, 6), seed=100)
-    clipped = one.replace(torque=np.minimum(one.torque, 22.3))
-    (section,) = summarise_count(model, [CountedRecording("a", clipped, model.count(clipped))])["sections"]
-    assert any("clipped" in warning for warning in section["warnings"])
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [({"counted": []}, "counted must hold"), ({"most_sections": -1}, "most_sections must not be negative")],
