@@ -110,36 +110,28 @@ class GapCheck(EffectRows[CheckedEffect]):
         -------
         dict from str to object
         """
-        return dict(
-            replace_nonfinite(
-                {
-                    "format": _FORMAT,
-                    "recordings": len(self.conditions),
-                    "conditions": [asdict(row) for row in dict.fromkeys(self.conditions)],
-                    "rigs": self.score.n_rigs,
-                    "sets_right": self.score.sets_right,
-                    "sets_right_with_ties": self.score.sets_right_with_ties,
-                    "precision": self.score.precision,
-                    "recall": self.score.recall,
-                    "wrong": self.wrong,
-                    "effects": [asdict(row) for row in self.effects],
-                    "next_measurements": [asdict(row) for row in self.next_measurements],
-                    "seconds": round(self.seconds, 1),
-                }
-            )
-        )
+        plain = {
+            "format": _FORMAT,
+            "recordings": len(self.conditions),
+            "conditions": [asdict(row) for row in dict.fromkeys(self.conditions)],
+            "rigs": self.score.n_rigs,
+            "sets_right": self.score.sets_right,
+            "sets_right_with_ties": self.score.sets_right_with_ties,
+            "precision": self.score.precision,
+            "recall": self.score.recall,
+            "wrong": self.wrong,
+            "effects": [asdict(row) for row in self.effects],
+            "next_measurements": [asdict(row) for row in self.next_measurements],
+            "seconds": round(self.seconds, 1),
+        }
+        return dict(replace_nonfinite(plain))
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the effects as a data frame, one row each.
+        """Return the effects as a data frame, one row each; needs pandas.
 
         Returns
         -------
         pandas.DataFrame
-
-        Raises
-        ------
-        ImportError
-            If pandas is not installed.
         """
         return data_frame([asdict(row) for row in self.effects])
 
@@ -227,12 +219,18 @@ def check_recordings(
         return None if progress is None else lambda done, _: progress(n + done, n_rigs + n_next)
 
     rigs = simulate_prior(world, template, n_rigs, random_state=state, n_jobs=n_jobs, progress=count_from(0))
-    score = score_posterior(
-        posterior, rigs, counts=template.counts is not None, tachometer=template.speeds_rpm is not None
-    )
+    known = {"counts": template.counts is not None, "tachometer": template.speeds_rpm is not None}
+    score = score_posterior(posterior, rigs, **known)
     p = score.probabilities
     wrong = np.sum((p > NAMED) & ~rigs.present, axis=0)
     counted = sorted(zip(wrong.tolist(), world.names, strict=True), key=lambda one: -one[0])
+    # Recordings with which the posterior gives more probability to what rigs have than to what they lack.
+    further = FurtherRecordings(template, world)
+    rigs_for_next = simulate_prior(
+        world, further.session, n_next, random_state=state + 1, n_jobs=n_jobs, progress=count_from(n_rigs)
+    )
+    complete = rigs_for_next.of(np.flatnonzero(np.isfinite(rigs_for_next.values[:, :, 0]).all(axis=1)))
+    sessions = [complete.session(k, **known) for k in range(len(complete))]
     return GapCheck(
         conditions=tuple(Condition(at[0], at[1], int(at[2])) for at in template.conditions.tolist()),
         effects=tuple(
@@ -240,29 +238,9 @@ def check_recordings(
         ),
         score=score,
         wrong={name: n for n, name in counted if n},
-        next_measurements=_rank_further(posterior, template, n_next, state + 1, n_jobs, count_from(n_rigs)),
+        next_measurements=further.rank(posterior, sessions, complete.present, n_errors=_SURE),
         seconds=time.monotonic() - began,
     )
-
-
-def _rank_further(
-    posterior: EffectPosterior,
-    template: Session,
-    n_rigs: int,
-    random_state: int,
-    n_jobs: int,
-    progress: ProgressCall | None,
-) -> tuple[NextMeasurement, ...]:
-    """Return the recordings with which the posterior gives more probability to what rigs have and lack."""
-    world = posterior.world
-    further = FurtherRecordings(template, world)
-    rigs = simulate_prior(
-        world, further.session, n_rigs, random_state=random_state, n_jobs=n_jobs, progress=progress
-    )
-    complete = rigs.of(np.flatnonzero(np.isfinite(rigs.values[:, :, 0]).all(axis=1)))
-    counts, tachometer = template.counts is not None, template.speeds_rpm is not None
-    sessions = [complete.session(k, counts=counts, tachometer=tachometer) for k in range(len(complete))]
-    return further.rank(posterior, sessions, complete.present, n_errors=_SURE)
 
 
 def _session_template(recordings: tuple[Any, ...], world: World) -> Session:

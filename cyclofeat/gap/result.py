@@ -188,10 +188,7 @@ class EffectRows(Generic[AnyRow]):
     def effect(self, name: str) -> AnyRow:
         """Return the row of an effect.
 
-        Raises
-        ------
-        KeyError
-            If it was not asked for.
+        ``KeyError`` if it was not asked for.
         """
         for row in self.effects:
             if row.effect == name:
@@ -300,7 +297,7 @@ class GapResult(EffectRows[FoundEffect]):
         return dict(replace_nonfinite(plain))
 
     def to_frame(self, table: Table = "effects") -> pd.DataFrame:
-        """One table of the result as a data frame.
+        """Return one table of the result as a data frame; needs pandas.
 
         Parameters
         ----------
@@ -310,13 +307,6 @@ class GapResult(EffectRows[FoundEffect]):
         -------
         pandas.DataFrame
             One row per effect, parameter, number that remains, measurement, number compared, or alternative.
-
-        Raises
-        ------
-        ImportError
-            If pandas is not installed.
-        ValueError
-            If there is no such table.
         """
         rows: list[dict[str, Any]]
         match checks.one_of("table", table, get_args(Table)):

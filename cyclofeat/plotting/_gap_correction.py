@@ -83,11 +83,6 @@ class GapOverlayDisplay(PlainDisplay):
         Returns
         -------
         GapOverlayDisplay
-
-        Raises
-        ------
-        ValueError
-            If the result has no such overlay.
         """
         of_kind = [overlay for overlay in result.overlays if overlay.kind == kind]
         overlay = one_of_result(f"overlays of kind={kind!r}", of_kind, condition)
@@ -166,11 +161,6 @@ class GapReductionDisplay(PlainDisplay):
         Returns
         -------
         GapReductionDisplay
-
-        Raises
-        ------
-        ValueError
-            If the result has no such proof.
         """
         return cls(one_of_result("proof", result.proof, condition).rows).plot(ax)
 

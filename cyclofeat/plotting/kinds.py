@@ -9,23 +9,12 @@ from cyclofeat.features.registry import REGISTRY, Feature
 
 @dataclass(frozen=True)
 class Words:
-    """Words for a kind of features.
-
-    Parameters
-    ----------
-    title : str
-    axis : str
-        Label of the vertical axis, with unit.
-    places : str
-        Label of the horizontal axis: what orders the features of the kind.
-    text : str, default=""
-        Meaning, and the influence of wear.
-    """
+    """Words for a kind of features."""
 
     title: str
-    axis: str
-    places: str = "number within its kind, from 1"
-    text: str = ""
+    axis: str  # label of the vertical axis, with unit
+    places: str = "number within its kind, from 1"  # label of the horizontal axis: what orders the features
+    text: str = ""  # meaning, and the influence of wear
 
 
 _LINES = "multiple of the rate at which lobes pass"

@@ -12,7 +12,9 @@ function                       page
 =============================  ================================================================
 
 A report is first summarised to a dictionary of plain values, then rendered by a template that escapes all of
-them. Needs jinja2.
+them. Pages need jinja2, and pictures matplotlib: ``ImportError`` says which to install. A page of a folder
+that does not exist is a ``FileNotFoundError``, and a name that does not end in ``.html`` a ``ValueError``,
+before any work is done.
 """
 
 from cyclofeat.report._animation import write_animation

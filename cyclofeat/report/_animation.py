@@ -67,10 +67,6 @@ def write_animation(
 
     Raises
     ------
-    ImportError
-        If jinja2 is not installed.
-    FileNotFoundError
-        If the folder does not exist.
     ValueError
         If the run holds no forces and points, or an argument is out of its range.
 

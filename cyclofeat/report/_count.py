@@ -91,10 +91,6 @@ def write_count_report(
 
     Raises
     ------
-    ImportError
-        If jinja2 or matplotlib is not installed.
-    FileNotFoundError
-        If the folder does not exist.
     ValueError
         If there is nothing to report, or ``most_sections`` is negative.
 

@@ -60,10 +60,6 @@ def write_evaluation_report(
 
     Raises
     ------
-    ImportError
-        If jinja2 or matplotlib is not installed.
-    FileNotFoundError
-        If the folder does not exist.
     ValueError
         If there are no results, or they are of different windows or recordings.
 

@@ -42,24 +42,13 @@ class Axis:
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """Values over the plot's x, NaN where there are none, with an optional band.
-
-    Parameters
-    ----------
-    name : str
-    values : array-like, shape (n,)
-    colour : {"accent", "second", "third", "ink", "faint", "wrong"}, default="accent"
-        A colour of the page.
-    style : {"line", "dashed", "wide", "stems", "strokes", "points"}, default="line"
-    band : tuple of array-like, optional
-        Lower and upper end, each of shape (n,).
-    """
+    """Values over the plot's x, NaN where there are none, with an optional band."""
 
     name: str
     values: ArrayLike
-    colour: str = "accent"
+    colour: str = "accent"  # of the page: accent, second, third, ink, faint or wrong
     style: Literal["line", "dashed", "wide", "stems", "strokes", "points"] = "line"
-    band: tuple[ArrayLike, ArrayLike] | None = None
+    band: tuple[ArrayLike, ArrayLike] | None = None  # lower and upper end
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,30 +75,15 @@ class Span:
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """Lines over one x, with what marks places on it.
+    """Lines over one x, with what marks places on it."""
 
-    Parameters
-    ----------
-    x : array-like, shape (n,)
-        Increasing.
-    lines : sequence of Line
-    axes : tuple of Axis
-        The x and the y axis.
-    view : tuple of float, optional
-        Part of x that is shown at first; default, all.
-    marks : sequence of Marks
-    spans : sequence of Span
-    note : str
-        How the data were reduced.
-    """
-
-    x: ArrayLike
+    x: ArrayLike  # increasing
     lines: Sequence[Line]
-    axes: tuple[Axis, Axis]
-    view: tuple[float, float] | None = None
+    axes: tuple[Axis, Axis]  # of x and of y
+    view: tuple[float, float] | None = None  # part of x that is shown at first; None: all
     marks: Sequence[Marks] = ()
     spans: Sequence[Span] = ()
-    note: str = ""
+    note: str = ""  # how the data were reduced
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values that JSON can hold: long columns as text."""

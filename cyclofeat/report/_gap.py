@@ -92,15 +92,6 @@ def write_gap_report(
     -------
     pathlib.Path
 
-    Raises
-    ------
-    ImportError
-        If jinja2 or matplotlib is not installed.
-    FileNotFoundError
-        If the folder does not exist.
-    ValueError
-        If ``path`` does not end in ``.html``.
-
     Examples
     --------
     >>> write_gap_report(result, "gap.html")  # doctest: +SKIP

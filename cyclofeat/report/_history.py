@@ -47,10 +47,6 @@ def write_history_report(
 
     Raises
     ------
-    ImportError
-        If jinja2 or matplotlib is not installed.
-    FileNotFoundError
-        If the folder does not exist.
     ValueError
         If there is no recording.
 

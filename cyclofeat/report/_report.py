@@ -230,12 +230,8 @@ class Report:
 
         Raises
         ------
-        FileNotFoundError
-            If the folder does not exist.
-        ImportError
-            If jinja2 is not installed.
         ValueError
-            If nothing was added, or the name does not end in ``.html``.
+            If nothing was added.
         """
         target = check_page_path(path)
         if not self._parts:

@@ -121,7 +121,8 @@ def test_a_disc_left_out_has_no_part_in_its_prediction(drift, simulated):
     first = Search(rigs, to_statistics(values, rigs.set_point), tuple(SMALL["library"]), settings)
     values[3, 3] *= 1.3
     measured = to_statistics(values, rigs.set_point)
-    other = Search(rigs, measured, first.library, settings, scales=first.scales)
+    other = Search(rigs, measured, first.library, settings)
+    other.scales = first.scales
     one, two = (
         next(row for row in predict_statistics(search, 3) if row.statistic == "std")
         for search in (first, other)

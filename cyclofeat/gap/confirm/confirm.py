@@ -33,34 +33,19 @@ _TRIED, _CLEARLY = 24, 2.0
 
 @dataclass(frozen=True)
 class Confirmation:
-    """Named effects with fitted sizes, and the test of what they leave.
+    """Named effects with fitted sizes, and the test of what they leave."""
 
-    Attributes
-    ----------
-    effects : tuple of Effect
-        With the most probable sizes.
-    names, sizes : tuple of str, Gaussian
-        Their sizes as in :attr:`World.size_names`, and the joint distribution on the scale of their fit.
-    remainder : RemainderTest
-    accepted : bool
-        Whether chance explains what they leave. If not, something else is missing too, and the sizes are
-        those of the posterior, which allow for it: fitted ones would make up for what is missing.
-    difference : ndarray, shape (n_cells,)
-        Mean of each summary less that of the simulated sessions, in its unit.
-    open : bool
-        Whether they leave more than chance does, but no more than effects that are open would.
-    fitted : bool
-        Whether the sizes are the fitted ones. If not although accepted, sessions with the fitted sizes lie
-        farther from the measured one than those with the posterior's sizes, which are kept.
-    """
-
-    effects: tuple[Effect, ...]
-    names: tuple[str, ...]
-    sizes: Gaussian = field(repr=False)
+    effects: tuple[Effect, ...]  # with the most probable sizes
+    names: tuple[str, ...]  # of the sizes, as in World.size_names
+    sizes: Gaussian = field(repr=False)  # joint distribution on the scale of their fit
     remainder: RemainderTest
+    # Whether chance explains what they leave. If not, something else is missing too, and the sizes are those
+    # of the posterior, which allow for it: fitted ones would make up for what is missing.
     accepted: bool
-    difference: Float = field(repr=False)
-    open: bool = False
+    difference: Float = field(repr=False)  # (n_cells,): mean of each summary less the simulated one
+    open: bool = False  # they leave more than chance does, but no more than effects that are open would
+    # False although accepted: sessions with the fitted sizes lie farther from the measured one than those
+    # with the posterior's sizes, which are kept.
     fitted: bool = True
 
     @property

@@ -276,13 +276,7 @@ class LoopGap:
     warnings: tuple[str, ...] = ()
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the subsets as a data frame: effects, mean error, error of each transfer.
-
-        Raises
-        ------
-        ImportError
-            If pandas is not installed.
-        """
+        """Return the subsets as a data frame: effects, mean error, error of each transfer; needs pandas."""
         rows = [
             {"effects": ", ".join(subset.effects), "error": subset.error}
             | {f"error of transfer {k}": error for k, error in enumerate(subset.errors)}

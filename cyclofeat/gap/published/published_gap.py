@@ -142,7 +142,7 @@ class PublishedGap:
     _rigs: SimulatedRigs = field(repr=False, compare=False)
 
     def to_frame(self, table: Table = "ranking") -> pd.DataFrame:
-        """Return one table of the result as a data frame.
+        """Return one table of the result as a data frame; needs pandas.
 
         Parameters
         ----------
@@ -152,13 +152,6 @@ class PublishedGap:
         -------
         pandas.DataFrame
             One row per statistic, effect, effect named, effect that is next, parameter, or prediction.
-
-        Raises
-        ------
-        ImportError
-            If pandas is not installed.
-        ValueError
-            If there is no such table.
         """
         return data_frame([asdict(row) for row in getattr(self, one_of("table", table, get_args(Table)))])
 

@@ -63,20 +63,15 @@ class Tried:
 class Search:
     """Scores of sets of effects on held-out discs, and a greedy search over the sets.
 
-    ``measured`` is (n_discs, 4) as of :func:`to_statistics`, ``scales`` (4,) the unit of the scores, by
-    default the spread over the discs.
+    ``measured`` is (n_discs, 4) as of :func:`to_statistics`; the unit of the scores, ``scales`` (4,), is the
+    spread over the discs.
     """
 
     def __init__(
-        self,
-        rigs: SimulatedRigs,
-        measured: Float,
-        library: Set,
-        settings: PublishedSettings,
-        scales: Float | None = None,
+        self, rigs: SimulatedRigs, measured: Float, library: Set, settings: PublishedSettings
     ) -> None:
         self.rigs, self.measured, self.library, self.settings = rigs, measured, library, settings
-        self.scales = measured.std(axis=0, ddof=1) if scales is None else scales
+        self.scales = measured.std(axis=0, ddof=1)
         if (self.scales <= 0).any():
             raise ValueError("statistics must differ between discs: their spread is the scale")
         self.random_state = rigs.random_state

@@ -40,60 +40,35 @@ _POWER_Z = 0.8416  # standard normal quantile of a power of 0.8
 
 @dataclass(frozen=True)
 class Row:
-    """Difference between measured and simulated recordings in one cell.
-
-    Attributes
-    ----------
-    of : {"mean", "spread"}
-        Compared quantity: the mean over recordings, or the spread of single recordings.
-    difference : float
-        Measured minus simulated mean, in the cell's unit; for spreads, their ratio in dB.
-    low, high : float
-        Its interval at 1 - alpha, simultaneous within the family.
-    p : float
-        Adjusted within the family (Westfall-Young, step-down) and across families (Holm).
-    detectable : float
-        Smallest difference that would have been found with a probability of 0.8.
-    spread : float
-        Standard deviation of one recording, in the cell's unit; of spreads that of the ratio in dB.
-    """
+    """Difference between measured and simulated recordings in one cell."""
 
     cell: Cell
-    of: str
-    difference: float
-    low: float
+    of: str  # what is compared: "mean" over recordings, or "spread" of single recordings
+    difference: float  # measured minus simulated mean, in the cell's unit; for spreads, their ratio in dB
+    low: float  # ends of its interval at 1 - alpha, simultaneous within the family
     high: float
-    p: float
-    detectable: float
-    spread: float
+    p: float  # adjusted within the family (Westfall-Young, step-down) and across families (Holm)
+    detectable: float  # smallest difference that would have been found with a probability of 0.8
+    spread: float  # standard deviation of one recording, in the cell's unit; of spreads that of the ratio
 
 
 @dataclass(frozen=True)
 class LocatedGap:
-    """Result of :func:`locate`.
-
-    Attributes
-    ----------
-    simulated : ndarray, shape (n_bank, n_cells)
-        Summaries of the bank.
-    shared_variance : ndarray, shape (n_cells,)
-        Share of each cell's variance that recordings of one assembly have in common; 0 for an assembly each.
-    rows : tuple of Row
-        All cells: means in the order of the families, then spreads, then all means together. Spreads and
-        all together are tested one-sidedly: only the lower end of their intervals holds at 1 - alpha, the
-        upper end lies as far above the difference and bounds nothing.
-    family_p : dict from str to float
-        Smallest p of each family, ``"spreads"`` and ``"together"`` among them, adjusted within and across.
-    """
+    """Result of :func:`locate`."""
 
     comparison: Comparison
     measured: MeasuredTurns = field(repr=False)
     bank: Bank = field(repr=False)
-    simulated: Float = field(repr=False)
+    simulated: Float = field(repr=False)  # summaries of the bank, (n_bank, n_cells)
     alpha: float
     n_permutations: int
+    # Share of each cell's variance that recordings of one assembly have in common; 0 for an assembly each.
     shared_variance: Float = field(repr=False)
+    # All cells: means in the order of the families, then spreads, then all means together. Spreads and all
+    # together are tested one-sidedly: only the lower end of their intervals holds at 1 - alpha, the upper end
+    # lies as far above the difference and bounds nothing.
     rows: tuple[Row, ...] = field(repr=False)
+    # Smallest p of each family, "spreads" and "together" among them, adjusted within and across.
     family_p: dict[str, float]
     _compared: tuple[Float, Float] = field(repr=False)
 
