@@ -219,18 +219,18 @@ def check_recordings(
         return None if progress is None else lambda done, _: progress(n + done, n_rigs + n_next)
 
     rigs = simulate_prior(world, template, n_rigs, random_state=state, n_jobs=n_jobs, progress=count_from(0))
-    known = {"counts": template.counts is not None, "tachometer": template.speeds_rpm is not None}
-    score = score_posterior(posterior, rigs, **known)
+    counts, tachometer = template.counts is not None, template.speeds_rpm is not None
+    score = score_posterior(posterior, rigs, counts=counts, tachometer=tachometer)
     p = score.probabilities
     wrong = np.sum((p > NAMED) & ~rigs.present, axis=0)
     counted = sorted(zip(wrong.tolist(), world.names, strict=True), key=lambda one: -one[0])
-    # Recordings with which the posterior gives more probability to what rigs have than to what they lack.
+    # Recordings with which the posterior gives more probability to what is true of the rigs.
     further = FurtherRecordings(template, world)
     rigs_for_next = simulate_prior(
         world, further.session, n_next, random_state=state + 1, n_jobs=n_jobs, progress=count_from(n_rigs)
     )
     complete = rigs_for_next.of(np.flatnonzero(np.isfinite(rigs_for_next.values[:, :, 0]).all(axis=1)))
-    sessions = [complete.session(k, **known) for k in range(len(complete))]
+    sessions = [complete.session(k, counts=counts, tachometer=tachometer) for k in range(len(complete))]
     return GapCheck(
         conditions=tuple(Condition(at[0], at[1], int(at[2])) for at in template.conditions.tolist()),
         effects=tuple(

@@ -29,17 +29,7 @@ _SCRIPTS_OF_PLOTS = ("uplot/LICENSE", "uplot/uPlot.iife.min.js", "plot.js")
 
 
 def check_page_path(path: str | os.PathLike[str]) -> Path:
-    """Check that a page ``*.html`` can be written, before the work for it, and return its path.
-
-    Raises
-    ------
-    FileNotFoundError
-        If the folder does not exist.
-    ImportError
-        If jinja2 is not installed.
-    ValueError
-        If the name does not end in ``.html`` or ``.htm``.
-    """
+    """Check name, folder and jinja2 of a page ``*.html`` before the work for it, and return its path."""
     target = Path(path)
     if target.suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"a report is a page: its name must end in .html, got {target.name!r}")

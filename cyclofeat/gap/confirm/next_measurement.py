@@ -124,13 +124,8 @@ class FurtherRecordings:
         what the rigs have and lack, each effect by itself, as the mean of the logarithm (Lindley 1956). A
         posterior that only grows surer of wrong answers gains nothing.
 
-        Parameters
-        ----------
-        posterior : EffectPosterior
-        simulated : sequence of Session
-            Like ``session``; of rigs that have the effects ``present`` (n_sessions, n_effects).
-        n_errors : float
-            Standard errors that a gain must exceed.
+        The ``simulated`` sessions are like ``session``, of rigs that have the effects ``present``
+        (n_sessions, n_effects). A gain must exceed ``n_errors`` standard errors.
         """
         if not simulated:
             return ()

@@ -53,22 +53,10 @@ def size_posterior(
 ) -> tuple[Gaussian, Float, Callable[[Float, Float], Float]]:
     """Return the posterior of sizes given one session's summaries.
 
-    Parameters
-    ----------
-    sizes, features, estimates : ndarray, shape (n_sessions, ...)
-        Sizes of simulated sessions, the summaries from which a ridge regression estimates them, and other
-        estimates of them.
-    observed : (ndarray, ndarray)
-        Features and estimates of the session in question.
-    prior : Gaussian
-
-    Returns
-    -------
-    posterior : Gaussian
-    fitted : ndarray, shape (n_sessions, n_sizes)
-        Means of the posteriors of the simulated sessions.
-    fit : callable
-        Returns these means for the features and estimates of other sessions.
+    Of simulated sessions, all (n_sessions, ...), ``features`` are the summaries from which a ridge regression
+    estimates the ``sizes``, and ``estimates`` other estimates of them; ``observed`` holds the features and
+    estimates of the session in question. Also returns the means of the posteriors of the simulated sessions,
+    (n_sessions, n_sizes), and a function that gives these means for features and estimates of others.
     """
     regression = make_pipeline(StandardScaler(), RidgeCV(_ALPHAS))
     # A session must not estimate its own sizes: the residuals would be too small.
@@ -128,15 +116,9 @@ def judge_remainder(
     Squared Mahalanobis distances have their covariance from other sessions, shrunk; the p is that of
     Student's t in their logarithm.
 
-    Parameters
-    ----------
-    simulated : ndarray, shape (n_sessions, n_summaries)
-    sizes, fitted : ndarray, shape (n_sessions, n_sizes)
-        True sizes of the simulated sessions, and those fitted to them.
-    observed, size : ndarray, shapes (n_summaries,) and (n_sizes,)
-        Summaries of the observed session, and the sizes fitted to it.
-    others : (ndarray, ndarray), optional
-        Summaries and fitted sizes of simulated sessions that have open effects too.
+    ``simulated`` is (n_sessions, n_summaries), with true ``sizes`` and ``fitted`` ones (n_sessions, n_sizes);
+    ``observed`` (n_summaries,), with the fitted ``size`` (n_sizes,). ``others`` are summaries and fitted
+    sizes of simulated sessions that have open effects too.
     """
     inputs = np.column_stack([np.ones(len(sizes)), sizes])
     coefficients, *_ = np.linalg.lstsq(inputs, simulated, rcond=None)
