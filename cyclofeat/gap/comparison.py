@@ -79,11 +79,6 @@ class Comparison:
     cache : path, optional
         Folder in which simulations are kept: an interrupted run goes on from there.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If an argument is of the wrong type or out of its range. The message names it.
-
     Examples
     --------
     >>> comparison = Comparison(sampling_rate=6400.0, defect_counts=(0, 3))
@@ -359,11 +354,6 @@ class GapSettings:
         Folder in which simulations are kept.
     one_assembly : bool
         Whether all recordings are of one gearbox that was not taken apart between them.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If a value is out of range.
     """
 
     alpha: float = 0.03

@@ -143,19 +143,11 @@ class MeasuredRig:
         Speeds within 0.5 % of each other, and loads within 2 %, are one set-point: their median. A recording
         whose mean torque is negative ran in reverse.
 
-        Parameters
-        ----------
-        recordings : iterable of Recording
-            With ``speed_rpm``, and of discs with as many lobes as the model's.
-        rig : Rig
-            The model. Its load is that of recordings without ``load_nm``, with a warning.
-        sampling_rate : float, optional
-            Rate in Hz to which recordings with a higher one are resampled, with a warning. Default: the
-            lowest of the recordings.
-        quantity : {"output_torque", "input_torque"}, optional
-            The quantity that must have been measured. Default: either.
-        conditions : sequence of Condition, optional
-            Those of other recordings: a set-point within the same limits of one of theirs is that one.
+        The recordings state ``speed_rpm``, and have discs with as many lobes as ``rig``, the model, whose
+        load is that of recordings without ``load_nm``, with a warning. Those with a higher rate than
+        ``sampling_rate`` in Hz (default: the lowest of them) are resampled, with a warning. They must be of
+        ``quantity``, if it is given. A set-point within the same limits of one of ``conditions``, those of
+        other recordings, is that one.
 
         Examples
         --------

@@ -72,11 +72,6 @@ class LobeMapDisplay(PlainDisplay):
     colorbar_ : matplotlib.colorbar.Colorbar or None
         Of a model's probabilities.
 
-    Raises
-    ------
-    ValueError
-        If an argument is out of its range; the message names it.
-
     Notes
     -----
     Numbers in the picture count from 1. The ring shows a model's probabilities, else the worn lobes that the

@@ -48,11 +48,6 @@ class OrderDisplay(PlainDisplay):
     lines_ : dict of str to matplotlib.lines.Line2D
         By kind.
 
-    Raises
-    ------
-    ValueError
-        If an argument is out of its range; the message names it.
-
     See Also
     --------
     cyclofeat.signal.orders.order_lines : The amplitudes, with their equation.

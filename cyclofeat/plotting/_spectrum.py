@@ -47,11 +47,6 @@ class SpectrumDisplay(Display):
     order_ax_ : matplotlib.axes.Axes or None
         The axis of orders on top; None where the input speed is not known.
 
-    Raises
-    ------
-    ValueError
-        If an argument is out of its range; the message names it.
-
     Examples
     --------
     >>> import numpy as np

@@ -61,11 +61,6 @@ class TrainingDisplay(Display):
     absolute : bool, default=False
         True if these are numbers on the disc, False if they count from the recording's first sample.
 
-    Raises
-    ------
-    ValueError
-        If shapes do not fit; the message names the argument.
-
     See Also
     --------
     cyclofeat.counting.TrainingDomain : Definition of the distance.

@@ -21,36 +21,21 @@ _BINS = 15
 
 @dataclass(frozen=True)
 class PosteriorScore:
-    """Shares of right answers of a posterior.
-
-    Attributes
-    ----------
-    n_rigs : int
-    precision, recall : float
-        Precision and recall of the effects named with a probability above one half. An effect that the
-        posterior has not learned is never named.
-    sets_right, sets_right_with_ties : float
-        Share of the rigs whose effects are named exactly; with ties, an effect may be named for another of
-        its group.
-    calibration_error : float
-        Mean distance of probabilities, in 15 bins, from the shares of the rigs that have the effect; of
-        effects that the posterior has learned.
-    coverage : dict from str to float
-        Share of the true sizes inside the 90 % interval, by parameter.
-    effect_recall : dict from str to float
-        By effect; NaN where it is absent.
-    probabilities : ndarray, shape (n_rigs, n_effects)
-        Probability of each effect in each rig; NaN where it is not learned.
-    """
+    """Shares of right answers of a posterior."""
 
     n_rigs: int
+    # Of the effects named with a probability above one half. One that was not learned is never named.
     precision: float
     recall: float
+    # Share of the rigs whose effects are named exactly; with ties, one may be named for another of its group.
     sets_right: float
     sets_right_with_ties: float
+    # Mean distance of probabilities, in 15 bins, from the shares of the rigs that have the effect; of effects
+    # that the posterior has learned.
     calibration_error: float
-    coverage: dict[str, float] = field(repr=False)
-    effect_recall: dict[str, float] = field(repr=False)
+    coverage: dict[str, float] = field(repr=False)  # share of true sizes in the 90 % interval, by parameter
+    effect_recall: dict[str, float] = field(repr=False)  # by effect; NaN where it is absent
+    # Probability of each effect in each rig, (n_rigs, n_effects); NaN where it is not learned.
     probabilities: Float = field(repr=False, compare=False)
 
 

@@ -155,21 +155,12 @@ def prove_condition(
     n_simulated: int = 64,
     others: Mapping[str, Alternative] | None = None,
 ) -> Proof:
-    """Compare a corrected model and the original one with recordings held out.
+    """Compare a corrected model and that of the comparison with recordings held out from any fit.
 
-    Parameters
-    ----------
-    comparison : Comparison
-        With the original model.
-    corrected : Rig
-    held_out : MeasuredTurns
-        Recordings that nothing was fitted to.
-    fitted_counts : ndarray of int, optional
-        Counts of the recordings that the correction was fitted to: others are judged separately.
-    n_simulated : int, default=64
-        Simulated recordings of each alternative, all with the same random numbers; at least 4 of each count.
-    others : mapping from str to Rig or callable, optional
-        Further alternatives by name: ``"oracle"`` for the truth.
+    Counts that are not among ``fitted_counts``, those of the recordings that the correction was fitted to,
+    are judged separately. ``n_simulated`` recordings of each alternative are simulated, all with the same
+    random numbers, and at least 4 of each count. ``others`` are further alternatives by name: ``"oracle"``
+    for the truth.
 
     Notes
     -----

@@ -55,11 +55,6 @@ class PublishedSettings:
     table : path or None
         File of simulated statistics that :meth:`PublishedGap.save_table` wrote for the same comparison and
         settings. Sets of effects that it does not hold are simulated.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If a value is out of range.
     """
 
     library: Sequence[str] | None = None

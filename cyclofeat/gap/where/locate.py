@@ -152,21 +152,12 @@ def locate(
     follows a recording's own speed and mean torque is therefore taken out on both sides, as far as simulated
     recordings reach.
 
-    Parameters
-    ----------
-    comparison : Comparison
-        With ``one_assembly=True`` the recordings count as fewer: by how many, 128 more simulated recordings
-        tell, four of each assembly.
-    measured : MeasuredTurns
-        At least two recordings. Where counts are known, the simulated ones have the same counts, and the mean
-        of each count is taken out.
-    alpha : float, default=0.05
-        Chance of a false "disagree" over all families together.
-    n_permutations : int, default=999
-        Number of relabellings. A p is at least 11 / (n_permutations + 1), as 11 families are adjusted for:
-        fewer than 219 can never "disagree" at 0.05, and are refused.
-    bank : Bank, optional
-        Recordings of every measured count, in the place of simulated ones.
+    With ``comparison.one_assembly`` the recordings count as fewer: by how many, 128 more simulated recordings
+    tell, four of each assembly. Where the counts of the two or more ``measured`` recordings are known, the
+    simulated ones have the same counts, and the mean of each count is taken out. ``alpha`` is the chance of a
+    false "disagree" over all families together. A p is at least 11 / (n_permutations + 1), as 11 families are
+    adjusted for: fewer than 219 relabellings can never "disagree" at 0.05, and are refused. A ``bank`` has
+    recordings of every measured count, in the place of simulated ones.
 
     Notes
     -----
