@@ -51,7 +51,7 @@ test test-slow: export PYTHONDONTWRITEBYTECODE =
 test: $(INSTALLED)  ## the tests, without those marked slow, bench or browser
 	$(BIN)/pytest -n 2 --dist loadfile -m "not slow and not bench and not browser"
 
-test-slow: $(INSTALLED)  ## the tests marked slow: over a second each, or with a kernel of their own to compile
+test-slow: $(INSTALLED)  ## the tests marked slow: over half a second each, or with a kernel of their own to compile
 	$(BIN)/pytest -n 2 --dist loadfile -m "slow and not bench and not browser" || [ $$? -eq 5 ]  # 5: there are none
 
 # Numba can hide an index out of bounds or an undefined name: the interpreter does not.

@@ -411,6 +411,7 @@ def derived_angle(recording):
     return recording.replace(meta={"angle_from": "was made continuous"})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [

@@ -80,6 +80,7 @@ def test_an_error_loads_nothing_that_it_does_not_need(tmp_path):
     assert not UNUSED & set(modules)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="sends a signal")
 @pytest.mark.parametrize("moment", ["argparse", "cyclofeat.cli.count", "numpy.linalg", "scipy.special"])
 def test_ctrl_c_ends_imports_with_one_line(moment, counting):
@@ -88,6 +89,7 @@ def test_ctrl_c_ends_imports_with_one_line(moment, counting):
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "cyclofeat: interrupted\n")
 
 
+@pytest.mark.slow
 def test_ctrl_c_in_the_import_of_a_compiled_module_ends_with_one_line(counting):
     cut_off = "raise ImportError('initialization failed') from KeyboardInterrupt()"  # as pybind11 does
     code = INTERRUPTED.replace("os.kill(os.getpid(), signal.SIGINT)", cut_off)

@@ -215,6 +215,7 @@ def test_what_should_be_known_of_a_count_stands_in_its_line(capsys, tmp_path, mo
     assert "1 window; note: neither tachometer nor stated speed: 500.02 RPM found in the torque" in line
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -47,6 +47,7 @@ PARAMETERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_takes_parameters_and_counts(kind, data):
     X, y, train = data

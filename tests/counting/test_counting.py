@@ -302,6 +302,7 @@ def test_a_model_refuses_what_it_was_not_made_for(model, surrogates):
         model.count(recording.replace(torque=recording.torque[:1000], angle=None, angle_is_absolute=False))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(("share", "n_blocks"), [(0.1, 1), (0.1, 4), (0.2, 8), (0.02, 2)])
 def test_a_recording_without_some_of_its_blocks_is_refused(seed, share, n_blocks):

@@ -85,6 +85,7 @@ def test_count_and_lobes_of_assemblies_never_seen(data, parts, counter):
     assert proba[~worn].mean() < 0.15
 
 
+@pytest.mark.slow
 def test_without_a_tachometer_lobes_are_right_up_to_their_numbering(data, parts, counter):
     X, _, worn, _ = (values[parts[1]] for values in data)
     found = counter.predict_lobes(X)

@@ -88,6 +88,7 @@ def test_visible_is_what_nine_of_ten_assemblies_show():
     assert least_visible_depth(log_depth, np.zeros(100, dtype=bool)) is None
 
 
+@pytest.mark.slow
 def test_counts_and_depths_of_assemblies_never_seen(unseen):
     recordings, counts = unseen
     pairs = [(r.meta["wear_um"], c.wear_um) for r, c in zip(recordings, counts, strict=True)]

@@ -554,6 +554,7 @@ def test_a_truncated_file_is_an_error(good, tmp_path, kind):
         assert isinstance(attempt(path), str), f"{length} of {len(whole)} bytes"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_flipped_and_random_bytes_give_a_recording_or_one_clear_error(good, tmp_path, kind):
     random = np.random.default_rng(7)
@@ -645,6 +646,7 @@ def test_names_beyond_ascii(tmp_path):
         assert not recording.meta["unit_assumed"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "content",
     [

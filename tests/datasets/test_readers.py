@@ -653,6 +653,7 @@ def test_one_line_is_for_people():
     assert one_line(Recording([1, 2], RATE, meta={"channel": "a1", "unit": "g"})).startswith("a1 1 to 2 g")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".csv", ".csv.gz"])
 def test_a_text_file_is_read_in_pieces(suffix, tmp_path):
     rows = 60_000
@@ -729,6 +730,7 @@ def test_what_is_no_angle_is_named_with_its_channel(tmp_path):
         read_recording(tacho_file(tmp_path / "lost.npz", lost, "tacho"), pulses_per_turn=60)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrapped", [False, True])
 def test_a_machine_in_reverse_has_the_same_count(tmp_path, wrapped):
     forward = burst_recording((4, 5, 6), seed=100, turns=2)

@@ -42,6 +42,7 @@ def labelled():
     return make_rig_recordings(2, [0, 1, 3], **LABELLED)
 
 
+@pytest.mark.slow
 def test_set_made_in_parts_is_the_set(labelled):
     first, second = (make_rig_recordings(1, [0, 1, 3], first_assembly=k, **LABELLED) for k in (0, 1))
     assert first + second == labelled
@@ -70,6 +71,7 @@ def test_many_recordings_are_each_in_their_place():
 # Labels
 
 
+@pytest.mark.slow
 def test_each_quantity_is_recorded_by_its_own_chain():
     length = {"duration": 0.1, "sampling_rate": 4_000, "with_angle": True, "random_state": 4}
     current = make_rig_recording("R0", LobeDefects.worn(3), quantity="motor_current", **length)

@@ -76,6 +76,7 @@ def test_marks_of_thousands_are_asked_for(tmp_path, comma, factor, long):
     np.testing.assert_allclose(1e3 * recording.torque[:3], [2.329 * factor, 990, 1.016 * factor])
 
 
+@pytest.mark.slow
 def test_a_long_file_is_read_at_once_and_a_wrong_row_in_it_is_named(tmp_path):
     path = tmp_path / "a.csv"
     for mark, point in ((",", "."), (";", ",")):

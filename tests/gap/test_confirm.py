@@ -270,6 +270,7 @@ def test_sessions_are_like_the_measured_one_and_of_their_seed():
     assert len({tuple(sizes) for sizes in one.sizes.tolist()}) == 3
 
 
+@pytest.mark.slow
 def test_sessions_of_a_rig_without_tolerances_differ_by_noise_alone():
     template = measured_session()
     tight, usual = (

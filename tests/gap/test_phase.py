@@ -47,6 +47,7 @@ def test_a_tachometer_says_the_speed() -> None:
     assert amplitude(without["input"].measured) < 0.5
 
 
+@pytest.mark.slow
 def test_a_located_gap_hands_the_tachometer_on(monkeypatch: pytest.MonkeyPatch) -> None:
     given = []
     monkeypatch.setattr(_locate, "phase_maps", lambda *arguments: given.append(arguments[-1]) or {})

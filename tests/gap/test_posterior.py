@@ -149,6 +149,7 @@ def test_an_effect_is_seen_from_the_size_at_which_half_of_the_rigs_are_named(pos
     assert visible[:, 1].mean() == pytest.approx(truly.mean(), abs=0.04)
 
 
+@pytest.mark.slow
 def test_the_order_of_recordings_does_not_matter(hasty, held_out):
     for counts in (True, False):
         one = held_out.session(3, counts=counts, tachometer=True)
@@ -158,6 +159,7 @@ def test_the_order_of_recordings_does_not_matter(hasty, held_out):
         )
 
 
+@pytest.mark.slow
 def test_sessions_of_any_number_of_recordings(hasty, rigs):
     session = rigs.session(0, counts=False)
     many = Session(np.vstack([session.values] * 7)[:40], np.vstack([session.conditions] * 7)[:40])
@@ -170,6 +172,7 @@ def test_sessions_of_any_number_of_recordings(hasty, rigs):
         assert sizes["hum.amplitude_nm"].shape == (5,)
 
 
+@pytest.mark.slow
 def test_a_saved_posterior_answers_alike_without_a_pickle(hasty, held_out, tmp_path):
     path = hasty.save(tmp_path / "posterior.npz")
     loaded = load_posterior(path)
@@ -195,6 +198,7 @@ def test_a_saved_posterior_answers_alike_without_a_pickle(hasty, held_out, tmp_p
             load_posterior(path)
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_posteriors(hasty, few):
     other = clone(hasty).fit(few)
     session = [few.session(0)]
@@ -244,6 +248,7 @@ def test_a_posterior_goes_on_with_other_effects(posterior, few, held_out):
     assert before == after
 
 
+@pytest.mark.slow
 def test_a_start_that_does_not_fit_is_refused(hasty, few):
     with pytest.raises(ValueError, match=r"start must have the 5 summaries .* got one with 5, 4 of them"):
         EffectPosterior(1).fit(dataclasses.replace(few, cells=("other", *CELLS[1:])), start=hasty)
@@ -276,6 +281,7 @@ def test_without_jax_training_says_what_to_install(few, monkeypatch):
         EffectPosterior(1, epochs=1).fit(few)
 
 
+@pytest.mark.slow
 def test_bad_input_is_named(hasty, rigs):
     with pytest.raises(NotFittedError):
         EffectPosterior().presence(rigs.session(0))
@@ -392,6 +398,7 @@ def linear_fit(cause, deviation):
     return slope * np.sqrt(cause @ cause), left
 
 
+@pytest.mark.slow
 def test_padding_changes_no_answer(hasty, held_out):
     """Sessions of 4 and 6 recordings, together and each by itself."""
     few, many = held_out.session(0, [0, 1, 2, 3], counts=False), held_out.session(1, tachometer=True)

@@ -84,6 +84,7 @@ def simulated(drift, tmp_path_factory):
     return {"table": path}
 
 
+@pytest.mark.slow
 def test_a_hidden_drift_is_found_named_and_predicts_discs_left_out(drift):
     _, gap = drift
     rows = {row.statistic: row for row in gap.discrepancies}
@@ -102,6 +103,7 @@ def test_a_hidden_drift_is_found_named_and_predicts_discs_left_out(drift):
     assert {row.statistic for row in gap.held_out} == {"mean", "std", "up", "down", "range", "entropy"}
 
 
+@pytest.mark.slow
 def test_the_tables_of_the_gap_are_its_rows(drift):
     _, gap = drift
     for table in ("discrepancies", "ranking", "steps", "rejected", "parameters", "held_out"):
@@ -145,6 +147,7 @@ def test_nothing_is_named_where_nothing_is_missing(simulated):
     assert gap.effects == ()
 
 
+@pytest.mark.slow
 def test_a_table_saves_the_simulations(drift, simulated):
     made, gap = drift
     again = gap_of(made, np.linspace(1, 2, 8), **simulated)
@@ -216,6 +219,7 @@ def test_unknown_effects_and_entropies_of_other_discs_are_named():
         sign_flip_p([])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("key", "n_draws"),
     [

@@ -77,6 +77,7 @@ def test_what_the_model_has_is_not_missing():
     assert every - set(with_brake.names) == {"brake_rotor"}
 
 
+@pytest.mark.slow
 def test_rigs_are_as_the_prior_says_and_summaries_show_their_effects(rigs):
     assert len(rigs) == 16 * 2
     assert rigs.machines.tolist() == [k // 2 for k in range(32)]
@@ -109,6 +110,7 @@ def test_a_rig_depends_on_its_own_number_only(rigs, tmp_path):
         np.testing.assert_array_equal(getattr(few, name), getattr(rigs, name)[:16])
 
 
+@pytest.mark.slow
 def test_an_interrupted_preparation_goes_on(rigs, folder):
     shards = sorted(folder.glob("shard-*.npz"))
     assert len(shards) == 2
@@ -124,6 +126,7 @@ def test_an_interrupted_preparation_goes_on(rigs, folder):
     np.testing.assert_array_equal(again.sizes, rigs.sizes)
 
 
+@pytest.mark.slow
 def test_another_world_does_not_enter_the_folder(rigs, folder, tmp_path):
     with pytest.raises(ValueError, match="empty or hold the same world.* other .*effects, .*most"):
         prepare_world(World(effects=(Offset(),), most=1), folder, 1)
@@ -134,6 +137,7 @@ def test_another_world_does_not_enter_the_folder(rigs, folder, tmp_path):
         prepare_world(SMALL, tmp_path, 1)
 
 
+@pytest.mark.slow
 def test_rigs_of_one_machine_share_its_runs(tmp_path):
     world = World(
         rig=Rig(effects=[BrakeRotor()]), effects=(Offset(),), sampling_rate=RATE, most=0,
@@ -250,6 +254,7 @@ def test_a_session_of_measured_recordings_has_the_summaries_of_the_world():
         Session.of([run.torque_out], RATE, [(500, 22, 0)])
 
 
+@pytest.mark.slow
 def test_sessions_show_what_is_asked_for(rigs):
     shown = rigs.session(3, [0, 2], counts=False, tachometer=True)
     assert shown.values.shape == (2, len(SMALL.cells))

@@ -128,6 +128,7 @@ def _unlike_texts(found: Any, expected: Any) -> list[str]:
     ]
 
 
+@pytest.mark.slow
 def test_a_campaigns_columns_and_distributions(tmp_path: Path) -> None:
     said, columns = cases.campaign(tmp_path)
     expected = stored("campaign.json")

@@ -76,6 +76,7 @@ def test_a10_abs_has_such_bands_where_its_resonance_is_that_of_fig_20() -> None:
     assert found > 0.02 * total
 
 
+@pytest.mark.slow
 def test_a10_a_band_of_that_kind_is_found_in_any_order_of_the_records() -> None:
     """So that "there are bands" alone says little: about every second random order has some, but few."""
     records = torques(STEEL, counts=SEVEN)

@@ -118,6 +118,7 @@ def test_the_hum_is_flagged_and_as_many_marks_are_drawn_as_rows_are_flagged(wher
     assert len(phases.flags_) == int(where.phase["input"].flagged.sum())
 
 
+@pytest.mark.slow
 def test_levels_and_spreads_are_those_of_the_recordings(located, where):
     """Against means and standard deviations taken count by count from the summaries."""
     display = GapDisplay(where)

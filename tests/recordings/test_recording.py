@@ -257,6 +257,7 @@ def chirp(order, seconds=4.0, slow=4.0, fast=12.0):
     return 22 + np.cos(order * phi), phi
 
 
+@pytest.mark.slow
 @STEADY
 @given(
     samples_per_turn=st.sampled_from([64, 100, 512, 3_072, 8_000]),
@@ -274,6 +275,7 @@ def test_an_order_keeps_its_amplitude_while_the_speed_changes(samples_per_turn, 
     assert grid[-1] > phi[-1] - TURN * 28 / samples_per_turn
 
 
+@pytest.mark.slow
 @STEADY
 @given(samples_per_turn=st.sampled_from([64, 100, 256]), share=st.floats(0.5, 1.9))
 def test_orders_beyond_the_new_nyquist_do_not_fold_back(samples_per_turn, share):

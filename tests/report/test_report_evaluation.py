@@ -40,6 +40,7 @@ def page(data, results, tmp_path_factory):
     return path.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_score_comes_first_with_its_interval(page, results):
     text = words(parse(page))
     result = results["bayes & co"]
@@ -57,6 +58,7 @@ def test_the_score_comes_first_with_its_interval(page, results):
     assert "A<" not in page
 
 
+@pytest.mark.slow
 def test_each_count_is_that_of_the_confusion_matrix(data, results):
     _, y, groups = data
     found = summarise_evaluation(results)
@@ -99,6 +101,7 @@ def test_the_confusion_is_drawn_as_it_is(results):
     assert [int(text.get_text()) for text in ax.texts] == result.confusion.ravel().tolist()
 
 
+@pytest.mark.slow
 def test_nothing_wrong_is_said_with_its_limit(data, tmp_path):
     _, y, groups = data
     perfect = evaluate(GaussianNB(), y[:, np.newaxis] + 1e-3 * np.arange(120)[:, np.newaxis] / 120, y, groups)

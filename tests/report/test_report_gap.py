@@ -24,6 +24,8 @@ from cyclofeat.report._page import quantity_text, rounded_text
 
 OPTIONS = {"sources": ["surrogate"] * 12, "settings": {"model": "rig/<script>alert(1)</script>.csv"}}
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def result(compared_hum):
@@ -68,7 +70,6 @@ def bare(monkeypatch):
 # -- the whole page
 
 
-@pytest.mark.slow
 def test_all_is_stated(parsed, result):
     text = words(parsed)
     for part in (
@@ -103,7 +104,6 @@ def test_all_is_stated(parsed, result):
     assert text.count("No tachometer.") == 1
 
 
-@pytest.mark.slow
 def test_the_answer_comes_before_all_else(parsed):
     headings = [
         "The answer", "What to measure next", "What remains unexplained",
@@ -118,25 +118,21 @@ def test_the_answer_comes_before_all_else(parsed):
         assert part in answer, part
 
 
-@pytest.mark.slow
 def test_the_clearest_difference_is_told_in_words(parsed, result):
     line = next(row for row in result.where[0].means() if row.cell.name == "input order 6")
     assert re.search(rf"input order 6 {line.difference:.0f} dB more \+\d+ to \+\d+ dB", words(parsed))
 
 
-@pytest.mark.slow
 def test_surrogates_are_called_so_and_nothing_measured(page):
     assert "All recordings are SURROGATE" in page.split("</header>")[0]
     assert "measured" not in page.lower()
 
 
-@pytest.mark.slow
 def test_values_are_escaped(page):
     assert "<script>alert" not in page
     assert html.escape("rig/<script>alert(1)</script>.csv") in page
 
 
-@pytest.mark.slow
 def test_the_file_needs_nothing_else(page, parsed):
     assert not re.search("https?://", without_scripts(page))
     assert not {"link", "iframe", "object", "base"} & set(parsed.tags)
@@ -147,7 +143,6 @@ def test_the_file_needs_nothing_else(page, parsed):
             assert value == "#warnings"
 
 
-@pytest.mark.slow
 def test_pictures_are_there_for_both_schemes(result, tmp_path):
     path = write_gap_report(result, tmp_path / "gap.html", **OPTIONS)
     parsed = parse(path.read_text(encoding="utf-8"))
@@ -160,7 +155,6 @@ def test_pictures_are_there_for_both_schemes(result, tmp_path):
         assert len([node for node in root.iter() if node.tag.endswith("}path")]) > 30
 
 
-@pytest.mark.slow
 def test_overlays_hold_the_curves_with_their_bands(page, result):
     plots = [json.loads(data) for data in re.findall(r'json">(.*?)</script>', page)]
     assert [plot["axes"][0]["unit"] for plot in plots] == ["Hz", "Hz", "", "", "Nm", "Nm"]

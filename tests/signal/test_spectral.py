@@ -135,6 +135,7 @@ def test_amplitudes_against_octave(octave_input, window):
     assert_allclose(amplitudes, [float(row["amplitude"]) for row in rows], rtol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("script", "outputs"),
     [

@@ -70,6 +70,7 @@ def slow_disc(rpm: float, seed: int) -> np.ndarray:
     return np.asarray(22 + 0.3 * lines + 5 * drift / np.abs(drift).max() + 3 * random.normal(size=time.size))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_the_speed_of_a_slow_disc_is_followed_by_its_higher_lines(seed):
     found = follow_speed(slow_disc(118.0, seed), RATE, 120 / 60)
@@ -95,6 +96,7 @@ def test_short_records_are_followed_by_blocks_that_they_hold(turns):
     assert 60 * found.speed_hz == pytest.approx(330, rel=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("beside", [-0.035, -0.025, 0.0, 0.025])
 def test_a_sound_disc_s_shaft_lines_are_not_followed_as_lobe_lines(beside):
     """Its even lines are lobe lines at 15/16 of the speed, which is near where a lower one is stated."""

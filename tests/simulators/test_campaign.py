@@ -274,6 +274,7 @@ def test_a_wrong_description_is_named(content: str, message: str, tmp_path: Path
 # On disk.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["loky", "threading"])
 def test_the_same_bytes_for_any_workers(whole: Path, tmp_path: Path, backend: str) -> None:
     calls: list[tuple[int, int]] = []
@@ -288,6 +289,7 @@ def test_the_same_bytes_for_any_workers(whole: Path, tmp_path: Path, backend: st
 # Which kernel.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("one", "other", "repeats", "most"),
     [
@@ -338,6 +340,7 @@ def test_what_batches_do_not_simulate_is_left_to_the_exact_kernel_or_refused(tmp
     assert not (tmp_path / "batch").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_together", [1, 4, 7])
 def test_which_runs_share_a_batch_changes_no_byte(whole: Path, tmp_path: Path, n_together: int) -> None:
     assert (load_campaign(whole).parameters["kernel"] == "batch").all()
@@ -605,6 +608,7 @@ def test_a_finished_campaign_is_left_alone(copied: Path) -> None:
 CHANGED = ["shard-00002.npy", "shard-00001.parquet", "shard-00003.sha256", "parameters.parquet"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CHANGED)
 def test_a_changed_or_missing_file_is_named_and_mended(whole: Path, copied: Path, name: str) -> None:
     file = copied / name
@@ -702,6 +706,7 @@ def test_without_pyarrow_it_says_what_to_install(tmp_path: Path, monkeypatch: py
 # A full disk.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("call", ["write", "fsync"])
 def test_a_full_disk_keeps_what_is_finished(
     whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str

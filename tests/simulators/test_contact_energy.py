@@ -22,6 +22,7 @@ def with_radial_error(gearbox: CycloidalGearbox, error: float) -> CycloidalGearb
     return gearbox.replace(pin_radial_errors=np.full(16, error))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("push", "radial_error", "depth"), PUSHED)
 def test_force_over_a_worn_lobe_has_no_jump(push: float, radial_error: float, depth: float) -> None:
     """In steps of 0.002 degrees; where the change is largest it shrinks with the steps, a jump would not.
@@ -46,6 +47,7 @@ def test_force_over_a_worn_lobe_has_no_jump(push: float, radial_error: float, de
         assert np.abs(np.diff(fine[:, column])).max() < 0.11 * changes[worst, column]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("removed", [(0,), (14, 0), (0, 1)])
 def test_force_at_the_edges_of_removed_lobes_has_no_jump(removed: tuple[int, ...]) -> None:
     """The outline ends in the tips beside them."""

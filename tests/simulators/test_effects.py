@@ -245,6 +245,7 @@ def test_bounds_come_back_exactly_and_beyond_them_nothing_is_clipped():
         Offset().from_vector([math.nan])
 
 
+@pytest.mark.slow
 def test_draws_follow_the_prior_and_ranges_are_log_uniform_or_uniform():
     random = np.random.default_rng(8)
     both = TorqueMeterLowPass((100, 1600)), Offset((-0.5, 1.5))
@@ -423,6 +424,7 @@ def drift_values(effect, duration, rate, seed=5):
 drifts = pytest.mark.parametrize("of", ["load", "sensor"])
 
 
+@pytest.mark.slow
 @drifts
 @pytest.mark.parametrize("order", [1, 2, 3])
 def test_spectrum_of_a_drift_is_that_of_its_low_pass(of, order):
@@ -546,6 +548,7 @@ def test_white_noise_has_its_rms_and_no_colour():
     assert stats.kstest(noise[::20] / 0.3, "norm").pvalue > 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exponent", [0.5, 1.0, 2.0])
 def test_coloured_noise_falls_as_its_power(exponent):
     rate = 2000.0

@@ -75,6 +75,7 @@ def drawn(rng: np.random.Generator) -> tuple[CycloidalGearbox, LobeDefects, Stat
 # Against the rubbing bodies ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_kernel_agrees_with_rubbing_bodies() -> None:
     rng = np.random.default_rng(20)
     loaded = 0
@@ -128,6 +129,7 @@ def test_vanishing_friction_is_no_friction() -> None:
     np.testing.assert_allclose(tiny.torque_out, run(STEEL).torque_out, rtol=0, atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("direction", [1, -1])
 def test_bearings_oppose_the_rotation(direction: int) -> None:
     """Input: its torque adds to torque_in. Output: sleeves carry load and bearing, divided by the ratio.

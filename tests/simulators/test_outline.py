@@ -38,6 +38,7 @@ def shaken(size: float, period: float) -> Callable[[int], np.ndarray]:
     return state
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gearbox", "defects"),
     [

@@ -141,6 +141,7 @@ def raw(gearbox: CycloidalGearbox, defects: LobeDefects = HEALTHY, **options: An
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("push", [0.0, 2e-3, -2e-3])
 @pytest.mark.parametrize(
     "defects",

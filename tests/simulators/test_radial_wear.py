@@ -107,6 +107,7 @@ def test_force_along_a_passage_has_no_jump(defects: LobeDefects) -> None:
         assert np.abs(np.diff(fine)).max() < 0.15 * abs(passage[k + 1] - passage[k])
 
 
+@pytest.mark.slow
 @each_worn
 def test_an_old_description_is_as_good_as_a_new_one(defects: LobeDefects) -> None:
     """Where the wear ends its curvature jumps, which costs 1e-4 of a force, for short wear 1e-3."""

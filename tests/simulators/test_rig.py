@@ -97,6 +97,7 @@ VARIANTS = Rig(
 )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_each_assembly_has_one_of_the_variants_with_equal_chances():
     sets = VARIANTS.effect_sets()
     drawn = [VARIANTS.draw(seed) for seed in range(400)]
@@ -206,6 +207,7 @@ def test_bad_parameters_are_named(changes, message):
 # Distributions
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "distribution",
     [
@@ -229,6 +231,7 @@ def test_distributions_are_drawn_and_come_back_from_files(distribution, tmp_path
     assert distribution.dist.name in repr(chosen)
 
 
+@pytest.mark.slow
 def test_distributions_are_truncated_to_the_bounds():
     values = [Rig(effects=[Noise(norm(0.05, 0.1))]).draw(seed).effects[0].rms_nm for seed in range(200)]
     assert min(values) > 0  # and not 0 again and again

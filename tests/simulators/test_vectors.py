@@ -42,6 +42,7 @@ def elementwise_in_numpy(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("dtype", "n"), KINDS)
 def test_operators_and_functions(dtype: type, n: int) -> None:
     rng = np.random.default_rng(0)
