@@ -11,6 +11,7 @@ import numpy as np
 from sklearn.utils import Bunch
 
 from cyclofeat.datasets.readers._npz import load_arrays
+from cyclofeat.datasets.readers._read import file_path
 
 _TABLES = {
     "signal_statistics": "table4_measured_signal_statistics.csv",
@@ -171,9 +172,7 @@ def load_oedi_gearbox(path: str | os.PathLike[str] | None = None) -> Bunch:
     ... else:
     ...     assert data.signals.shape == (20, 8192, 4)
     """
-    if path is not None and not isinstance(path, (str, os.PathLike)):
-        raise TypeError(f"path must be a file name, got {path!r}")
-    file = _FOLDER / _MINI if path is None else Path(path)
+    file = _FOLDER / _MINI if path is None else file_path(path)
     if file.is_dir():
         raise ValueError(f"{file} is a directory; give an NPZ file such as {_MINI}")
     if not file.exists():

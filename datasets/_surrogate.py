@@ -266,7 +266,6 @@ class _RecordingSettings:
         return 1.8 if self.duration is None else self.duration  # one output turn at 500 RPM
 
     def seed_of(self, index: int) -> np.random.SeedSequence:
-        """Return the seed of a recording."""
         return recording_seed(self.random_state, self.rig.name, index)
 
     def sample(self, index: int, defects: LobeDefects) -> Sample:
@@ -286,14 +285,13 @@ class _RecordingSettings:
     def recording(self, sample: Sample, drawn: SampledRun) -> Recording:
         """Return the recording of a machine's run, with why the machines drawn before it could not run."""
         plan, run, failures = drawn
+        gearbox, defects = sample.rig.gearbox, sample.defects
         if isinstance(run, Exception):
-            removed = (
-                f", removed {from_1(sample.defects.removed_lobes)}" if sample.defects.removed_lobes else ""
-            )
+            removed = f", removed {from_1(defects.removed_lobes)}" if defects.removed_lobes else ""
             values = ", ".join(f"{name} {value:.5g}" for name, value in plan.machine.true_values().items())
             run.args = (
-                f"assembly {sample.name} (worn lobes {from_1(sample.defects.worn_lobes)}{removed} on wheels "
-                f"{from_1(sample.defects.wheels)}, counted from 1; {values}), the last of {_MOST_DRAWS} that "
+                f"assembly {sample.name} (worn lobes {from_1(defects.worn_lobes)}{removed} on wheels "
+                f"{from_1(defects.wheels)}, counted from 1; {values}), the last of {_MOST_DRAWS} that "
                 f"were drawn: {run}",
             )
             raise run
@@ -301,7 +299,6 @@ class _RecordingSettings:
             record = run.record()
         except ValueError as error:
             raise ValueError(f"assembly {sample.name}: {error}") from None
-        gearbox, defects = sample.rig.gearbox, sample.defects
         output_turn = 2 * np.pi * gearbox.n_lobes  # as an angle of the input
         meta = {
             "rig": sample.rig.name,

@@ -6,7 +6,7 @@ import json
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -119,13 +119,12 @@ class ReadingOptions:
             check_rate(self.sampling_rate)
         if self.quantity is not None:
             checks.one_of("quantity", self.quantity, QUANTITIES)
-        for name in ("pulses_per_turn", "counts_per_turn", "table_line"):
+        idle = "angle_channel=False" if self.angle_channel is False else "angle_unit=" * bool(self.angle_unit)
+        for name in ("table_line", "pulses_per_turn", "counts_per_turn"):
             if getattr(self, name) is not None:
                 checks.whole(name, getattr(self, name), 1)
-        idle = "angle_channel=False" if self.angle_channel is False else "angle_unit=" * bool(self.angle_unit)
-        for name in ("pulses_per_turn", "counts_per_turn"):
-            if getattr(self, name) is not None and idle:
-                raise ValueError(f"{name}= has no effect with {idle}")
+                if idle and name != "table_line":
+                    raise ValueError(f"{name}= has no effect with {idle}")
         scale_fits = self.scale is None or (checks.is_number(self.scale) and 0 < abs(self.scale) < math.inf)
         for argument, fits, expected in (
             ("scale", scale_fits, "a finite number other than 0 (Nm per unit)"),
@@ -166,7 +165,6 @@ class Source:
     by_index = True  # channels have an order that people can count
     named = True
     labels: dict[str, Any] | None = None  # all labels, of a file that write_recording wrote
-    other_labels: dict[str, Any]
     angle_unit: str | None = None  # of an angle that states none
 
     def __init__(
@@ -182,7 +180,7 @@ class Source:
         self.bases = [base for base, _ in split]
         stated = [None] * len(names) if units is None else [clean_unit(unit) for unit in units]
         self.units = [unit or named for unit, (_, named) in zip(stated, split, strict=True)]
-        self.other_labels = {}
+        self.other_labels: dict[str, Any] = {}
 
     # What each kind of file defines.
 
@@ -346,14 +344,13 @@ class Source:
                 f"{self.file}: channel {self.names[index]!r} is in {unit!r}, known are {', '.join(known)}; "
                 f"give scale= ({usual} per unit)" + ", or quantity='motor_current'" * (unit in CURRENT_UNITS)
             )
-        return known[unit], unit.removeprefix(
-            "0.1"
-        ) if unit in RELATIVE_UNITS else "Nm" if unit in TORQUE_UNITS else "A"
+        if unit in RELATIVE_UNITS:
+            return known[unit], unit.removeprefix("0.1")
+        return known[unit], "Nm" if unit in TORQUE_UNITS else "A"
 
     def angle_factor(self, index: int, angle_unit: str | None) -> tuple[float, bool]:
         """Radians per unit of the angle's channel, and whether that is assumed."""
-        stated = self.units[index]
-        name = self.names[index]
+        stated, name = self.units[index], self.names[index]
         if stated in ANGLE_UNITS and angle_unit is not None and stated != angle_unit:
             raise ValueError(
                 f"{self.file}: angle_unit = {angle_unit!r} contradicts the {self.noun} {name!r}, which is in "
@@ -425,10 +422,9 @@ def explain_damage(path: Path, kind: str) -> Iterator[None]:
         ) from None
 
 
-def whole_rate(step_s: float) -> float:
-    """Return the rate in Hz of a step in s, a whole number if the step's rounding allows one."""
-    rate = 1 / step_s
-    return float(round(rate)) if abs(rate - round(rate)) <= 1e-9 * rate and round(rate) > 0 else rate
+def whole_rate(rate: float, share: float = 1e-9) -> float:
+    """Return a rate in Hz, as a whole number if one lies within this share of it."""
+    return float(round(rate)) if abs(rate - round(rate)) <= rate * share and round(rate) > 0 else rate
 
 
 def import_library(module: str, suffix: str, library: str) -> Any:
@@ -517,13 +513,10 @@ def labels_to_write(recording: Recording) -> dict[str, Any]:
     if "worn_lobes" in labels:
         labels[WORN] = from_1(labels.pop("worn_lobes"))
     meta = labels.get("meta", {})
-    try:
-        same = json.loads(json.dumps(meta, allow_nan=False)) == meta
-    except (TypeError, ValueError):
-        same = False
-    if not same:
-        raise TypeError(
-            "meta must hold only text, finite numbers, booleans, None, lists and dictionaries with text "
-            f"keys, to be written to a file; got {meta!r}"
-        )
-    return labels
+    with suppress(TypeError, ValueError):
+        if json.loads(json.dumps(meta, allow_nan=False)) == meta:
+            return labels
+    raise TypeError(
+        "meta must hold only text, finite numbers, booleans, None, lists and dictionaries with text "
+        f"keys, to be written to a file; got {meta!r}"
+    )

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from itertools import islice, takewhile
 from pathlib import Path
-from typing import IO, Any, NoReturn, cast
+from typing import IO, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,17 +167,25 @@ class CsvSource(Source):
     def raw_values(self, index: int) -> NDArray[Any]:
         parts, marks, column = [], dict[str, str](), f"column {self.names[index]!r}"
         certain = self.labels is not None or self.decimal_stated or not self.has_text_numbers
+        may_switch = self.decimal == "." and self.table.delimiter != "," and not certain
         for start, cells in self._column_parts(index):
+            numbers = []
             for number, cell in enumerate(cells, start):
                 if (kind := _mark_of(cell, self.decimal)) not in marks:
                     marks[kind] = f"{self.file}: {self.sample_place(number)}, {column} holds {cell.strip()!r}"
-            try:
-                parts.append(np.array([self._parse_number(cell) for cell in cells], dtype=np.float64))
-            except ValueError:
-                if self.decimal == "." and self.table.delimiter != "," and "other" in marks and not certain:
-                    self.decimal = ","  # in none of the first lines
-                    return self.raw_values(index)
-                self._name_wrong_cell(index, start, cells)
+                try:
+                    numbers.append(self._parse_number(cell))
+                except ValueError:
+                    if may_switch and "other" in marks:
+                        self.decimal = ","  # in none of the first lines
+                        return self.raw_values(index)
+                    shown = cell if len(cell) <= 60 else f"{cell[:60]}..."
+                    holds = f"{shown!r}, which is not a number"
+                    raise ValueError(
+                        f"{self.file}: {self.sample_place(number)}, {column} holds "
+                        + (holds if cell.strip() else "nothing; it must hold a number")
+                    ) from None
+            parts.append(np.array(numbers, dtype=np.float64))
             values = self._read_at_once(index) if start == 0 and (certain or "decimal" in marks) else None
             if values is not None:
                 return values
@@ -219,20 +227,6 @@ class CsvSource(Source):
         if self.decimal == ",":
             return float((cell.replace(".", "") if self.decimal_stated else cell).replace(",", "."))
         return float(cell.replace(",", "") if self.decimal_stated else cell)
-
-    def _name_wrong_cell(self, index: int, start: int, cells: list[str]) -> NoReturn:
-        """Raise the error of the first cell that is no number."""
-        for number, cell in enumerate(cells, start):
-            try:
-                self._parse_number(cell)
-            except ValueError:
-                shown = cell if len(cell) <= 60 else f"{cell[:60]}..."
-                problem = (
-                    f"{shown!r}, which is not a number" if cell.strip() else "nothing; it must hold a number"
-                )
-                place = f"{self.file}: {self.sample_place(number)}, column {self.names[index]!r}"
-                raise ValueError(f"{place} holds {problem}") from None
-        raise AssertionError("all cells are numbers")
 
     def time_values(self, index: int) -> NDArray[Any]:
         if index in self.table.numeric:

@@ -20,6 +20,13 @@ _MOST_CLIPPED, _MOST_DROPPED, _SPEED_TOLERANCE = 1e-3, 1e-4, 0.015
 # off it where a run-up begins, and where it goes on (a load that drifts lies off it, too).
 _PARTS, _OTHER_LEVEL, _OTHER_SPEED = 50, (0.5, 0.2), (0.1, 0.1)
 
+# Facts that a recording's meta and attributes of these names state.
+_OF_FILE = ("file", "rate_from", "time_jitter", "gaps", "start_time", "table")
+_OF_RECORDING = (
+    "quantity", "unit", "sampling_rate", "n_samples", "speed_rpm", "load_nm", "assembly", "run",
+    "defect_count", "source",
+)  # fmt: skip
+
 
 def describe(recording: Recording, *, reduction: int | None = None) -> dict[str, Any]:
     """Describe a recording: content, defects of the record, and what would spoil a count.
@@ -124,28 +131,19 @@ def _recording_facts(recording: Recording, reduction: int, *, search: bool) -> d
     drops = np.zeros(recording.n_samples, dtype=bool) if low == high else mark_dropouts(torque)
     rest = torque[~drops] if drops.any() else torque
     return {
-        "file": meta.get("file"),
+        **{name: meta.get(name) for name in _OF_FILE},
+        **{name: getattr(recording, name) for name in _OF_RECORDING},
         "channel": meta.get("channel", samples_name(recording)),
-        "quantity": recording.quantity,
-        "unit": recording.unit,
         "unit_assumed": bool(meta.get("unit_assumed", False)),
+        "angle_unit_assumed": bool(meta.get("angle_unit_assumed", False)),
         "minimum": low,
         "maximum": high,
         "mean": float(torque.mean()),
         "std": float(torque.std()),
         "constant": low == high,
-        "sampling_rate": recording.sampling_rate,
-        "rate_from": meta.get("rate_from"),
-        "n_samples": recording.n_samples,
         "duration_s": recording.duration,
         "angle": angle,
-        "speed_rpm": recording.speed_rpm,
-        "load_nm": recording.load_nm,
-        "assembly": recording.assembly,
-        "run": recording.run,
-        "defect_count": recording.defect_count,
         WORN: None if recording.worn_lobes is None else from_1(recording.worn_lobes),
-        "source": recording.source,
         "clipped_share": 0.0 if low == high else float(clipped_share(rest) * np.mean(~drops)),
         "dropout_share": float(np.mean(drops)),
         "speed_measured_rpm": None if speed is None else 60 * speed,
@@ -155,11 +153,6 @@ def _recording_facts(recording: Recording, reduction: int, *, search: bool) -> d
         "whole_output_turns": whole,
         "unused_s": unused,
         "run_up_s": _run_up_time(recording),
-        "angle_unit_assumed": bool(meta.get("angle_unit_assumed", False)),
-        "time_jitter": meta.get("time_jitter"),
-        "gaps": meta.get("gaps"),
-        "start_time": meta.get("start_time"),
-        "table": meta.get("table"),
     }
 
 
@@ -240,9 +233,8 @@ def one_line(recording: Recording) -> str:
     """
     torque, meta = recording.torque, recording.meta or {}
     names = [str(meta["file"])] if meta.get("file") else []
-    for key in ("run", "assembly"):
-        if getattr(recording, key) is not None:
-            names.append(f"{key} {getattr(recording, key)!r}")
+    labels = {"run": recording.run, "assembly": recording.assembly}
+    names += [f"{key} {label!r}" for key, label in labels.items() if label is not None]
     low, high = torque.min(), torque.max()
     unit = recording.unit + (" (unit assumed)" if meta.get("unit_assumed") else "")
     channel, quantity = meta.get("channel", samples_name(recording)), in_words(recording.quantity)

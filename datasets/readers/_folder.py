@@ -43,20 +43,16 @@ class _Column(NamedTuple):
     right: str = ""
 
 
+_TEXTS = (
+    "file", "channel", "time_channel", "time_unit", "angle_channel", "angle_unit", "delimiter", "decimal",
+    "run", "source", "assembly", "angle_of",
+)  # fmt: skip
+_COUNTS = ("pulses_per_turn", "counts_per_turn", "table_line")
 _COLUMNS = {
-    "file": _Column("file"),
-    "channel": _Column("channel"),
+    **{name: _Column(name) for name in _TEXTS},
+    **{name: _Column(name, int, lambda count: count >= 1, "a whole number from 1") for name in _COUNTS},
     "quantity": _Column("quantity", str, QUANTITIES.__contains__, f"one of {', '.join(QUANTITIES)}"),
     "sampling_rate": _Column("sampling_rate", float, lambda rate: 0 < rate < math.inf, "a positive number"),
-    "time_channel": _Column("time_channel"),
-    "time_unit": _Column("time_unit"),
-    "angle_channel": _Column("angle_channel"),
-    "angle_unit": _Column("angle_unit"),
-    "pulses_per_turn": _Column("pulses_per_turn", int, lambda count: count >= 1, "a whole number from 1"),
-    "counts_per_turn": _Column("counts_per_turn", int, lambda count: count >= 1, "a whole number from 1"),
-    "table_line": _Column("table_line", int, lambda line: line >= 1, "a whole number from 1"),
-    "delimiter": _Column("delimiter"),
-    "decimal": _Column("decimal"),
     "scale": _Column("scale", float, lambda x: x != 0 and math.isfinite(x), "a number other than 0"),
     "defect_count": _Column("defect_count", int, lambda count: count >= 0, "a whole number from 0"),
     WORN: _Column(
@@ -64,12 +60,8 @@ _COLUMNS = {
         "lobes counted from 1 and separated by spaces, like 1 5",
     ),
     "n_lobes": _Column("n_lobes", int, lambda count: count >= 2, "a whole number from 2"),
-    "run": _Column("run"),
     "speed": _Column("speed_rpm", float, lambda speed: 0 < speed < math.inf, "a positive number"),
     "load": _Column("load_nm", float, math.isfinite, "a number"),
-    "source": _Column("source"),
-    "assembly": _Column("assembly"),
-    "angle_of": _Column("angle_of"),
     "angle_is_absolute": _Column(
         "angle_is_absolute", lambda cell: _BOOLEANS[cell.lower()], right="true or false"
     ),
@@ -238,19 +230,16 @@ def _read_manifest(folder: Path) -> list[Entry]:
         if not line.strip():
             continue
         cells = [cell.strip() for cell in split_row(line, delimiter, MANIFEST)]
-        if len(cells) != len(names):
-            wrong.append(f"line {number}: {len(names)} columns are right, got {len(cells)}")
-            continue
         try:
+            if len(cells) != len(names):
+                raise ValueError(f"{len(names)} columns are right, got {len(cells)}")
             entry = _parse_row(folder, dict(zip(names, cells, strict=True)), number, delimiter)
+            key = (entry.path, *map(entry.arguments.get, ("channel", "quantity")))
+            if (line_before := lines_of.setdefault(key, number)) != number:
+                raise ValueError(f"{entry.path.name} is there already, in line {line_before}")
+            entries.append(entry)
         except ValueError as error:
             wrong.append(f"line {number}: {error}")
-            continue
-        key = (entry.path, *map(entry.arguments.get, ("channel", "quantity")))
-        if key in lines_of:
-            wrong.append(f"line {number}: {entry.path.name} is there already, in line {lines_of[key]}")
-        lines_of.setdefault(key, number)
-        entries.append(entry)
     if wrong:
         raise ValueError(_join_errors(wrong))
     if not entries:

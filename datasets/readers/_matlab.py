@@ -24,6 +24,8 @@ from cyclofeat.datasets.readers._columns import (
 from cyclofeat.datasets.readers._times import named_rate
 
 _DEEPEST, _MOST_VARIABLES, _MOST_COLUMNS = 8, 10_000, 64
+_COMPRESSED, _MATRIX = 15, 14  # types of elements
+_SPARSE, _LAST_CLASS = 5, 18  # classes of variables
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _CELLS = "is a cell array; save it as a vector"
 _NO_NUMBERS = "must hold one number in each element of its struct array"
@@ -67,17 +69,15 @@ class MatSource(Source):
                 if not name.startswith("__"):
                     self._visit_variable(name, value, 0)
         names = [*self.vectors, *self.unreadable]
-        lasts = [name.rpartition(".")[2] for name in names]
-        units = [self.texts.get(f"{name}_unit") for name in names]
-        for index, (name, last) in enumerate(zip(names, lasts, strict=True)):
-            place = f"{name.rpartition('.')[0]}.Properties".lstrip(".")
-            columns = self.lists.get(f"{place}.VariableNames", [])
-            stated = self.lists.get(f"{place}.VariableUnits", [])
-            if last in columns and len(stated) == len(columns):
-                units[index] = stated[columns.index(last)] or units[index]
-        plain = [
-            self.titles.get(name) or last.partition("(")[0] for name, last in zip(names, lasts, strict=True)
-        ]
+        units, plain = [], []
+        for name in names:
+            place, _, last = name.rpartition(".")
+            properties = f"{place}.Properties".lstrip(".")
+            columns = self.lists.get(f"{properties}.VariableNames", [])
+            stated = self.lists.get(f"{properties}.VariableUnits", [])
+            unit = stated[columns.index(last)] if last in columns and len(stated) == len(columns) else ""
+            units.append(unit or self.texts.get(f"{name}_unit"))
+            plain.append(self.titles.get(name) or last.partition("(")[0])
         super().__init__(path, names, units, plain)
 
     def is_usable(self, index: int) -> bool:
@@ -181,7 +181,6 @@ class MatSource(Source):
             yield file
 
     def _visit_node(self, name: str, node: Any, depth: int) -> None:
-        """Add what a group or a dataset holds."""
         import h5py
 
         if "MATLAB_object_decode" in node.attrs:
@@ -254,10 +253,6 @@ def _decode_text(data: Any) -> str:
     return np.asarray(data[()], dtype="<u2").ravel(order="F").tobytes().decode("utf-16-le", "replace")
 
 
-_COMPRESSED, _MATRIX = 15, 14
-_CELL, _STRUCT, _SPARSE, _LAST_CLASS = 1, 2, 5, 18
-
-
 def _check_elements(path: Path) -> None:
     """Check that no element of a v5 to v7 file claims more bytes than the file has.
 
@@ -306,7 +301,6 @@ def _check_matrix(path: Path, order: str, content: memoryview, depth: int) -> No
 def _iterate_elements(
     path: Path, order: str, content: memoryview, start: int = 0
 ) -> Iterator[tuple[int, memoryview]]:
-    """Yield type and content of each element."""
     position = start
     while position + 8 <= len(content):
         first, n_bytes = struct.unpack_from(f"{order}II", content, position)

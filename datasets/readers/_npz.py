@@ -8,7 +8,7 @@ import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,8 @@ from cyclofeat.datasets.readers._columns import (
 )
 from cyclofeat.recordings import Recording
 
+_Header: TypeAlias = tuple[tuple[int, ...], np.dtype[Any]]  # shape and dtype
+
 
 class NpzSource(Source):
     """Arrays of an NPZ file, read from disk when they are asked for.
@@ -44,11 +46,13 @@ class NpzSource(Source):
 
     def __init__(self, path: Path) -> None:
         with _open_archive(path) as archive:
-            _check_sizes(path, archive)
-            members = [name.removesuffix(".npy") for name in archive.namelist()]
+            self.headers = _check_sizes(path, archive)
+            self.members = {name.removesuffix(".npy"): name for name in archive.namelist()}
             reserved = {*LABELS, WORN, FORMAT_KEY, "sampling_rate", "angle_unit"}
-            super().__init__(path, [name for name in members if name not in reserved])
-            small = {name: _read_array(archive, name) for name in members if name in reserved}
+            super().__init__(path, [name for name in self.members if name not in reserved])
+            small = {
+                name: _read_array(archive, self.members[name]) for name in reserved & self.members.keys()
+            }
         self.rate = small.get("sampling_rate")
         stated_labels = {key: small[key].tolist() for key in (*LABELS, WORN) if key in small}
         if "meta" in stated_labels:
@@ -84,16 +88,14 @@ class NpzSource(Source):
 
     def raw_values(self, index: int) -> NDArray[Any]:
         with _open_archive(self.path) as archive:
-            return _read_array(archive, self.names[index])
+            return _read_array(archive, self.members[self.names[index]])
 
     def is_usable(self, index: int) -> bool:
-        with _open_archive(self.path) as archive:
-            shape, dtype = _read_header(self.path, archive, self.names[index])
+        shape, dtype = self.headers[self.members[self.names[index]]]
         return len(shape) == 1 and dtype.kind in "iuf"
 
     def length(self, index: int) -> int | None:
-        with _open_archive(self.path) as archive:
-            return math.prod(_read_header(self.path, archive, self.names[index])[0])
+        return math.prod(self.headers[self.members[self.names[index]]][0])
 
     def stated_rates(self, torque: int) -> list[tuple[float, str]]:
         if self.rate is None:
@@ -124,12 +126,25 @@ def _open_archive(path: Path) -> Iterator[zipfile.ZipFile]:
             yield archive
 
 
-def _check_sizes(path: Path, archive: zipfile.ZipFile) -> None:
-    """Raise ``ValueError`` for arrays too large to unpack, or pickled, asked for or not."""
+def _check_sizes(path: Path, archive: zipfile.ZipFile) -> dict[str, _Header]:
+    """Return the headers; raise ``ValueError`` for arrays too large to unpack, or pickled."""
+    headers = {}
     unpacked = {info.filename: info.file_size for info in archive.infolist()}
     _check_sum(path, unpacked)  # before any header: that may be as long
     for name in unpacked:
-        shape, dtype = _read_header(path, archive, name)
+        with archive.open(name) as file:
+            version = np.lib.format.read_magic(file)
+            if version not in ((1, 0), (2, 0)):
+                raise ValueError(
+                    f"{path.name}: array {name!r} is of format {version}, which holds no plain numbers"
+                )
+            read_header = getattr(np.lib.format, f"read_array_header_{version[0]}_0")
+            shape, _, dtype = read_header(file)
+        if dtype.hasobject:
+            raise ValueError(
+                f"{path.name} holds pickled objects, which are never loaded; save plain numeric arrays"
+            )
+        headers[name] = shape, dtype
         n_bytes = dtype.itemsize * math.prod(shape)
         check_claim(path, n_bytes)
         if n_bytes > unpacked[name]:
@@ -137,6 +152,7 @@ def _check_sizes(path: Path, archive: zipfile.ZipFile) -> None:
             raise ValueError(f"{path.name} is damaged: array {name!r} claims more bytes than there are")
         unpacked[name] = np.dtype(np.float64).itemsize * math.prod(shape)  # as channels are read
     _check_sum(path, unpacked)
+    return headers
 
 
 def _check_sum(path: Path, unpacked: dict[str, int]) -> None:
@@ -150,32 +166,11 @@ def _check_sum(path: Path, unpacked: dict[str, int]) -> None:
         )
 
 
-def _read_header(path: Path, archive: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
-    """Shape and dtype of an array, without its data."""
-    with archive.open(_member_name(archive, name)) as file:
-        version = np.lib.format.read_magic(file)
-        if version not in ((1, 0), (2, 0)):
-            raise ValueError(
-                f"{path.name}: array {name!r} is of format {version}, which holds no plain numbers"
-            )
-        read_header = getattr(np.lib.format, f"read_array_header_{version[0]}_0")
-        shape, _, dtype = read_header(file)
-    if dtype.hasobject:
-        raise ValueError(
-            f"{path.name} holds pickled objects, which are never loaded; save plain numeric arrays"
-        )
-    return shape, dtype
-
-
 def _read_array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
-    with archive.open(_member_name(archive, name)) as file:
+    with archive.open(name) as file:
         array = np.lib.format.read_array(file, allow_pickle=False)
         file.read(1)  # to the end, where the checksum is compared
         return np.asarray(array)
-
-
-def _member_name(archive: zipfile.ZipFile, name: str) -> str:
-    return name if name in archive.namelist() else f"{name}.npy"
 
 
 def write_npz(file: IO[bytes], recording: Recording, labels: dict[str, Any]) -> None:

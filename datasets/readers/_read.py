@@ -53,8 +53,6 @@ _SIGNATURES = (
 _TURNED = "was turned round, since it fell: positions of lobes are relative, and may count the other way"
 # No input shaft turns faster; an angle in degrees taken for rad would.
 _FASTEST_INPUT_HZ = 100.0
-
-
 _OPTIONS = frozenset(field.name for field in fields(ReadingOptions))
 
 
@@ -252,7 +250,6 @@ def write_recording(path: str | os.PathLike[str], recording: Recording) -> None:
 
 
 def file_path(path: Any) -> Path:
-    """Return a path, or raise ``TypeError``."""
     if not isinstance(path, (str, os.PathLike)):
         raise TypeError(f"path must be a file name, got {path!r}")
     return Path(path)
@@ -296,7 +293,6 @@ def _open_source(path: Path, reading: ReadingOptions) -> Source:
 
 
 def _recording_parameters(source: Source, reading: ReadingOptions) -> dict[str, Any]:
-    """Parameters of the file's recording."""
     times: set[int | None] = set(time_channels(source))
     if reading.time_channel is not None and not reading.without_times:
         times.add(source.find_channel("time_channel", reading.time_channel, set()))
@@ -308,8 +304,7 @@ def _recording_parameters(source: Source, reading: ReadingOptions) -> dict[str, 
         if (by_pulses or by_counts) and angle is None:
             raise ValueError(
                 f"{source.file}: angle_channel= must be given, to say which {source.noun} holds the "
-                f"{'pulses' if by_pulses else 'counts'}: "
-                f"{source.channel_names()}"
+                f"{'pulses' if by_pulses else 'counts'}: {source.channel_names()}"
             )
     labels = source.other_labels if source.labels is None else source.labels
     stated = labels.get("quantity")
@@ -345,12 +340,11 @@ def _recording_parameters(source: Source, reading: ReadingOptions) -> dict[str, 
 
 def _read_angle(source: Source, index: int, reading: ReadingOptions) -> tuple[Float, dict[str, Any]]:
     """Return the angle in rad by a channel, and what was done for it."""
-    by_pulses = reading.pulses_per_turn is not None
     values = source.column_values(index)
     factor, assumed = 1.0, False
     if reading.counts_per_turn is not None:
         factor = 2 * math.pi / reading.counts_per_turn
-    elif not by_pulses:
+    elif reading.pulses_per_turn is None:
         factor, assumed = source.angle_factor(index, reading.angle_unit)
     meta: dict[str, Any] = {"angle_unit_assumed": True} if assumed else {}
     try:

@@ -63,7 +63,6 @@ class Table:
 
 
 def split_row(line: str, delimiter: str, file: str = "") -> list[str]:
-    """Return the cells of a row."""
     if delimiter == " ":
         return line.split()
     if '"' not in line:
@@ -182,7 +181,13 @@ def _head_rows(
     """Return the rows above the samples that may name their columns, the lowest first."""
     heads: list[tuple[int, list[str]]] = []
     for i in reversed(above):
-        cells = rows[i] if delimiter != " " or len(rows[i]) == width else _wide_cells(lines[i], width)
+        cells = rows[i]
+        if delimiter == " " and len(cells) != width:
+            wide = re.split(r"\s{2,}", lines[i].strip())
+            # A name keeps its unit in brackets.
+            cells = (
+                wide if len(wide) == width else re.findall(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?", lines[i])
+            )
         extra = {cell.strip().lower() for cell in cells[width:]} - {"", "comment"}
         if len(cells) < width or extra or len(heads) == _MOST_HEADS:
             break
@@ -203,12 +208,6 @@ def _is_known_name(cell: str) -> bool:
     base = name_and_unit(cell)[0] if cell else ""
     known = is_time_name(base) or base in ANGLE_NAMES | PULSE_NAMES
     return known or any(is_usual(base, quantity) for quantity in UNITS_OF)
-
-
-def _wide_cells(line: str, width: int) -> list[str]:
-    """Return the names of columns that spaces separate; a name keeps its unit in brackets."""
-    wide = re.split(r"\s{2,}", line.strip())
-    return wide if len(wide) == width else re.findall(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?", line)
 
 
 def _head_rates(

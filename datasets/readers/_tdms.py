@@ -60,7 +60,6 @@ class TdmsSource(Source):
                     self.kinds.append(np.dtype(channel.dtype))
                 except Exception:  # it has no type, or a scale that cannot be computed: reading it says why
                     self.kinds.append(None)
-            self.properties = [dict(channel.properties) for channel in channels]
             self.scopes = [
                 (dict(channel.properties), dict(file[channel.group_name].properties), dict(file.properties))
                 for channel in channels
@@ -68,7 +67,7 @@ class TdmsSource(Source):
             self.daqmx = [bool(channel.scaler_data_types) for channel in channels]
         units = [
             next((str(properties[key]) for key in _UNIT_PROPERTIES if properties.get(key)), None)
-            for properties in self.properties
+            for properties, *_ in self.scopes
         ]
         super().__init__(
             path, [f"{group}/{name}" for group, name in self.keys], units, [name for _, name in self.keys]
@@ -82,7 +81,7 @@ class TdmsSource(Source):
         return self.lengths[index]
 
     def stated_rates(self, torque: int) -> list[tuple[float, str]]:
-        unit = clean_unit(str(self.properties[torque].get("wf_xunit_string", ""))) or "s"
+        unit = clean_unit(str(self.scopes[torque][0].get("wf_xunit_string", ""))) or "s"
         steps = self.steps.get(self.paths[torque], {})
         stated = {}
         for step, segment in steps.items():
@@ -95,7 +94,7 @@ class TdmsSource(Source):
         return [(rate, where) for where, rate in stated.items() if rate is not None]
 
     def channel_meta(self, torque: int) -> dict[str, Any]:
-        start = self.properties[torque].get("wf_start_time")
+        start = self.scopes[torque][0].get("wf_start_time")
         return {} if start is None else {"start_time": str(start)}
 
     def check_torque(self, torque: int, scale: float | None) -> None:
@@ -103,7 +102,7 @@ class TdmsSource(Source):
         kind = self.kinds[torque]
         scaled = self.units[torque] in TORQUE_UNITS | CURRENT_UNITS
         counts = kind is not None and kind.kind in "iu" and not scaled
-        properties = self.properties[torque]
+        properties = self.scopes[torque][0]
         unscaled = properties.get("NI_Scaling_Status") == "unscaled" and not _n_scales(properties)
         if (counts or unscaled) and scale is None:
             raise ValueError(
@@ -112,20 +111,16 @@ class TdmsSource(Source):
             )
 
     def _check_scales(self, index: int) -> None:
-        for scope in self.scopes[index]:
-            n_scales = _n_scales(scope)
-            if n_scales == 0 or scope.get("NI_Scaling_Status") == "scaled":
-                continue
-            for number in range(n_scales):
-                kind = scope.get(f"NI_Scale[{number}]_Scale_Type")
-                if kind in _SCALES or (kind is None and self.daqmx[index]):
-                    continue
+        unscaled = (scope for scope in self.scopes[index] if scope.get("NI_Scaling_Status") != "scaled")
+        scope = next(filter(_n_scales, unscaled), {})  # the innermost one with scales applies
+        for number in range(_n_scales(scope)):
+            kind = scope.get(f"NI_Scale[{number}]_Scale_Type")
+            if not (kind in _SCALES or (kind is None and self.daqmx[index])):
                 raise ValueError(
                     f"{self.file}: channel {self.names[index]!r} has a scale that cannot be computed "
                     f"(NI_Scale[{number}]: {kind!r}); known are {', '.join(sorted(_SCALES))}. Save it "
                     "scaled: raw counts are not read in its place"
                 )
-            return  # the innermost scope with scales is the one that applies
 
     def raw_values(self, index: int) -> NDArray[Any]:
         self._check_scales(index)

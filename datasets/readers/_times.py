@@ -71,7 +71,7 @@ def named_rate(name: str, value: float, unit: str | None = None) -> float | None
     if re.fullmatch(_RATE, base) and (unit is None or unit in RATE_UNITS):
         return value * RATE_UNITS.get(unit or "Hz", 1.0)
     if re.fullmatch(_STEP, base) and (unit is None or unit in TIME_UNITS):
-        return whole_rate(value * TIME_UNITS[unit or "s"])
+        return whole_rate(1 / (value * TIME_UNITS[unit or "s"]))
     return None
 
 
@@ -247,7 +247,4 @@ def _even_rate(called: str, seconds: Float, source: Source) -> tuple[float, floa
             rate,
         )
     # Rounded times give 25600.0003 Hz: a whole number of Hz within the column's scatter is taken.
-    slack = rate * (2 * float(off[worst]) / count + 1e-9)
-    if abs(rate - round(rate)) <= slack and round(rate) > 0:
-        rate = float(round(rate))
-    return rate, float(off[worst])
+    return whole_rate(rate, 2 * float(off[worst]) / count + 1e-9), float(off[worst])

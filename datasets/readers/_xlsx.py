@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import datetime
-import io
 import re
 import warnings
 import zipfile
@@ -105,16 +103,12 @@ class _Sheet(CsvSource):
 
     def __init__(self, path: Path, title: str, rows: list[list[str]], stated: dict[str, Any]) -> None:
         self.title = title
-        width = max(map(len, rows))
-        lines = []
+        width, lines = max(map(len, rows)), []
         for cells in rows:
-            if cells and cells[0].startswith("#"):  # a label, whose commas became borders of cells
-                lines.append(",".join(cells))
-                continue
-            line = io.StringIO()
-            row = [*cells, *[""] * (width - len(cells))]
-            csv.writer(line, delimiter="\t", lineterminator="").writerow(row)
-            lines.append(line.getvalue())
+            is_label = cells and cells[0].startswith("#")  # whose commas became borders of cells
+            # Quotation marks at the start of a cell would join it with the next.
+            row = cells if is_label else [cell.strip('"') for cell in cells] + [""] * (width - len(cells))
+            lines.append(("," if is_label else "\t").join(row))
         super().__init__(path, stated | {"delimiter": "\t"}, lines)
         self.n_rows = len(lines) - self.table.first
 
