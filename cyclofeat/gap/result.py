@@ -31,21 +31,12 @@ _LEFT = {"chance": "nothing", "open effects": "what may be open effects", "unkno
 
 @dataclass(frozen=True)
 class Size:
-    """Parameter of a missing effect.
-
-    Attributes
-    ----------
-    name, unit : str
-    value : float
-        Median.
-    low, high : float
-        Its interval of 90 %.
-    """
+    """Parameter of a missing effect."""
 
     name: str
     unit: str
-    value: float
-    low: float
+    value: float  # median
+    low: float  # ends of its interval of 90 %
     high: float
 
     def __str__(self) -> str:
@@ -110,18 +101,10 @@ class FoundEffect:
 
 @dataclass(frozen=True, kw_only=True)
 class RemainderRow(Cell):
-    """Statistic that the corrected model still misses.
+    """Statistic that the corrected model still misses."""
 
-    Attributes
-    ----------
-    difference : float
-        Measured minus corrected mean, in ``unit``.
-    z : float
-        The same in its standard errors.
-    """
-
-    difference: float
-    z: float
+    difference: float  # measured minus corrected mean, in ``unit``
+    z: float  # the same in its standard errors
 
 
 @dataclass(frozen=True)
@@ -156,20 +139,11 @@ class Remainder:
 
 @dataclass(frozen=True)
 class NextMeasurement:
-    """Recordings to make next.
-
-    Attributes
-    ----------
-    what : str
-    separates : tuple of str
-        Effects that they would tell apart.
-    gain : float or None
-        Expected information in bits; None where it was not computed.
-    """
+    """Recordings to make next."""
 
     what: str
-    separates: tuple[str, ...] = ()
-    gain: float | None = None
+    separates: tuple[str, ...] = ()  # effects that they would tell apart
+    gain: float | None = None  # expected information in bits; None where it was not computed
 
 
 class _OfEffect(Protocol):

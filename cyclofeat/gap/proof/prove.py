@@ -56,48 +56,24 @@ class DistanceRow:
 
 @dataclass(frozen=True)
 class ProofRow:
-    """Share of the gap that an alternative closes on recordings held out.
+    """Share of the gap that an alternative closes on recordings held out."""
 
-    Attributes
-    ----------
-    alternative : str
-        ``"after"`` is the corrected model, ``"nothing"`` the model as it was.
-    condition : {"all", "seen", "unseen"}
-        All recordings held out, or those of counts that the fit has seen or not seen.
-    grr : float
-        Gap reduction ratio: 1 closes the gap, 0 leaves it, below 0 widens it; NaN where undefined.
-    low, high : float
-        Interval of 90 %, by bootstrap over recordings.
-    undefined : str
-        Why the ratio is undefined; empty where it is not.
-    """
-
-    alternative: str
-    condition: str
-    grr: float
-    low: float
+    alternative: str  # "after" is the corrected model, "nothing" the model as it was
+    condition: str  # "all" recordings held out, or those of counts that the fit has "seen" or not: "unseen"
+    grr: float  # gap reduction ratio: 1 closes the gap, 0 leaves it, below 0 widens it; NaN where undefined
+    low: float  # ends of its interval of 90 %, by bootstrap over recordings
     high: float
-    undefined: str = ""
+    undefined: str = ""  # why the ratio is undefined; empty where it is not
 
 
 @dataclass(frozen=True)
 class Proof:
-    """Comparison of the corrected model with alternatives on recordings held out.
-
-    Attributes
-    ----------
-    rows : tuple of ProofRow
-    distances : tuple of DistanceRow
-        Distances by family, in standard deviations of one recording.
-    n_recordings : int
-    condition : Condition or None
-        That of the recordings; None where it was not stated.
-    """
+    """Comparison of the corrected model with alternatives on recordings held out."""
 
     rows: tuple[ProofRow, ...]
-    distances: tuple[DistanceRow, ...] = field(repr=False)
+    distances: tuple[DistanceRow, ...] = field(repr=False)  # by family, in std of one recording
     n_recordings: int
-    condition: Condition | None = None
+    condition: Condition | None = None  # of the recordings; None where it was not stated
 
     @property
     def result(self) -> ProofRow:

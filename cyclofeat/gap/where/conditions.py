@@ -79,46 +79,23 @@ class WhereRow(Row):
 
 @dataclass(frozen=True)
 class Where:
-    """Comparison of recordings with a model at one condition.
+    """Comparison of recordings with a model at one condition."""
 
-    Attributes
-    ----------
-    verdict : {"disagree", "equivalent", "unresolved"}
-    rows : tuple of WhereRow
-        Each number twice: its mean over recordings, and how much recordings vary.
-    family_p : mapping from str to float
-        Adjusted p of each family, ``"spreads"`` and ``"together"`` among them.
-    global_p : mapping from str to float
-        Tests of all numbers at once, which have no part in the verdict; empty where they were not made.
-    phase : mapping from str to PhaseMap
-        Torque folded over the ``"lobe"`` passage and the ``"input"`` turn; empty where it was not made.
-    n_recordings, n_simulated : int
-    alpha : float
-        Adjusted p up to which a number differs.
-    margin_db, margin_spreads : float
-        Margins of agreement: for levels in dB, for other numbers in spreads of one recording.
-    n_permutations, random_state : int
-    one_assembly : bool
-        Whether all recordings are stated to be of one assembly.
-    sampling_rate : float
-        In Hz.
-    condition : Condition
-    """
-
-    verdict: str
-    rows: tuple[WhereRow, ...] = field(repr=False)
-    family_p: Mapping[str, float]
-    global_p: Mapping[str, float]
+    verdict: str  # "disagree", "equivalent" or "unresolved"
+    rows: tuple[WhereRow, ...] = field(repr=False)  # each number's mean, and how much recordings vary
+    family_p: Mapping[str, float]  # adjusted p of each family, "spreads" and "together" among them
+    global_p: Mapping[str, float]  # of all numbers at once, with no part in the verdict; may be empty
+    # Torque folded over the "lobe" passage and the "input" turn; empty where it was not made.
     phase: Mapping[str, PhaseMap] = field(repr=False, compare=False)
     n_recordings: int
     n_simulated: int
-    alpha: float
-    margin_db: float
-    margin_spreads: float
+    alpha: float  # adjusted p up to which a number differs
+    margin_db: float  # margins of agreement: of levels in dB,
+    margin_spreads: float  # and of other numbers in spreads of one recording
     n_permutations: int
     random_state: int
-    one_assembly: bool
-    sampling_rate: float
+    one_assembly: bool  # all recordings are stated to be of one assembly
+    sampling_rate: float  # in Hz
     condition: Condition
 
     @property
