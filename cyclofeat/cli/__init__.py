@@ -1,16 +1,9 @@
 """The ``cyclofeat`` command.
 
-================  ====================================================================================
-module            job
-================  ====================================================================================
-``_options``      the parser; options that read recordings or name models and files to write; printing
-``_rigs``         options of commands that simulate
-each other one    one command
-================  ====================================================================================
-
-The module of a command has two functions: ``add_arguments(parser)``, and ``run(arguments)``, which returns
-its result as it is printed (``Printed``: text, JSON, error), or generates one result after the other. What is
-computed is yielded before a page is drawn.
+``_options`` holds the parser, options of several commands, and printing; ``_rigs`` the options of commands
+that simulate. Each other module holds one command in two functions: ``add_arguments(parser)``, and
+``run(arguments)``, which returns its result as it is printed (``Printed``: text, JSON, error), or generates
+one result after the other. What is computed is yielded before a page is drawn.
 
 A module is imported when its command is called, and imports what computes when it runs: ``--help`` answers
 at once.
@@ -46,7 +39,6 @@ from cyclofeat.cli._options import (
 
 __all__ = ["main", "make_parser"]
 
-
 # Help of each command, and its JSON: one document, a list, or a line for each result.
 COMMANDS: dict[str, tuple[str, Literal["one", "list", "lines"]]] = {
     "simulate": ("simulate a recording to a file, or many to a folder with their manifest", "one"),
@@ -68,7 +60,6 @@ COMMANDS: dict[str, tuple[str, Literal["one", "list", "lines"]]] = {
 
 
 def command_module(name: str) -> ModuleType:
-    """Import the module of a command."""
     return importlib.import_module(f"cyclofeat.cli.{name}")
 
 

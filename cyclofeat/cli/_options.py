@@ -13,7 +13,7 @@ from fnmatch import fnmatchcase
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, NoReturn, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, Literal, NoReturn, TypeVar, cast
 
 from cyclofeat._base.files import check_parent
 from cyclofeat._base.progress import Progress, erase_progress, is_hidden
@@ -48,7 +48,6 @@ def note(message: str) -> None:
 
 
 def warn(error: str) -> None:
-    """Print an error as one line on standard error."""
     print_message(f"cyclofeat: error: {error}")
 
 
@@ -58,31 +57,22 @@ def print_message(message: str) -> None:
     print(message, file=sys.stderr, flush=True)
 
 
-class Idle(NamedTuple):
-    """Arguments without effect where any of ``beside`` is given, or none of ``without``.
+def add_idle(
+    parser: argparse.ArgumentParser, *names: str, beside: Collection[str] = (), without: Collection[str] = ()
+) -> None:
+    """State that arguments have no effect where any of ``beside`` is given, or none of ``without``.
 
     Arguments are named as people read them: an option like ``--depth``, a positional argument by its metavar.
     The other side may state a value too, or a pattern for it: ``--quantity motor_current``, ``--model
     *.skops``.
     """
-
-    names: tuple[str, ...]
-    beside: Collection[str] = ()
-    without: Collection[str] = ()
-
-
-def add_idle(
-    parser: argparse.ArgumentParser, *names: str, beside: Collection[str] = (), without: Collection[str] = ()
-) -> None:
-    """State that the arguments named have no effect beside any of some others, or without all of them."""
-    parser.set_defaults(idle=(*(parser.get_default("idle") or ()), Idle(names, beside, without)))
+    parser.set_defaults(idle=(*(parser.get_default("idle") or ()), (names, beside, without)))
 
 
 class RaisingParser(argparse.ArgumentParser):
     """Parser whose errors are raised, so that all errors are printed in the same way."""
 
     def error(self, message: str) -> NoReturn:
-        """Raise ValueError in place of the exit."""
         raise ValueError(f"{message}; see {self.prog} --help")
 
 
@@ -217,7 +207,6 @@ def list_of(parse: Callable[[str], T]) -> Callable[[str], list[T]]:
 
 
 def add_jobs(parser: argparse._ActionsContainer, workers: str = "processes") -> None:
-    """Add the option that states the number of workers."""
     parser.add_argument(
         "--jobs", dest="n_jobs", type=int, default=-1, metavar="N", help=f"{workers} (default: all cores)"
     )
@@ -286,7 +275,6 @@ def check_targets(arguments: argparse.Namespace) -> None:
 
 
 def check_folder(option: str, path: Path) -> None:
-    """Raise NotADirectoryError if an option's folder is a file."""
     if path.exists() and not path.is_dir():
         raise NotADirectoryError(f"{option} must name a folder, {path} is a file")
 
@@ -296,48 +284,41 @@ _MOST_ERRORS = 10
 _DELIMITERS = {",": ",", ";": ";", "tab": "\t", "space": " "}
 _COUNT: dict[str, Any] = {"type": whole_number(1), "metavar": "N"}
 
-# Argument of read_recording: its option, and how the option is parsed.
-_OPTIONS: dict[str, tuple[str, dict[str, Any]]] = {
-    "channel": ("--channel", {"help": "name of the channel to read, or its index from 0"}),
-    "quantity": (
-        "--quantity", {"choices": QUANTITIES, "help": "quantity of the channel (default output_torque)"}
-    ),
-    "sampling_rate": (
-        "--sampling-rate", {"type": positive_number, "metavar": "HZ", "help": "sampling rate in Hz"}
-    ),
-    "time_channel": ("--time-channel", {"help": "channel of times; none leaves times out"}),
-    "time_unit": (
-        "--time-unit", {"choices": ("s", "ms", "us", "ns", "min", "h", "d"), "help": "unit of the times"}
-    ),
-    "angle_channel": ("--angle-channel", {"help": "channel of the shaft's angle"}),
-    "angle_unit": ("--angle-unit", {"choices": ("rad", "deg", "rev"), "help": "unit of the angle"}),
-    "pulses_per_turn": (
-        "--pulses-per-turn", _COUNT | {"help": "the angle's channel holds N pulses per turn (1: an index)"}
-    ),
-    "counts_per_turn": (
-        "--counts-per-turn", _COUNT | {"help": "the angle's channel holds counts of an encoder, N per turn"}
-    ),
-    "angle_is_absolute": (
-        "--angle-absolute",
-        {"action": "store_true", "default": None, "help": "the angle is zero where cam 0 is at pin 0"},
-    ),
-    "speed_rpm": ("--speed", {"type": positive_number, "metavar": "RPM", "help": "nominal input speed, RPM"}),
-    "n_lobes": ("--n-lobes", {"type": int, "metavar": "N", "help": "lobes of a disc (default 15)"}),
-    "scale": ("--scale", {"type": float, "help": "Nm (or A) per unit of the channel"}),
-    "delimiter": ("--delimiter", {"choices": tuple(_DELIMITERS), "help": "separator in text files"}),
-    "decimal": ("--decimal", {"choices": (",", "."), "help": "mark of the decimals in text files"}),
-    "table_line": ("--table-line", _COUNT | {"help": "line of the column names in text files, from 1"}),
+# Options of read_recording; its arguments have their names, unless ``dest`` states another.
+_OPTIONS: dict[str, dict[str, Any]] = {
+    "--channel": {"help": "name of the channel to read, or its index from 0"},
+    "--quantity": {"choices": QUANTITIES, "help": "quantity of the channel (default output_torque)"},
+    "--sampling-rate": {"type": positive_number, "metavar": "HZ", "help": "sampling rate in Hz"},
+    "--time-channel": {"help": "channel of times; none leaves times out"},
+    "--time-unit": {"choices": ("s", "ms", "us", "ns", "min", "h", "d"), "help": "unit of the times"},
+    "--angle-channel": {"help": "channel of the shaft's angle"},
+    "--angle-unit": {"choices": ("rad", "deg", "rev"), "help": "unit of the angle"},
+    "--pulses-per-turn": _COUNT | {"help": "the angle's channel holds N pulses per turn (1: an index)"},
+    "--counts-per-turn": _COUNT | {"help": "the angle's channel holds counts of an encoder, N per turn"},
+    "--angle-absolute": {
+        "dest": "angle_is_absolute", "action": "store_true", "default": None,
+        "help": "the angle is zero where cam 0 is at pin 0",
+    },
+    "--speed": {
+        "dest": "speed_rpm", "type": positive_number, "metavar": "RPM", "help": "nominal input speed, RPM",
+    },
+    "--n-lobes": {"type": int, "metavar": "N", "help": "lobes of a disc (default 15)"},
+    "--scale": {"type": float, "help": "Nm (or A) per unit of the channel"},
+    "--delimiter": {"choices": tuple(_DELIMITERS), "help": "separator in text files"},
+    "--decimal": {"choices": (",", "."), "help": "mark of the decimals in text files"},
+    "--table-line": _COUNT | {"help": "line of the column names in text files, from 1"},
 }  # fmt: skip
+READING = (*_OPTIONS, "--no-angle")
 
 
 def add_reading_options(parser: argparse.ArgumentParser, *, sampling_rate: bool = True) -> None:
     """Add options that state what files do not; ``sampling_rate=False`` where the parser has that one."""
     group = parser.add_argument_group("what the files do not state")
     channel_of_angle = group.add_mutually_exclusive_group()
-    for argument, (option, parsing) in _OPTIONS.items():
-        if argument != "sampling_rate" or sampling_rate:
-            to = channel_of_angle if argument == "angle_channel" else group
-            to.add_argument(option, dest=argument, **parsing)
+    for option, parsing in _OPTIONS.items():
+        if option != "--sampling-rate" or sampling_rate:
+            to = channel_of_angle if option == "--angle-channel" else group
+            to.add_argument(option, **parsing)
     channel_of_angle.add_argument(
         "--no-angle", dest="angle_channel", action="store_const", const=False, help="ignore the shaft's angle"
     )
@@ -346,12 +327,10 @@ def add_reading_options(parser: argparse.ArgumentParser, *, sampling_rate: bool 
     add_idle(parser, "--angle-unit", beside=of_turns)
 
 
-READING = (*(option for option, _ in _OPTIONS.values()), "--no-angle")
-
-
 def reading_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the arguments of ``read_recording`` that were typed."""
-    typed = {argument: getattr(arguments, argument) for argument in _OPTIONS}
+    names = [parsing.get("dest", option[2:].replace("-", "_")) for option, parsing in _OPTIONS.items()]
+    typed = {name: getattr(arguments, name) for name in names}
     if typed["delimiter"] is not None:
         typed["delimiter"] = _DELIMITERS[typed["delimiter"]]
     return {argument: value for argument, value in typed.items() if value is not None}
@@ -540,7 +519,6 @@ def model_name(arguments: argparse.Namespace) -> str:
 
 
 def without_start(recording: Recording, seconds: float) -> Recording:
-    """Return a recording without its first seconds."""
     if not 0 <= seconds < recording.duration:
         raise ValueError(f"--skip must lie within the {recording.duration:g} s recorded, got {seconds:g} s")
     return recording.part(seconds) if seconds else recording

@@ -53,7 +53,6 @@ def add_machine(parser: argparse.ArgumentParser, *, drawn: Sequence[str] = ("--r
 
 
 def add_rig(parser: argparse.ArgumentParser, default: str) -> None:
-    """Add the options that name a rig and its effects."""
     parser.add_argument(
         "--rig",
         metavar="RIG",
@@ -67,7 +66,6 @@ def add_rig(parser: argparse.ArgumentParser, default: str) -> None:
 
 
 def add_effects(parser: argparse.ArgumentParser) -> None:
-    """Add the option that names files with effects of the user."""
     parser.add_argument(
         "--effects-from", metavar="FILE.py", action="append", default=[],
         help="Python file with effects and simulators of your own, which rigs may then name "
@@ -76,7 +74,6 @@ def add_effects(parser: argparse.ArgumentParser) -> None:
 
 
 def defects_of(arguments: argparse.Namespace) -> LobeDefects:
-    """Return the worn or removed lobes."""
     from cyclofeat.simulators import LobeDefects
 
     wheels = {"both": (0, 1), "1": (0,), "2": (1,)}[arguments.wheels]
@@ -101,7 +98,6 @@ def _lobes_from_0(text: str) -> tuple[int, ...]:
 
 
 def gearbox_of(arguments: argparse.Namespace) -> CycloidalGearbox:
-    """Return the papers' gearbox of the material named."""
     from cyclofeat.simulators import CycloidalGearbox
 
     return CycloidalGearbox.abs() if arguments.material == "abs" else CycloidalGearbox.steel()
@@ -109,13 +105,13 @@ def gearbox_of(arguments: argparse.Namespace) -> CycloidalGearbox:
 
 def rig_of_machine(arguments: argparse.Namespace) -> Rig | None:
     """Return the rig named; None for the bare gearbox."""
-    if arguments.rig is None:
-        if getattr(arguments, "quantity", "") == "motor_current":  # the motor is drawn, as parts of rigs are
-            from cyclofeat.simulators import Rig
-
-            return Rig(gearbox_of(arguments), name="nominal")
+    if arguments.rig is not None:
+        return rig_of(arguments)
+    if getattr(arguments, "quantity", "") != "motor_current":
         return None
-    return rig_of(arguments)
+    from cyclofeat.simulators import Rig
+
+    return Rig(gearbox_of(arguments), name="nominal")  # the motor is drawn, as parts of rigs are
 
 
 def rig_of(arguments: argparse.Namespace, default: str = "") -> Rig:

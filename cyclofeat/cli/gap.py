@@ -30,16 +30,18 @@ from cyclofeat.cli._rigs import add_effects
 from cyclofeat.plotting.gap_words import VERDICTS, cell_name, effect_name, mean_difference_words, p_words
 
 if TYPE_CHECKING:
-    from cyclofeat.gap import Condition, EffectPosterior, GapResult, GapSettings, World
+    from cyclofeat.gap import Condition, EffectPosterior, GapResult, World
     from cyclofeat.recordings import Recording
     from cyclofeat.simulators import Rig
 
-
+PACKAGED = "packaged"  # word for the posterior that comes with the package
 _RECORDINGS, _RIGS = 12, 240
+_MACHINES = 4000  # about an hour of two cores
+_EPOCHS_ON = 12  # of networks that go on: with more they fit single rigs
+_N_REMAINING = 3
 
 
 def add_check(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a check."""
     parser.add_argument(
         "--check",
         action="store_true",
@@ -111,15 +113,7 @@ def run_check(arguments: argparse.Namespace, posterior: EffectPosterior) -> Prin
     return Printed("\n".join(lines), result.to_dict())
 
 
-PACKAGED = "packaged"  # word for the posterior that comes with the package
-
-_MACHINES = 4000  # about an hour of two cores
-_EPOCHS_ON = 12  # of networks that go on: with more they fit single rigs
-_TRAINED_BY = ("jax", "optax")
-
-
 def add_preparation(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a preparation."""
     add_target(
         parser, "--prepare", metavar="FILE",
         help="learn --posterior for the model from simulated rigs, at conditions like those of MEASURED if "
@@ -150,7 +144,7 @@ def prepare_posterior(arguments: argparse.Namespace) -> Printed:
         raise ValueError(
             "--prepare needs --cache FOLDER: what is simulated is kept there if it is interrupted"
         )
-    missing = [name for name in _TRAINED_BY if importlib.util.find_spec(name) is None]
+    missing = [name for name in ("jax", "optax") if importlib.util.find_spec(name) is None]
     if missing:
         raise ImportError(f"--prepare needs {' and '.join(missing)}: pip install {' '.join(missing)}")
     from cyclofeat.gap import EffectPosterior, prepare_world
@@ -208,9 +202,6 @@ def world_of(arguments: argparse.Namespace, model: Rig) -> World:
     known = {effect.effect_id: effect for effect in world.effects or ()}
     effects = [known[name] for name in different_names(arguments.effects.split(","), known, "--effects")]
     return dataclasses.replace(world, effects=effects, most=min(world.most, len(effects)))
-
-
-_N_REMAINING = 3
 
 
 def gap_lines(result: GapResult) -> list[str]:
@@ -334,16 +325,18 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
         return
     if not arguments.measured:
         raise ValueError("MEASURED must name recordings, or folders of them")
-    from cyclofeat.gap import compare_recordings, find_gap
+    from cyclofeat.gap import GapSettings, compare_recordings, find_gap
 
+    typed = ("alpha", "one_assembly", "random_state", "n_jobs", "cache")
+    gap_settings = GapSettings(
+        **{name: getattr(arguments, name) for name in typed}, pictures=arguments.out is not None
+    )
     recordings = read_all(arguments.measured, arguments)
     if arguments.simulated is None:
         posterior = _posterior_of_model(arguments)
         fitted, held_out = _split_recordings(arguments, recordings)
         with Steps("cyclofeat gap") as steps:
-            result = find_gap(
-                fitted, held_out, posterior=posterior, settings=_gap_settings(arguments), progress=steps
-            )
+            result = find_gap(fitted, held_out, posterior=posterior, settings=gap_settings, progress=steps)
         settings = {
             "model": arguments.simulator or arguments.posterior or "paper B's gearbox",
             "effects considered": ", ".join(posterior.names_),
@@ -354,7 +347,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     else:
         simulated = read_all([arguments.simulated], arguments)
         with Progress("cyclofeat gap: comparing recordings"):
-            result = compare_recordings(recordings, simulated, settings=_gap_settings(arguments))
+            result = compare_recordings(recordings, simulated, settings=gap_settings)
         settings = {
             "recordings": f"{len(recordings)}",
             "simulated recordings": f"{len(simulated)} of {arguments.simulated}",
@@ -370,19 +363,6 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
         with Progress("cyclofeat gap: writing the report"):
             write_gap_report(result, arguments.out, sources=sources, settings=settings)
         yield Printed(f"report: {arguments.out}", {})
-
-
-def _gap_settings(arguments: argparse.Namespace) -> GapSettings:
-    from cyclofeat.gap import GapSettings
-
-    return GapSettings(
-        alpha=arguments.alpha,
-        pictures=arguments.out is not None,
-        one_assembly=arguments.one_assembly,
-        random_state=arguments.random_state,
-        n_jobs=arguments.n_jobs,
-        cache=arguments.cache,
-    )
 
 
 def _posterior_of_model(arguments: argparse.Namespace) -> EffectPosterior:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,20 +19,19 @@ if TYPE_CHECKING:
     from cyclofeat.recordings import Recording
 
 
+@dataclass
 class HistoryWriter:
     """Adds counts to a history."""
 
-    def __init__(
-        self, arguments: argparse.Namespace, model: LobeModel, history: History, default_name: str
-    ) -> None:
-        self.gearbox, self.rates = arguments.gearbox, alarm_rates(arguments)
-        self.model, self.history, self.default_name = model, history, default_name
+    arguments: argparse.Namespace
+    model: LobeModel
+    history: History
+    default_name: str
 
     def add(self, path: Path, recording: Recording, count: LobeCount) -> str:
         """Add a count, which the history's ``write`` writes, and return the name of the gearbox."""
-        name: str | None = self.gearbox
-        if name is None:
-            name = self.default_name if recording.assembly is None else str(recording.assembly)
+        assembly = self.default_name if recording.assembly is None else str(recording.assembly)
+        name: str = self.arguments.gearbox or assembly
         if not name:
             raise ValueError("the file states no assembly: give --gearbox NAME with --history")
         time = path.stat().st_mtime
@@ -49,8 +49,7 @@ class HistoryWriter:
         return name
 
     def state(self, name: str) -> GearboxState:
-        """Return the state of a gearbox."""
-        return self.history.state(name, **self.rates)
+        return self.history.state(name, **alarm_rates(self.arguments))
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cyclofeat._base.quantities import number_of
 from cyclofeat.cli._options import Printed, add_idle, positive_number, whole_number
@@ -51,24 +51,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Printed:
     from cyclofeat.counting import plan_measurement
 
-    by_simulation = {}
+    typed = ["worn", "noise_nm", "confidence", "depth", "speed_rpm"]
+    by_simulation: dict[str, Any] = {}
     if arguments.wear:
-        by_simulation = {
-            "depths_um": _DEPTHS_UM,
-            "rig": rig_of(arguments, default="r1"),
-            "load_nm": arguments.load_nm,
-            "output_turns": arguments.output_turns,
-            "random_state": 0,
-            "n_jobs": -1,
-        }
-    plan = plan_measurement(
-        arguments.worn,
-        noise_nm=arguments.noise_nm,
-        confidence=arguments.confidence,
-        depth=arguments.depth,
-        speed_rpm=arguments.speed_rpm,
-        **by_simulation,
-    )
+        typed += ["load_nm", "output_turns"]
+        rig = rig_of(arguments, default="r1")
+        by_simulation = {"depths_um": _DEPTHS_UM, "rig": rig, "random_state": 0, "n_jobs": -1}
+    plan = plan_measurement(**{name: getattr(arguments, name) for name in typed}, **by_simulation)
     if plan.depths_um is None:
         lines = _table_lines(plan)
         if arguments.speed_rpm != _TABULATED_RPM:

@@ -34,7 +34,6 @@ _SIMULATION = (
 # The rig states the rest.
 _OF_FILES = tuple(option for option in READING if option not in ("--quantity", "--sampling-rate"))
 
-
 # Simulated speeds and loads reach from the nominal ones over this to the nominal ones times this.
 _RANGE = 1.25
 # Output turns of a simulated assembly; early wear hardly shows in one turn.
@@ -257,5 +256,4 @@ def _simulated_recordings(arguments: argparse.Namespace) -> tuple[list[Recording
 
 
 def _range_around(nominal: float) -> tuple[float, float]:
-    """Return the default range about a nominal value."""
     return nominal / _RANGE, nominal * _RANGE

@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from cyclofeat.counting import LobeCount, LobeModel
     from cyclofeat.history import GearboxState
 
-
 # A file that cannot be read is bad, and not only half written, after this many times the time to settle.
 _PATIENCE = 5
 _BEGINNING = b'{"file": '  # of the list of files that are done
@@ -106,7 +105,6 @@ class FolderWatch:
         return ready
 
     def mark_counted(self, path: Path) -> None:
-        """Remember a file that was counted."""
         seen = self._seen[path.name]
         seen.message, seen.reported = None, False
         self.done.add(path.name, seen.signature)
