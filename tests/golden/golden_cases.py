@@ -277,7 +277,8 @@ def trained(folder: Path) -> dict[str, Any]:
 
 def demo(folder: Path) -> dict[str, Any]:
     """Counts right among the files, and the accuracies of both methods, of a third of ``cyclofeat demo``."""
-    text = demonstration.run(argparse.Namespace(out=folder, n_jobs=1), training_assemblies=8).text
+    printed, _ = demonstration.run(argparse.Namespace(out=folder, n_jobs=1), training_assemblies=8)
+    text = printed.text
     right, exact, n_files = re.search(
         r"counts right: ([\d.]+), exactly the right lobes: ([\d.]+), of (\d+) recordings", text
     ).groups()
