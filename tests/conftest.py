@@ -67,7 +67,7 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
 
 
 @pytest.fixture(autouse=True, scope="session")
-def _compiled_once(made_once: MadeOnce) -> None:
+def _compiled_once(made_once: MadeOnce, request: pytest.FixtureRequest) -> None:
     """Let one process of a parallel run compile each kernel, and the others load it."""
     worker = os.environ.get("PYTEST_XDIST_WORKER")
     if worker is None or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
@@ -77,9 +77,11 @@ def _compiled_once(made_once: MadeOnce) -> None:
     steel = CycloidalGearbox.steel(ramp_time=0.02)
     kernels: dict[str, Callable[[], Any]] = {
         "exact": lambda: simulate(steel, duration=0.005).torque_out.size,
-        "friction": lambda: simulate(steel.replace(sleeve_friction=0.05), duration=0.005).torque_out.size,
         "batch": lambda: len(simulate_many([steel], duration=0.005, kernel="batch")),
     }
+    if any(item.get_closest_marker("slow") for item in request.session.items):  # others have no friction
+        rubbing = steel.replace(sleeve_friction=0.05)
+        kernels["friction"] = lambda: simulate(rubbing, duration=0.005).torque_out.size
     for name in sorted(kernels, reverse=worker == "gw0"):
         made_once(name, kernels[name])
 

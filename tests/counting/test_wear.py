@@ -16,6 +16,8 @@ from cyclofeat.models import load_model, save_model
 from cyclofeat.models.card import read_card
 from cyclofeat.recordings.windower import SAMPLES_PER_TURN
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module", params=["trees", pytest.param("rows", marks=pytest.mark.slow)])
 def model(request):
@@ -31,7 +33,6 @@ def unseen(model):
     return recordings, [model.count(one) for one in recordings]
 
 
-@pytest.mark.slow
 def test_intervals_cover_new_assemblies_and_widen_where_values_scatter():
     random = np.random.default_rng(3)
     assembly = np.repeat(np.arange(240), 2)
@@ -88,7 +89,6 @@ def test_visible_is_what_nine_of_ten_assemblies_show():
     assert least_visible_depth(log_depth, np.zeros(100, dtype=bool)) is None
 
 
-@pytest.mark.slow
 def test_counts_and_depths_of_assemblies_never_seen(unseen):
     recordings, counts = unseen
     pairs = [(r.meta["wear_um"], c.wear_um) for r, c in zip(recordings, counts, strict=True)]
@@ -103,7 +103,6 @@ def test_counts_and_depths_of_assemblies_never_seen(unseen):
     assert all(depth.low_um <= depth.depth_um <= depth.high_um for _, depth in worn)
 
 
-@pytest.mark.slow
 def test_each_run_of_a_long_recording_is_learned_with_its_count_and_depth(unseen):
     """Recordings of 2, 5 and 3 output turns hold 1, 2 and 1 runs of two, and windows that are in none."""
     varied = recordings_with_wear(24, turns=(2, 5, 3, 2))
@@ -183,7 +182,6 @@ def test_tables_and_json_hold_the_depth(unseen):
     assert json.loads(json.dumps(unseen[1][first].to_dict()))["wear_um_low"] == depth.low_um
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["skops", "joblib"])
 def test_stored_models_state_the_same_depth(model, unseen, tmp_path, suffix):
     if suffix == "skops":
@@ -196,7 +194,6 @@ def test_stored_models_state_the_same_depth(model, unseen, tmp_path, suffix):
     assert loaded.count(recordings[1]).to_dict() == counts[1].to_dict()
 
 
-@pytest.mark.slow
 def test_the_depth_of_wear_in_a_stream_is_that_of_the_file(model):
     record = recording((2, 3, 4), seed=76, turns=5, height=0.5)
     rising = record.torque + np.linspace(0, 1, record.n_samples)  # the load drifts from window to window

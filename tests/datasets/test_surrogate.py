@@ -299,6 +299,7 @@ def weak_motor(cogging_nm):
     return Rig.r0().with_added(ServoMotor((1e-6, 1e-4), bandwidth_hz=(30.0, 100.0)), Cogging(cogging_nm))
 
 
+@pytest.mark.slow
 def test_a_machine_that_cannot_run_is_replaced_and_costs_no_other():
     made = []
     for n_jobs in (1, 2):
@@ -310,6 +311,7 @@ def test_a_machine_that_cannot_run_is_replaced_and_costs_no_other():
     assert ["drawn_anew" in one.meta for one in made[0]] == [True, False]
 
 
+@pytest.mark.slow
 def test_a_rig_of_which_no_machine_runs_says_what_to_change():
     words = r"assembly R0-1-0000 \(worn lobes .* last of 4 .* does not hold the speed .* raise its inertia"
     with pytest.raises(ValueError, match=words):

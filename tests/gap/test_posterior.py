@@ -25,6 +25,8 @@ from cyclofeat.gap.posterior.score import calibration_error, score_posterior
 from cyclofeat.gap.world.rigs import Rigs, Session
 from cyclofeat.simulators import Gain, Hum, Offset
 
+pytestmark = pytest.mark.slow
+
 CELLS = ("speed: input speed by the mesh lines", "amplitudes: mean", "hum", "noise", "other")
 SIZES = ("hum.amplitude_nm", "offset.offset_nm", "gain.factor", "unseen.size")
 N_RECORDINGS = 6
@@ -88,7 +90,6 @@ def held_out(rigs):
     return rigs.of(rigs.machines >= 1600)
 
 
-@pytest.mark.slow
 def test_what_can_be_seen_is_named_and_what_cannot_keeps_its_prior(posterior, held_out):
     score = score_posterior(posterior, held_out)
     assert score.effect_recall["hum"] > 0.97
@@ -103,7 +104,6 @@ def test_what_can_be_seen_is_named_and_what_cannot_keeps_its_prior(posterior, he
     assert score.calibration_error < 2 * by_chance
 
 
-@pytest.mark.slow
 def test_gain_and_offset_come_apart_at_several_loads_and_directions_only(posterior, held_out):
     one = np.ptp(held_out.conditions[:, :, 1], axis=1) == 0
     apart = np.abs(held_out.conditions[:, :, 1].max(axis=1) / held_out.conditions[:, :, 1].min(axis=1)) > 1.6
@@ -116,7 +116,6 @@ def test_gain_and_offset_come_apart_at_several_loads_and_directions_only(posteri
     assert right(one) < right(apart) - 0.1
 
 
-@pytest.mark.slow
 def test_intervals_hold_as_often_as_they_say_and_sizes_are_in_their_unit(posterior, held_out):
     score = score_posterior(posterior, held_out)
     assert set(score.coverage) == set(SIZES)
@@ -132,7 +131,6 @@ def test_intervals_hold_as_often_as_they_say_and_sizes_are_in_their_unit(posteri
     np.testing.assert_allclose(of_unseen, [-1.64, -0.67, 0, 0.67, 1.64], atol=0.45)
 
 
-@pytest.mark.slow
 def test_an_effect_is_seen_from_the_size_at_which_half_of_the_rigs_are_named(posterior, held_out):
     # Of the hum nearly all is named, of what nobody sees nothing: it is in no world, and has no limit.
     seen_from = posterior.visible_from()
@@ -149,7 +147,6 @@ def test_an_effect_is_seen_from_the_size_at_which_half_of_the_rigs_are_named(pos
     assert visible[:, 1].mean() == pytest.approx(truly.mean(), abs=0.04)
 
 
-@pytest.mark.slow
 def test_the_order_of_recordings_does_not_matter(hasty, held_out):
     for counts in (True, False):
         one = held_out.session(3, counts=counts, tachometer=True)
@@ -159,7 +156,6 @@ def test_the_order_of_recordings_does_not_matter(hasty, held_out):
         )
 
 
-@pytest.mark.slow
 def test_sessions_of_any_number_of_recordings(hasty, rigs):
     session = rigs.session(0, counts=False)
     many = Session(np.vstack([session.values] * 7)[:40], np.vstack([session.conditions] * 7)[:40])
@@ -172,7 +168,6 @@ def test_sessions_of_any_number_of_recordings(hasty, rigs):
         assert sizes["hum.amplitude_nm"].shape == (5,)
 
 
-@pytest.mark.slow
 def test_a_saved_posterior_answers_alike_without_a_pickle(hasty, held_out, tmp_path):
     path = hasty.save(tmp_path / "posterior.npz")
     loaded = load_posterior(path)
@@ -198,7 +193,6 @@ def test_a_saved_posterior_answers_alike_without_a_pickle(hasty, held_out, tmp_p
             load_posterior(path)
 
 
-@pytest.mark.slow
 def test_equal_seeds_give_equal_posteriors(hasty, few):
     other = clone(hasty).fit(few)
     session = [few.session(0)]
@@ -215,13 +209,11 @@ def test_networks_are_averaged_and_progress_is_told(few):
     assert not np.allclose(*weights)
 
 
-@pytest.mark.slow
 def test_a_tiny_learning_rate_leaves_the_start_as_it_is(few, hasty):
     gone_on = EffectPosterior(1, epochs=1, learning_rate=1e-9).fit(few, start=hasty)
     np.testing.assert_allclose(gone_on.networks_[0]["answer"], hasty.networks_[0]["answer"], atol=1e-6)
 
 
-@pytest.mark.slow
 def test_a_posterior_goes_on_from_another_one(posterior, hasty, few, held_out):
     gone_on = EffectPosterior(1, epochs=2).fit(few, start=posterior)
     assert gone_on.n_rigs_ == posterior.n_rigs_ + len(few)
@@ -230,7 +222,6 @@ def test_a_posterior_goes_on_from_another_one(posterior, hasty, few, held_out):
     assert after.effect_recall["hum"] > 0.95
 
 
-@pytest.mark.slow
 def test_a_posterior_goes_on_with_other_effects(posterior, few, held_out):
     """Without the gain, in another order, and with one that the first has not learned."""
 
@@ -248,7 +239,6 @@ def test_a_posterior_goes_on_with_other_effects(posterior, few, held_out):
     assert before == after
 
 
-@pytest.mark.slow
 def test_a_start_that_does_not_fit_is_refused(hasty, few):
     with pytest.raises(ValueError, match=r"start must have the 5 summaries .* got one with 5, 4 of them"):
         EffectPosterior(1).fit(dataclasses.replace(few, cells=("other", *CELLS[1:])), start=hasty)
@@ -263,7 +253,6 @@ def test_a_start_that_does_not_fit_is_refused(hasty, few):
         EffectPosterior(1).fit(few, start=EffectPosterior())
 
 
-@pytest.mark.slow
 def test_an_effect_that_too_few_machines_have_is_left_out(rigs):
     few = rigs.of(rigs.machines < 120)
     few.sizes[10:, 3] = np.nan
@@ -281,7 +270,6 @@ def test_without_jax_training_says_what_to_install(few, monkeypatch):
         EffectPosterior(1, epochs=1).fit(few)
 
 
-@pytest.mark.slow
 def test_bad_input_is_named(hasty, rigs):
     with pytest.raises(NotFittedError):
         EffectPosterior().presence(rigs.session(0))
@@ -398,7 +386,6 @@ def linear_fit(cause, deviation):
     return slope * np.sqrt(cause @ cause), left
 
 
-@pytest.mark.slow
 def test_padding_changes_no_answer(hasty, held_out):
     """Sessions of 4 and 6 recordings, together and each by itself."""
     few, many = held_out.session(0, [0, 1, 2, 3], counts=False), held_out.session(1, tachometer=True)

@@ -17,6 +17,8 @@ from cyclofeat.gap.published.scores import crps, sign_flip_p, to_statistics
 from cyclofeat.gap.published.search import Search
 from cyclofeat.simulators import CycloidalGearbox, Drift, Offset, Rig
 
+pytestmark = pytest.mark.slow
+
 SMALL = {"duration": 0.1, "n_draws": 2, "library": ["sensor_drift", "gain", "offset"]}
 PUBLISHED = load_published_tables()
 
@@ -84,7 +86,6 @@ def simulated(drift, tmp_path_factory):
     return {"table": path}
 
 
-@pytest.mark.slow
 def test_a_hidden_drift_is_found_named_and_predicts_discs_left_out(drift):
     _, gap = drift
     rows = {row.statistic: row for row in gap.discrepancies}
@@ -103,7 +104,6 @@ def test_a_hidden_drift_is_found_named_and_predicts_discs_left_out(drift):
     assert {row.statistic for row in gap.held_out} == {"mean", "std", "up", "down", "range", "entropy"}
 
 
-@pytest.mark.slow
 def test_the_tables_of_the_gap_are_its_rows(drift):
     _, gap = drift
     for table in ("discrepancies", "ranking", "steps", "rejected", "parameters", "held_out"):
@@ -113,7 +113,6 @@ def test_the_tables_of_the_gap_are_its_rows(drift):
         gap.to_frame("dropped")
 
 
-@pytest.mark.slow
 def test_a_disc_left_out_has_no_part_in_its_prediction(drift, simulated):
     """Another number for one disc moves no prediction of that disc; the scale of scores is held."""
     made, _ = drift
@@ -133,7 +132,6 @@ def test_a_disc_left_out_has_no_part_in_its_prediction(drift, simulated):
     assert dataclasses.replace(two, measured=one.measured) == one
 
 
-@pytest.mark.slow
 def test_entropies_are_compared_and_never_used(drift, simulated):
     made, _ = drift
     gap, other = (gap_of(made, np.linspace(start, 2, 8), **simulated) for start in (1, 5))
@@ -147,7 +145,6 @@ def test_nothing_is_named_where_nothing_is_missing(simulated):
     assert gap.effects == ()
 
 
-@pytest.mark.slow
 def test_a_table_saves_the_simulations(drift, simulated):
     made, gap = drift
     again = gap_of(made, np.linspace(1, 2, 8), **simulated)
@@ -168,7 +165,6 @@ def records(tmp_path_factory):
     return tmp_path_factory.mktemp("records")
 
 
-@pytest.mark.slow
 def test_records_are_kept_and_the_same_again(records):
     made = table_of([Offset(2.0)], seed=7)
     first, second = (gap_of(made, library=["offset"], cache=records) for _ in range(2))
@@ -177,7 +173,6 @@ def test_records_are_kept_and_the_same_again(records):
     assert [row.score for row in first.ranking] == [row.score for row in second.ranking]
 
 
-@pytest.mark.slow
 def test_a_set_point_is_a_factor_on_the_load():
     gap = gap_of(table_of([Offset(2.0)], seed=8), library=["load_scale"])
     assert [step.effect for step in gap.steps] == ["load_scale"]
@@ -219,7 +214,6 @@ def test_unknown_effects_and_entropies_of_other_discs_are_named():
         sign_flip_p([])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("key", "n_draws"),
     [
@@ -237,7 +231,6 @@ def test_no_rig_is_counted_twice(key, n_draws):
     assert len(np.unique(theta, axis=0)) == len(theta)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("n", "named", "warning"),
     [

@@ -17,6 +17,8 @@ from cyclofeat.simulators import CycloidalGearbox, LobeDefects, SimulationRun, S
 from cyclofeat.simulators.reference import ReferenceGearbox
 from cyclofeat.simulators.simulation import GearboxLocked, friction_rates
 
+pytestmark = pytest.mark.slow
+
 STEEL = CycloidalGearbox.steel()
 HEALTHY = LobeDefects.healthy()
 TURN = 12_000  # steps of an input turn at 500 RPM
@@ -75,7 +77,6 @@ def drawn(rng: np.random.Generator) -> tuple[CycloidalGearbox, LobeDefects, Stat
 # Against the rubbing bodies ---------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_kernel_agrees_with_rubbing_bodies() -> None:
     rng = np.random.default_rng(20)
     loaded = 0
@@ -129,7 +130,6 @@ def test_vanishing_friction_is_no_friction() -> None:
     np.testing.assert_allclose(tiny.torque_out, run(STEEL).torque_out, rtol=0, atol=1e-7)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("direction", [1, -1])
 def test_bearings_oppose_the_rotation(direction: int) -> None:
     """Input: its torque adds to torque_in. Output: sleeves carry load and bearing, divided by the ratio.
@@ -163,7 +163,6 @@ def test_brake_sees_no_friction_of_the_output_bearing() -> None:
     assert mean_of_turns(run(braked, duration=0.8).torque_out, 4) == pytest.approx(22, abs=0.1)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "friction",
     [
@@ -227,7 +226,6 @@ def chattering(friction: float, dt: float, integrator: str) -> np.ndarray:
     return found.torque_out[3000:]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("integrator", "friction"), [("midpoint", 0.5), ("adams_bashforth", 0.3)])
 def test_friction_too_steep_for_the_step_chatters_and_is_told(integrator: str, friction: float) -> None:
     """Half the step gives another torque, with a warning; a quarter then gives that of half, without."""
@@ -278,7 +276,6 @@ def test_friction_wedges_a_gearbox_that_lacks_seven_lobes_of_both_wheels(dt: flo
     assert caught.value.force > 7000
 
 
-@pytest.mark.slow
 def test_it_slips_where_friction_is_low_or_sleeves_spin() -> None:
     """Frictionless as in the papers, at 0.1, and at 0.3 on free axles."""
     for friction in ({}, {"sleeve_friction": 0.1, "journal_friction": 0.1}, {"sleeve_friction": 0.3}):

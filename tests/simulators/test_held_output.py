@@ -8,6 +8,8 @@ import pytest
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, torque_deflection
 from cyclofeat.simulators.simulation import SimulationDiverged
 
+pytestmark = pytest.mark.slow
+
 STEEL = CycloidalGearbox.steel()
 CONSERVATIVE = CycloidalGearbox.steel(contact_law="conservative")
 
@@ -60,7 +62,6 @@ def test_slow_enough_is_quasi_static() -> None:
     assert slow.hysteresis() < 0.5 * fast.hysteresis()
 
 
-@pytest.mark.slow
 def test_a_worn_lobe_under_load_softens_the_loop() -> None:
     """Where a chord carries instead of the flank; elsewhere nothing changes."""
     healthy = torque_deflection(STEEL, period=0.5, input_angle=0.5)

@@ -54,6 +54,7 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.asarray((np.conj(a) * b).imag)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phi", [0.0, 1.0, 4.0])
 @pytest.mark.parametrize(
     ("gearbox", "defects", "load"),
