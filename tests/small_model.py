@@ -95,18 +95,7 @@ def wear_model(counter="trees"):
 
 def make_networks_small(patch):
     """Train narrow networks on few batches, which is enough for recordings as simple as these."""
-    layers, train = _lobe_network.network_layers, _lobe_network.train_network
-
-    def narrow_layers(n_inputs, n_lengths):
-        widths = {512: 128, 128: 64}
-        return {
-            name: (widths.get(into, into) if name != "hidden_1" else into, widths.get(out, out), scale)
-            for name, (into, out, scale) in layers(n_inputs, n_lengths).items()
-        }
-
-    def train_shortly(lines, *labels, n_epochs, **options):
-        epochs = n_epochs or max(40, 150 // max(len(lines) // 32, 1))
-        return train(lines, *labels, n_epochs=epochs, **options)
-
-    patch.setattr(_lobe_network, "network_layers", narrow_layers)
-    patch.setattr(lobe_counter, "train_network", train_shortly)
+    layers = functools.partial(_lobe_network.network_layers, widths=(128, 64))
+    patch.setattr(_lobe_network, "network_layers", layers)
+    train = functools.partial(_lobe_network.train_network, least_steps=150)
+    patch.setattr(lobe_counter, "train_network", train)
