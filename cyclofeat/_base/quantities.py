@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 
 #: Unit of each quantity that a recording may hold.
@@ -33,6 +33,12 @@ def in_words(quantity: str) -> str:
 def number_of(n: int, thing: str) -> str:
     """Return ``1 lobe``, ``2 lobes``."""
     return f"{n} {thing}" if n == 1 else f"{n} {thing}s"
+
+
+def join_errors(errors: Sequence[str], most: int = 10) -> str:
+    """Return the first errors in one line, and how many more there are."""
+    more = f"; and {len(errors) - most} more" if len(errors) > most else ""
+    return "; ".join(errors[:most]) + more
 
 
 def from_1(lobes: Iterable[int]) -> list[int]:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, NoReturn, TypeVar, cast
 
 from cyclofeat._base.files import check_parent
 from cyclofeat._base.progress import Progress, erase_progress, is_hidden
-from cyclofeat._base.quantities import QUANTITIES, in_words
+from cyclofeat._base.quantities import QUANTITIES, in_words, join_errors
 
 if TYPE_CHECKING:
     from cyclofeat.counting import LobeCount, LobeModel
@@ -280,7 +280,6 @@ def check_folder(option: str, path: Path) -> None:
 
 
 FILES = "recordings (.csv, .csv.gz, .txt, .npz, .tdms, .mat, .parquet, .wav, .xlsx), or folders of them"
-_MOST_ERRORS = 10
 _DELIMITERS = {",": ",", ";": ";", "tab": "\t", "space": " "}
 _COUNT: dict[str, Any] = {"type": whole_number(1), "metavar": "N"}
 
@@ -409,8 +408,7 @@ def read_all(paths: Sequence[str], arguments: argparse.Namespace) -> list[Record
     results = list(process_files("reading recordings", entries, arguments, lambda _, recording: recording))
     wrong = [name_file(result.path, result.error) for result in results if result.value is None]
     if wrong:
-        more = f"; and {len(wrong) - _MOST_ERRORS} more files" if len(wrong) > _MOST_ERRORS else ""
-        raise ValueError("; ".join(wrong[:_MOST_ERRORS]) + more)
+        raise ValueError(join_errors(wrong))
     return [result.value for result in results if result.value is not None]
 
 

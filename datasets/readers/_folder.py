@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cyclofeat._base.files import write_whole
-from cyclofeat._base.quantities import QUANTITIES, from_1
+from cyclofeat._base.quantities import QUANTITIES, from_1, join_errors
 from cyclofeat.datasets.readers._columns import WORN, check_no_bare_lobes
 from cyclofeat.datasets.readers._csv import TextLines
 from cyclofeat.datasets.readers._read import SOURCES, file_path, read_recording, write_recording
@@ -66,7 +66,6 @@ _COLUMNS = {
         "angle_is_absolute", lambda cell: _BOOLEANS[cell.lower()], right="true or false"
     ),
 }  # fmt: skip
-_MOST_ERRORS = 10
 
 
 @dataclass(frozen=True)
@@ -131,7 +130,7 @@ def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recordin
                 raise
             wrong.append(f"line {entry.line}: {error}")
     if wrong:
-        raise ValueError(_join_errors(wrong))
+        raise ValueError(f"{MANIFEST}: {join_errors(wrong)}")
     return recordings
 
 
@@ -241,7 +240,7 @@ def _read_manifest(folder: Path) -> list[Entry]:
         except ValueError as error:
             wrong.append(f"line {number}: {error}")
     if wrong:
-        raise ValueError(_join_errors(wrong))
+        raise ValueError(f"{MANIFEST}: {join_errors(wrong)}")
     if not entries:
         raise ValueError(f"{MANIFEST} names no recording")
     return entries
@@ -274,8 +273,3 @@ def _parse_row(folder: Path, row: dict[str, str], line: int, delimiter: str) -> 
     if count is not None and worn is not None and count != len(worn):
         raise ValueError(f"defect_count must be the number of {WORN}, got {count} and {row[WORN]!r}")
     return Entry(path, arguments, line)
-
-
-def _join_errors(wrong: list[str]) -> str:
-    more = f"; and {len(wrong) - _MOST_ERRORS} more" if len(wrong) > _MOST_ERRORS else ""
-    return f"{MANIFEST}: " + "; ".join(wrong[:_MOST_ERRORS]) + more
