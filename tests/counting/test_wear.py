@@ -19,7 +19,7 @@ from cyclofeat.recordings.windower import SAMPLES_PER_TURN
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(scope="module", params=["trees", pytest.param("rows", marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=["trees", "rows"])
 def model(request):
     with pytest.MonkeyPatch.context() as patch:
         make_networks_small(patch)

@@ -219,7 +219,7 @@ def test_unknown_effects_and_entropies_of_other_discs_are_named():
     [
         (("clearance",), 4),
         (("load_drift",), 4),
-        pytest.param(("brake_rotor",), 2, marks=pytest.mark.slow),
+        (("brake_rotor",), 2),
         (("clearance", "gain"), 4),
     ],
 )
