@@ -202,4 +202,4 @@ def very_short(base: Base, strength: float, random: np.random.Generator) -> Reco
     """The record holds this number of output turns."""
     recording = base.recording
     assert recording.input_speed_hz is not None
-    return recording.part(0.0, strength * recording.n_lobes / recording.input_speed_hz)
+    return recording.crop(0.0, strength * recording.n_lobes / recording.input_speed_hz)

@@ -519,4 +519,4 @@ def model_name(arguments: argparse.Namespace) -> str:
 def without_start(recording: Recording, seconds: float) -> Recording:
     if not 0 <= seconds < recording.duration:
         raise ValueError(f"--skip must lie within the {recording.duration:g} s recorded, got {seconds:g} s")
-    return recording.part(seconds) if seconds else recording
+    return recording.crop(seconds) if seconds else recording

@@ -216,11 +216,12 @@ class History:
         key = hashlib.sha256(text.encode()).hexdigest()
         scores = card.get("cross_validation")
         model = (key, str(card.get("description", "")), None if scores is None else json.dumps(scores))
+        torque = recording.for_counting().torque
         row = (
             # A name in an old encoding, "Prüfstand" in Latin-1 for example, cannot be written as it is.
             key, float(time), gearbox, file.encode(errors="backslashreplace").decode(), clock.time(),
             None if count.refused else count.defect_count,
-            count.reason, float(recording.torque.mean()), float(recording.torque.std()), recording.unit,
+            count.reason, float(torque.mean()), float(torque.std()), recording.unit,
             json.dumps(count.to_dict(), allow_nan=False),
         )  # fmt: skip
         self._pending.append((model, row))

@@ -144,7 +144,7 @@ class LobeMapDisplay(PlainDisplay):
     ) -> Self:
         """Display of the first whole output turn (``n_lobes`` input turns) of a recording.
 
-        Use :meth:`Recording.part` to leave out a run-up. A low sampling rate gives fewer lobe lines than 44.
+        Use :meth:`Recording.crop` to leave out a run-up. A low sampling rate gives fewer lobe lines than 44.
 
         Parameters
         ----------
@@ -175,10 +175,12 @@ class LobeMapDisplay(PlainDisplay):
         n_lobes = recording.n_lobes if n_lobes is None else n_lobes
         nominal = stated_speed(recording, input_speed_hz)
         turn_s = n_lobes / nominal + 1 / recording.sampling_rate
-        first = recording if recording.duration <= turn_s else recording.part(0.0, turn_s)
+        fits = recording.duration <= turn_s or recording.bad_spans
+        first = recording if fits else recording.crop(0.0, turn_s)
         windows = Windower(input_speed_hz=nominal, reduction=n_lobes).windows([first])
         X = windows.X[:1]
-        speed = recording.part(0.0, X.shape[1] / recording.sampling_rate).mean_input_speed(n_lobes)
+        start, length = float(windows.start_s[0]), X.shape[1] / recording.sampling_rate
+        speed = recording.crop(start, start + length).mean_input_speed(n_lobes)
         lobe_map = LobeMap(
             windows.sampling_rate,
             input_speed_hz=nominal if speed is None else speed,
@@ -204,35 +206,6 @@ class LobeMapDisplay(PlainDisplay):
             marks=replace(marks or LobeMarks(), worn=recording.worn_lobes if absolute else None),
             outline=outline,
             input_speed_hz=float(of_lobes.input_speed_hz[0]),
-        )
-
-    @classmethod
-    def from_estimator(cls, model: Any, recording: Recording) -> Self:
-        """Make the display of a recording with the probabilities that a model gives to its lobes.
-
-        Parameters
-        ----------
-        model : cyclofeat.counting.LobeModel
-            Trained, with a locator.
-        recording : Recording
-
-        Returns
-        -------
-        LobeMapDisplay
-
-        Raises
-        ------
-        ValueError
-            If the recording does not suit the model, or the model locates no lobes.
-        """
-        counted = model.count(recording)
-        if not counted.lobe_probability:
-            raise ValueError("model must have a locator to give each lobe a probability, got one without")
-        return cls.from_recording(
-            recording,
-            input_speed_hz=model.speed_of(recording),
-            n_lobes=model.n_lobes_,
-            marks=LobeMarks(counted=counted.lobes, probability=counted.lobe_probability),
         )
 
     def _draw(self, ax: Axes) -> None:

@@ -120,7 +120,8 @@ class OrderDisplay(PlainDisplay):
                 f"recording must last one output turn, {turn / rate:.4g} s at {60 * nominal:g} RPM, "
                 f"got {recording.duration:.4g} s"
             )
-        first = recording if recording.n_samples <= round(turn) else recording.part(0.0, turn / rate)
+        first = recording if recording.n_samples <= round(turn) else recording.crop(0.0, turn / rate)
+        first = first.for_counting()
         if input_speed_hz is None:
             nominal = first.mean_input_speed(n_lobes) or nominal
         highest = min(_HIGHEST_ORDER * n_lobes, int(rate / 2 / nominal * n_lobes))

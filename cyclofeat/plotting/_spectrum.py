@@ -117,7 +117,7 @@ class SpectrumDisplay(Display):
             measured = recording.mean_input_speed(n_lobes)
             input_speed_hz = recording.input_speed_hz if measured is None else measured
         frequencies, power = periodogram(
-            recording.torque, recording.sampling_rate, "hann", scaling="spectrum"
+            recording.for_counting().torque, recording.sampling_rate, "hann", scaling="spectrum"
         )
         return cls(
             frequencies=frequencies, values=np.sqrt(2 * power), input_speed_hz=input_speed_hz,

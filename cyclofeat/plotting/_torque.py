@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -31,6 +32,8 @@ class TorqueDisplay(Display):
         Name of the quantity, for the axis.
     unit : str, default="Nm"
         Unit of the quantity.
+    bad_spans : sequence of (start, stop), optional
+        Spans in s that are drawn grey.
 
     Attributes
     ----------
@@ -47,7 +50,7 @@ class TorqueDisplay(Display):
     >>> from cyclofeat import Recording
     >>> from cyclofeat.plotting import TorqueDisplay
     >>> recording = Recording(22 + np.sin(np.arange(25_600) / 100), 25_600)
-    >>> display = TorqueDisplay.from_recording(recording.part(0.0, 0.5))
+    >>> display = TorqueDisplay.from_recording(recording.crop(0.0, 0.5))
     >>> display.torque.size
     12800
     >>> _ = display.plot()  # doctest: +SKIP
@@ -56,12 +59,14 @@ class TorqueDisplay(Display):
     line_: Line2D
 
     def __init__(
-        self, *, time: ArrayLike, torque: ArrayLike, quantity: str = "output torque", unit: str = "Nm"
-    ) -> None:
+        self, *, time: ArrayLike, torque: ArrayLike, quantity: str = "output torque", unit: str = "Nm",
+        bad_spans: Sequence[tuple[float, float]] = (),
+    ) -> None:  # fmt: skip
         self.time = number_series("time", time, least=2)
         self.torque = number_series("torque", torque, least=2)
         self.quantity = quantity
         self.unit = unit
+        self.bad_spans = bad_spans
         if self.time.size != self.torque.size:
             raise ValueError(
                 f"torque must have time's length, got {self.torque.size} for {self.time.size} moments"
@@ -81,7 +86,7 @@ class TorqueDisplay(Display):
         """
         return cls(
             time=np.arange(recording.n_samples) / recording.sampling_rate, torque=recording.torque,
-            quantity=in_words(recording.quantity), unit=recording.unit,
+            quantity=in_words(recording.quantity), unit=recording.unit, bad_spans=recording.bad_spans,
         )  # fmt: skip
 
     def plot(self, ax: Axes | None = None, *, max_points: int = 6000) -> Self:
@@ -101,6 +106,8 @@ class TorqueDisplay(Display):
         """
         self.figure_, self.ax_ = axes_for(ax, (7.0, 3.0))
         (self.line_,) = self.ax_.plot(*thin_samples(self.time, self.torque, max_points), linewidth=0.7)
+        for start, stop in self.bad_spans:
+            self.ax_.axvspan(start, stop, color="0.5", alpha=0.3, linewidth=0.8)
         label = f"{self.quantity} ({self.unit})"
         self.ax_.set(xlabel="time (s)", ylabel=label, xlim=(self.time[0], self.time[-1]))
         self.ax_.grid(alpha=0.3, linewidth=0.6)

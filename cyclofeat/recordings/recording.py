@@ -6,21 +6,25 @@ import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from scipy.signal import resample_poly
 
-from cyclofeat._base import displays, draw_plot
+from cyclofeat._base import checks, displays, draw_plot
 from cyclofeat._base.checks import is_whole, number, number_series, one_of, positive, truth_value, whole
-from cyclofeat._base.displays import html_card
+from cyclofeat._base.displays import data_frame, html_card
 from cyclofeat._base.quantities import CHANNELS, QUANTITIES, QUANTITY_UNITS, from_1, in_words, lobes_text
 from cyclofeat.signal.orders import input_angle_from_disc, mean_speed
-from cyclofeat.signal.windows import LARGEST, Float
+from cyclofeat.signal.windows import LARGEST, Float, high_pass
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
 
 Label = str | int
+_LARGEST_RATIO = 10_000  # numbers of the ratio of two sampling rates
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +117,9 @@ class Recording:
         checked["meta"] = dict(checked["meta"])
         if others := [key for key in checked["meta"] if not isinstance(key, str)]:
             raise TypeError(f"meta must have text as keys, got {others[0]!r}")
+        for name in {"bad_spans", "gaps"} & checked["meta"].keys():
+            for pair in checked["meta"][name]:
+                checks.number_pair(f"{name} of meta", pair)
         if self.angle_of not in ("input", "disc"):
             raise ValueError(f"angle_of must be 'input' or 'disc', got {self.angle_of!r}")
         if self.speed_rpm is not None:
@@ -247,6 +254,11 @@ class Recording:
         return str((self.meta or {}).get("unit", QUANTITY_UNITS[self.quantity]))
 
     @property
+    def bad_spans(self) -> tuple[tuple[float, float], ...]:
+        """Beginning and end in s of the spans that :meth:`with_bad_spans` marked."""
+        return tuple((start, stop) for start, stop in (self.meta or {}).get("bad_spans", ()))
+
+    @property
     def n_samples(self) -> int:
         """Number of samples."""
         return int(self.torque.size)
@@ -294,7 +306,7 @@ class Recording:
         angle = self.input_angle(reduction)
         return None if angle is None else float(mean_speed(angle, self.sampling_rate))
 
-    def part(self, start_s: float = 0.0, stop_s: float | None = None) -> Recording:
+    def crop(self, start_s: float = 0.0, stop_s: float | None = None) -> Recording:
         """Return a part of the recording, with all labels.
 
         Parameters
@@ -308,19 +320,162 @@ class Recording:
 
         Examples
         --------
-        >>> import numpy as np
-        >>> Recording(np.arange(100.0), 50).part(0.5, 1.5).torque[[0, -1]]
+        >>> Recording(range(100), 50).crop(0.5, 1.5).torque[[0, -1]]
         array([25., 74.])
         """
         end = self.duration if stop_s is None else stop_s
         rows = slice(*(round(moment * self.sampling_rate) for moment in (max(start_s, 0.0), end)))
-        if not 0 <= start_s < end or self.torque[rows].size < 2:
+        torque = self.torque[rows]
+        if not 0 <= start_s < end or torque.size < 2:
             raise ValueError(
                 f"start_s and stop_s must enclose 2 samples or more of the {self.duration:g} s recorded, "
                 f"got {start_s:g} and {end:g} s"
             )
-        angle = None if self.angle is None else self.angle[rows]
-        return self.replace(torque=self.torque[rows], angle=angle)
+        rate, size = self.sampling_rate, torque.size
+        gaps = [[at - rows.start, n] for at, n in (self.meta or {}).get("gaps", ())]
+        spans = np.clip(np.reshape(self.bad_spans, (-1, 2)) - rows.start / rate, 0.0, size / rate).tolist()
+        return self._with_step(
+            f"crop({start_s:g}, {end:g})",
+            gaps=[gap for gap in gaps if 0 < gap[0] < size],
+            bad_spans=[span for span in spans if span[0] < span[1]],
+            torque=torque,
+            angle=None if self.angle is None else self.angle[rows],
+        )
+
+    def resample(self, sampling_rate: float) -> Recording:
+        """Return the recording at another sampling rate, by :func:`scipy.signal.resample_poly`.
+
+        The angle is interpolated linearly: a filter would bend it. Bad spans become straight lines.
+
+        Parameters
+        ----------
+        sampling_rate : float
+            In Hz; its ratio to the recording's is one of whole numbers up to 10,000.
+
+        Returns
+        -------
+        Recording
+
+        Examples
+        --------
+        >>> Recording(range(2000), 1000).resample(400).n_samples
+        800
+        """
+        rate = positive("sampling_rate", sampling_rate, "a number (Hz)")
+        ratio = Fraction(rate / self.sampling_rate).limit_denominator(_LARGEST_RATIO)
+        n_samples = int((self.n_samples - 1) * ratio) + 1
+        exact = math.isclose(ratio * self.sampling_rate, rate, rel_tol=1e-9)
+        if not exact or ratio.numerator > _LARGEST_RATIO or n_samples < 2:
+            raise ValueError(
+                f"sampling_rate must leave 2 samples or more, in a ratio of whole numbers up to "
+                f"{_LARGEST_RATIO} to the recording's {self.sampling_rate:g} Hz, got {rate!r} Hz"
+            )
+        torque = resample_poly(self._bridge_torque(), ratio.numerator, ratio.denominator, padtype="line")
+        at = np.arange(n_samples) / float(ratio)
+        angle = None if self.angle is None else np.interp(at, np.arange(self.n_samples), self.angle)
+        gaps = [[round(at * ratio), float(n * ratio)] for at, n in (self.meta or {}).get("gaps", ())]
+        changes = {"torque": torque[:n_samples], "angle": angle, "sampling_rate": rate, "gaps": gaps}
+        return self._with_step(f"resample({rate:g})", **changes)
+
+    def high_pass(self, cutoff_hz: float) -> Recording:
+        """Return the recording without mean and slow drift, by :func:`cyclofeat.signal.high_pass`.
+
+        Bad spans become straight lines. :class:`Windower`, and with it all models, adds the mean again, which
+        tells load and direction.
+
+        Parameters
+        ----------
+        cutoff_hz : float
+            In Hz; for a count, below the lobes' passage at 16/15 of the input speed.
+
+        Returns
+        -------
+        Recording
+            With the mean that was removed as ``meta["removed_mean"]``.
+
+        Examples
+        --------
+        >>> round(Recording([22.0, 23.0] * 500, 1000).high_pass(1.0).meta["removed_mean"], 1)
+        22.5
+        """
+        whole = self.for_counting().torque
+        torque = high_pass(whole, self.sampling_rate, cutoff_hz)
+        removed = float(whole.mean() - torque.mean())
+        return self._with_step(f"high_pass({cutoff_hz:g})", torque=torque, removed_mean=removed)
+
+    def with_bad_spans(self, spans: Iterable[tuple[float, float]]) -> Recording:
+        """Return the recording with more spans marked as bad; no window touches these.
+
+        Parameters
+        ----------
+        spans : iterable of (start, stop)
+            Beginning and end of each in s.
+
+        Returns
+        -------
+        Recording
+
+        Examples
+        --------
+        >>> Recording([22.0] * 100, 50).with_bad_spans([(1.8, 9), (0.2, 0.4)]).bad_spans
+        ((0.2, 0.4), (1.8, 2.0))
+        """
+        marked = [list(span) for span in self.bad_spans]
+        for span in spans:
+            start, stop = checks.number_pair("spans", span, "pairs of numbers (start, stop) in s")
+            marked.append([max(start, 0.0), min(stop, self.duration)])
+            if not marked[-1][0] < marked[-1][1]:
+                raise ValueError(
+                    f"spans must begin before they end, within the {self.duration:g} s recorded, got "
+                    f"({start:g}, {stop:g}) s"
+                )
+        return self._with_step("with_bad_spans", bad_spans=sorted(marked))
+
+    def for_counting(self) -> Recording:
+        """Return the recording with straight lines in place of bad spans, and with its mean.
+
+        Returns
+        -------
+        Recording
+        """
+        removed, bridged = (self.meta or {}).get("removed_mean", 0.0), self._bridge_torque()
+        if not removed and bridged is self.torque:
+            return self
+        return self.replace(torque=bridged + removed, meta={**(self.meta or {}), "removed_mean": 0.0})
+
+    def _bridge_torque(self) -> Float:
+        time = np.arange(self.n_samples if self.bad_spans else 0) / self.sampling_rate
+        bad = np.zeros(time.size, dtype=bool)
+        for start, stop in self.bad_spans:
+            bad |= (time >= start) & (time < stop)
+        return np.interp(time, time[~bad], self.torque[~bad]) if 0 < bad.sum() < bad.size else self.torque
+
+    def _with_step(self, step: str, **changes: Any) -> Recording:
+        """Return a copy with other values, or with other entries of ``meta``, and the step in its history."""
+        of_meta = {"gaps", "bad_spans", "removed_mean"} & changes.keys()
+        meta = {**(self.meta or {}), **{name: changes.pop(name) for name in of_meta}}
+        for name in [name for name in of_meta if meta[name] == []]:
+            del meta[name]
+        return self.replace(meta={**meta, "history": [*meta.get("history", ()), step]}, **changes)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the samples as a data frame, whose CSV file ``read_recording`` reads.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row per sample, its time in s as the index; columns are named with their units.
+
+        Examples
+        --------
+        >>> Recording([22.0, 22.4], 1000, angle=[0.0, 0.05]).to_frame().columns.tolist()
+        ['output_torque (Nm)', 'input_angle (rad)']
+        """
+        time = np.arange(self.n_samples) / self.sampling_rate
+        columns = {"time (s)": time, f"{self.quantity} ({self.unit})": self.torque}
+        if self.angle is not None:
+            columns[f"{self.angle_of}_angle (rad)"] = self.angle
+        return data_frame(columns).set_index("time (s)")
 
     def replace(self, **changes: Any) -> Recording:
         """Return a copy with other values of the named parameters, checked anew.
@@ -361,26 +516,34 @@ class Recording:
         return draw_plot(self, kind, ax, **options)
 
     def _repr_html_(self) -> str:
-        known, name = "not known", in_words(self.quantity)
-        zero = ", absolute" if self.angle_is_absolute else ""
-        worn = known if self.defect_count is None else str(self.defect_count)
-        if self.worn_lobes:
-            worn += f": {lobes_text(self.worn_lobes)}, counted from 1"
-        rows = {
-            "length": f"{self.duration:.4g} s: {self.n_samples} samples at {self.sampling_rate:g} Hz",
-            name.split()[-1]: f"{self.torque.min():.4g} to {self.torque.max():.4g} {self.unit}, "
-            f"mean {self.torque.mean():.4g} {self.unit}",
-            "input speed": known if self.speed_rpm is None else f"{self.speed_rpm:g} RPM",
-            "load": known if self.load_nm is None else f"{self.load_nm:g} Nm",
-            "angle": "none" if self.angle is None else f"of the {self.angle_of} shaft{zero}",
-            "worn lobes": worn,
-            "assembly": self.assembly,
-            "run": self.run,
-            "source": self.source,
-        }
+        rows, name = facts_in_words(self), in_words(self.quantity)
         title = f"{name.capitalize()} over {self.duration:.4g} s"
         curve = displays.draw_curves([displays.Curve(self.torque)], title)
         return html_card(f"Recording of {name}", rows, pictures=[curve], code='recording.plot("spectrum")')
+
+
+def facts_in_words(recording: Recording) -> dict[str, str | None]:
+    """Return what is known about a recording, label to text; None for a label that it lacks."""
+    known, torque, unit = "not known", recording.torque, recording.unit
+    zero = ", absolute" if recording.angle_is_absolute else ""
+    worn = known if recording.defect_count is None else str(recording.defect_count)
+    if recording.worn_lobes:
+        worn += f": {lobes_text(recording.worn_lobes)}, counted from 1"
+    return {
+        "length": f"{recording.duration:.4g} s: {recording.n_samples} samples at "
+        f"{recording.sampling_rate:g} Hz",
+        in_words(recording.quantity): f"{torque.min():.4g} to {torque.max():.4g} {unit}, "
+        f"mean {torque.mean():.4g} {unit}",
+        "input speed": known if recording.speed_rpm is None else f"{recording.speed_rpm:g} RPM",
+        "load": known if recording.load_nm is None else f"{recording.load_nm:g} Nm",
+        "angle": "none" if recording.angle is None else f"of the {recording.angle_of} shaft{zero}",
+        "worn lobes": worn,
+        "bad spans": ", ".join(f"{start:g} to {stop:g} s" for start, stop in recording.bad_spans) or None,
+        "changes": ", ".join((recording.meta or {}).get("history", ())) or None,
+        "assembly": None if recording.assembly is None else str(recording.assembly),
+        "run": None if recording.run is None else str(recording.run),
+        "source": recording.source,
+    }
 
 
 def common_n_lobes(recordings: Sequence[Recording]) -> int:

@@ -272,6 +272,8 @@ class Windower:
     ) -> WindowSet:
         """Cut recordings into windows, with all that is known about each; recordings need no labels.
 
+        Windows that touch a bad span of their recording are left out.
+
         Parameters
         ----------
         recordings : Recording or iterable of Recording
@@ -283,7 +285,7 @@ class Windower:
         -------
         WindowSet
         """
-        records = _as_list(recordings)
+        records = [recording.for_counting() for recording in _as_list(recordings)]
         common_quantity(records)
         if self.reduction is None:
             return dataclasses.replace(self, reduction=common_n_lobes(records)).windows(records, angles)
@@ -299,6 +301,8 @@ class Windower:
         for index, (recording, angle) in enumerate(zip(records, angles, strict=True)):
             try:
                 cut = cut_record(recording, angle, length)
+                if recording.bad_spans:
+                    cut = self._leave_out_bad_spans(recording, angle, cut)
                 reject_constant_windows(recording, cut)
             except ValueError as error:
                 if len(records) == 1:
@@ -306,6 +310,20 @@ class Windower:
                 raise ValueError(f"{recording_label(index, recording)}: {error}") from error
             cuts.append(cut)
         return window_set(records, cuts, rate)
+
+    def _leave_out_bad_spans(self, recording: Recording, angle: Float | None, cut: Cut) -> Cut:
+        """Return the windows of a recording that touch none of its bad spans."""
+        windows, start_s, start_angle = cut
+        stop_s = start_s + windows.shape[1] / recording.sampling_rate
+        if self.samples_per_turn is not None and angle is not None:
+            turned = 2 * math.pi * windows.shape[1] / self.samples_per_turn
+            stop_s = samples_at(start_angle + turned, angle) / recording.sampling_rate
+        good, rounding = np.ones(len(windows), dtype=bool), 1e-6 / recording.sampling_rate
+        for start, stop in recording.bad_spans:
+            good &= (start_s + rounding >= stop) | (stop_s - rounding <= start)
+        if not good.any():
+            raise ValueError(f"the recording has no window outside its bad spans: {self._length_text()}")
+        return windows[good], start_s[good], start_angle[good]
 
     def _rate_and_length(self, records: Sequence[Recording]) -> tuple[float, int]:
         """Return the sampling rate that the records share, and the samples of a window of native samples."""

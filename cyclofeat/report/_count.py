@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cyclofeat._base.quantities import in_words, lobes_text
+from cyclofeat._base.quantities import lobes_text
 from cyclofeat.plotting import (
     LobeMapDisplay,
     LobeMarks,
@@ -21,6 +21,7 @@ from cyclofeat.plotting import (
     TrainingDisplay,
 )
 from cyclofeat.plotting.kinds import feature_of, words_of
+from cyclofeat.recordings.recording import facts_in_words
 from cyclofeat.report import _figures
 from cyclofeat.report._page import check_page_path, count_text, describe_origin, write_page
 
@@ -192,11 +193,7 @@ def _recording_section(model: LobeModel, item: CountedRecording, most_samples: i
         by = "not found: no lobe lines stand out of the torque"
     else:
         by = f"{measured:.5g} RPM, by the {'tachometer' if recording.angle is not None else 'lobe lines'}"
-    angle = "none: no tachometer"
-    if recording.angle is not None:
-        zero = "absolute" if recording.angle_is_absolute else "relative"
-        angle = f"of the {recording.angle_of} shaft, {zero}"
-    torque, stated = recording.torque, recording.speed_rpm
+    stated = recording.speed_rpm
     of_record = record_warnings(recording, reduction=model.n_lobes_)
     return {
         "reason": count.reason,
@@ -210,16 +207,12 @@ def _recording_section(model: LobeModel, item: CountedRecording, most_samples: i
         "lobe_shares": list(count.lobe_probability),
         "lobes_counted": list(count.lobes),
         "recorded": {
-            "length": f"{recording.duration:.4g} s, {recording.sampling_rate:g} Hz",
-            in_words(recording.quantity): f"{torque.min():.4g} to {torque.max():.4g} {recording.unit}, "
-            f"mean {torque.mean():.4g} {recording.unit}",
+            **facts_in_words(recording),
+            "input speed": None,
             "speed stated": "none"
             if stated is None
             else f"{stated:g} RPM, the nominal speed by file or option",
             "speed measured": by,
-            "load stated": None if recording.load_nm is None else f"{recording.load_nm:g} Nm",
-            "angle": angle,
-            "assembly": recording.assembly,
             "source": recording.source or "not stated",
         },
         "training_distance": None if np.isnan(count.distance) else float(count.distance),

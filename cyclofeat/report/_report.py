@@ -5,22 +5,23 @@ from __future__ import annotations
 import io
 import mimetypes
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from cyclofeat._base.checks import is_number, is_whole, repr_of
 from cyclofeat.report import _figures
-from cyclofeat.report._count import CountedRecording, summarise_count
-from cyclofeat.report._evaluation import summarise_evaluation
+from cyclofeat.report._count import summarise_count, write_count_report
+from cyclofeat.report._evaluation import summarise_evaluation, write_evaluation_report
 from cyclofeat.report._figures import data_uri
-from cyclofeat.report._gap import summarise_gap
+from cyclofeat.report._gap import summarise_gap, write_gap_report
 from cyclofeat.report._page import check_page_path, template_environment, write_page
 
-if TYPE_CHECKING:
-    from cyclofeat.counting import Evaluation, LobeModel
-    from cyclofeat.gap import GapResult
-
+_SECTIONS: dict[Callable[..., Path], tuple[str, Callable[..., dict[str, Any]]]] = {
+    write_count_report: ("count.html", summarise_count),
+    write_evaluation_report: ("evaluation.html", summarise_evaluation),
+    write_gap_report: ("gap.html", summarise_gap),
+}
 _PICTURES = (".gif", ".jpeg", ".jpg", ".png", ".svg", ".webp")
 _SIZE = (8.0, 3.6)
 
@@ -174,47 +175,28 @@ class Report:
         rows = [[_cell_text(row.get(name)) for name in columns] for row in table]
         return self._add(columns=list(zip(map(str, columns), right, strict=True)), rows=rows, caption=caption)
 
-    def add_count(self, model: LobeModel, counted: Iterable[CountedRecording], **options: Any) -> Self:
-        """Add the page of a count as a section.
+    def add_page(self, write: Callable[..., Path], *arguments: Any, **options: Any) -> Self:
+        """Add a page as a section.
 
         Parameters
         ----------
-        model, counted, **options
-            See :func:`write_count_report`.
+        write : write_count_report, write_evaluation_report or write_gap_report
+            Function that would write the page.
+        *arguments, **options
+            Its own, without the path.
 
         Returns
         -------
         self : Report
         """
-        return self._add_page("count.html", summarise_count(model, counted, **options))
-
-    def add_evaluation(self, results: Mapping[str, Evaluation], **options: Any) -> Self:
-        """Add the page of an evaluation as a section.
-
-        Parameters
-        ----------
-        results, **options
-            See :func:`write_evaluation_report`.
-
-        Returns
-        -------
-        self : Report
-        """
-        return self._add_page("evaluation.html", summarise_evaluation(results, **options))
-
-    def add_gap(self, result: GapResult, **options: Any) -> Self:
-        """Add the page of a gap as a section.
-
-        Parameters
-        ----------
-        result, **options
-            See :func:`write_gap_report`.
-
-        Returns
-        -------
-        self : Report
-        """
-        return self._add_page("gap.html", summarise_gap(result, **options))
+        if write not in _SECTIONS:
+            names = [page.__name__ for page in _SECTIONS]
+            raise TypeError(f"write must be one of {', '.join(names)}, got {repr_of(write)}")
+        template, summarise = _SECTIONS[write]
+        # Sections of one kind must not share the anchors of their links.
+        layout = {"layout": "part.html", "prefix": f"part-{len(self._parts) + 1}-"}
+        page = template_environment().get_template(template)
+        return self._add(section=page.render(summarise(*arguments, **options), **layout))
 
     def write(self, path: str | os.PathLike[str]) -> Path:
         """Write the page, replacing a file of that name, and return its path.
@@ -237,11 +219,6 @@ class Report:
         if not self._parts:
             raise ValueError("the report is empty: add text, a figure, a table or a result first")
         return write_page(target, "report.html", {"title": self.title, "parts": self._parts})
-
-    def _add_page(self, template: str, summary: Mapping[str, Any]) -> Self:
-        # Sections of one kind must not share the anchors of their links.
-        layout = {"layout": "part.html", "prefix": f"part-{len(self._parts) + 1}-"}
-        return self._add(section=template_environment().get_template(template).render(summary, **layout))
 
     def _add(self, **part: Any) -> Self:
         self._parts.append(part)

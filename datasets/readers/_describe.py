@@ -197,7 +197,7 @@ def _record_warnings(recording: Recording, facts: dict[str, Any]) -> list[str]:
     notes = []
     if (run_up := facts["run_up_s"]) is not None:
         notes.append(
-            f"run-up at the start: leave it out with --skip {run_up:g}, in Python recording.part({run_up:g})"
+            f"run-up at the start: leave it out with --skip {run_up:g}, in Python recording.crop({run_up:g})"
         )
     if facts["dropout_share"] > _MOST_DROPPED:
         notes.append(f"{100 * facts['dropout_share']:.2g} % of the samples are dropouts")

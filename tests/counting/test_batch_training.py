@@ -66,4 +66,4 @@ def test_a_motor_that_yields_to_the_load_still_fills_its_windows(monkeypatch):
     assert len(windower.windows(recording)) == 1
     as_stated = round(recording.sampling_rate * 15 / recording.input_speed_hz)
     with pytest.raises(ValueError, match=r"14\.\d* input turns, a window of one output turn needs"):
-        windower.windows(recording.part(0, as_stated / recording.sampling_rate))
+        windower.windows(recording.crop(0, as_stated / recording.sampling_rate))

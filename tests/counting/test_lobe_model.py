@@ -69,7 +69,7 @@ def test_a_count_less_probable_than_all_others_together_is_refused():
 def test_bad_recordings_are_named(some):
     model = shaft_model()
     with pytest.raises(ValueError, match="recording 1: the recording is too short"):
-        model.predict([some[0], some[0].part(0.0, 0.5)])
+        model.predict([some[0], some[0].crop(0.0, 0.5)])
     with pytest.raises(TypeError, match="recordings must be Recording objects, got list at 0"):
         model.predict([[1.0, 2.0]])
     with pytest.raises(TypeError, match="recording must be a Recording object, got str"):
@@ -93,7 +93,7 @@ def test_a_model_is_an_estimator_of_recordings(some):
         "description": "",
     }
     assert not hasattr(clone(model), "counter_")
-    tail = FunctionTransformer(lambda recordings: [one.part(0.0, one.duration - 0.01) for one in recordings])
+    tail = FunctionTransformer(lambda recordings: [one.crop(0.0, one.duration - 0.01) for one in recordings])
     pipeline = Pipeline([("first_turn", tail), ("count", model)])
     assert pipeline.predict(some).tolist() == model.predict(tail.transform(some)).tolist()
     # A notebook shows the card, not scikit-learn's diagram.

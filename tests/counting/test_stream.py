@@ -93,7 +93,7 @@ def test_blocks_are_counted_as_recordings():
         stream = LobeStream(model, RATE, speed_rpm=500, block_turns=2)
         cuts = random_cuts(record.n_samples, 5)
         windows = [one for piece in np.split(record.torque, cuts) for one in stream.push(piece)]
-        halves = [model.count(record.part(*ends)) for ends in ((0.0, 3.6), (3.6, 7.2))]
+        halves = [model.count(record.crop(*ends)) for ends in ((0.0, 3.6), (3.6, 7.2))]
         alone = [one for half in halves for one in half.windows]
         assert [one.defect_count for one in windows] == [one.defect_count for one in alone]
         assert_allclose([one.distance for one in windows], [one.distance for one in alone])

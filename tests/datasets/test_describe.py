@@ -99,7 +99,7 @@ def test_a_run_up_is_named_with_the_time_to_leave_out(by):
     found = describe(recording)
     assert 0.5 <= found["run_up_s"] <= 0.7
     assert warned(found, f"run-up at the start: leave it out with --skip {found['run_up_s']:g}")
-    assert describe(recording.part(found["run_up_s"]))["run_up_s"] is None
+    assert describe(recording.crop(found["run_up_s"]))["run_up_s"] is None
 
 
 def test_other_changes_of_the_torque_are_no_run_up():

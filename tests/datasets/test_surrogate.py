@@ -53,10 +53,10 @@ def test_what_keep_returns_is_kept(labelled):
 
     def keep(one):
         calls.append("keep")
-        return one.part(0.01, 0.02)
+        return one.crop(0.01, 0.02)
 
     few = make_rig_recordings(2, [0, 1, 3], keep=keep, progress=lambda *at: calls.append(at), **LABELLED)
-    assert few == [one.part(0.01, 0.02) for one in labelled]
+    assert few == [one.crop(0.01, 0.02) for one in labelled]
     assert calls == [call for done in range(1, 7) for call in ("keep", (done, 6))]
 
 

@@ -93,7 +93,7 @@ def test_what_cannot_be_used_is_refused_by_name() -> None:
             MeasuredRig.of(recordings, MODEL, rate)
     with pytest.raises(TypeError, match="recordings must"):
         MeasuredRig.of([NOISE[0]], MODEL)
-    short_one = MeasuredRig.of([made().part(0, 1.8)], MODEL)
+    short_one = MeasuredRig.of([made().crop(0, 1.8)], MODEL)
     assert turns_at(short_one, short_one.conditions[0]).windows.shape == (1, 23_040)
     with pytest.raises(ValueError, match=r"'r0'.* is too short: an output turn and 3 % more, 1\.8\d* s"):
         short_one.session()

@@ -1,7 +1,5 @@
 """Displays: what they compute, what they draw, what they refuse."""
 
-from types import SimpleNamespace
-
 import matplotlib
 import numpy as np
 import pytest
@@ -60,7 +58,7 @@ def test_plot_returns_the_display_and_draws_where_it_is_told(display_class, reco
 
 
 def test_torque_has_units_and_its_own_times(recording):
-    display = TorqueDisplay.from_recording(recording.part(0.5, 0.75)).plot()
+    display = TorqueDisplay.from_recording(recording.crop(0.5, 0.75)).plot()
     assert display.time[-1] == pytest.approx(0.25 - 1 / RATE)
     assert_allclose(display.torque, recording.torque[12_800:19_200])
     assert display.ax_.get_xlabel() == "time (s)"
@@ -200,7 +198,7 @@ def test_without_an_absolute_angle_slots_count_from_the_start():
 
 def test_skipped_time_changes_nothing_of_absolute_slots():
     recording = worn_recording((3, 9), duration=2.4)
-    whole, later = (LobeMapDisplay.from_recording(recording.part(skip)) for skip in (0.0, 0.5))
+    whole, later = (LobeMapDisplay.from_recording(recording.crop(skip)) for skip in (0.0, 0.5))
     assert_allclose(later.slot_rms, whole.slot_rms, atol=0.05)
 
 
@@ -256,23 +254,11 @@ def test_a_map_takes_the_colours_of_its_surroundings(recording):
     assert circles(display)["1"].get_color() == "lime"
 
 
-def test_a_model_brings_its_probabilities(recording):
-    probability = (0.1,) * 3 + (0.9,) + (0.1,) * 11
-    counted = SimpleNamespace(lobe_probability=probability, lobes=(3,))
-    model = SimpleNamespace(count=lambda recording: counted, speed_of=lambda recording: SPEED, n_lobes_=15)
-    display = LobeMapDisplay.from_estimator(model, recording)
-    assert_allclose(display.lobe_probability, probability)
-    assert display.counted_lobes == (3,)
-    counted.lobe_probability = ()
-    with pytest.raises(ValueError, match="locator"):
-        LobeMapDisplay.from_estimator(model, recording)
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [
         (lambda r: LobeMapDisplay.from_recording(r.replace(speed_rpm=None)), "input_speed_hz must be given"),
-        (lambda r: LobeMapDisplay.from_recording(r.part(1.0)), "too short"),
+        (lambda r: LobeMapDisplay.from_recording(r.crop(1.0)), "too short"),
         (lambda r: LobeMapDisplay.from_recording(r, input_speed_hz=4.0), "input_speed_hz"),
         (lambda r: LobeMapDisplay.from_recording(Recording([1.0] * 50_000, RATE, speed_rpm=500)), "constant"),
         (lambda r: LobeMapDisplay(slot_rms=[1, 2]), "slot_rms"),

@@ -15,7 +15,7 @@ from sklearn.naive_bayes import GaussianNB
 
 from cyclofeat import Recording
 from cyclofeat.counting import evaluate
-from cyclofeat.report import Report
+from cyclofeat.report import Report, write_evaluation_report, write_gap_report
 
 HOSTILE = "<script>alert(1)</script>"
 RECORDING = Recording(22 + np.sin(np.arange(200.0)), 100, run=HOSTILE)
@@ -86,7 +86,10 @@ def test_whole_pages_become_sections_whose_links_stay_apart(tmp_path, compared_h
     evaluation = evaluate(GaussianNB(), X, y, np.repeat(np.arange(30), 2))
     result = answered(compared_hum["hum"], remainder=REMAINDER)
     report = (
-        Report("Both").add_gap(result).add_gap(result, title="Again").add_evaluation({"bayes": evaluation})
+        Report("Both")
+        .add_page(write_gap_report, result)
+        .add_page(write_gap_report, result, title="Again")
+        .add_page(write_evaluation_report, {"bayes": evaluation})
     )
     parsed = parse(report.write(tmp_path / "both.html").read_text(encoding="utf-8"))
     ids = [value for _, name, value in parsed.attributes if name == "id"]
@@ -105,6 +108,7 @@ def test_whole_pages_become_sections_whose_links_stay_apart(tmp_path, compared_h
         (lambda report: report.add("text"), TypeError, "with _repr_html_, got 'text': text, figures"),
         (lambda report: report.add_figure("a.pdf"), ValueError, "one of .gif, .* got 'a.pdf'"),
         (lambda report: report.add_figure("none.png"), FileNotFoundError, "none.png"),
+        (lambda report: report.add_page(len), TypeError, "write must be one of write_count_report, .*len"),
         (lambda report: report.add_figure(3), TypeError, "figure must be a file, .* got 3"),
         (lambda report: report.add_table([1, 2]), TypeError, "a sequence of mappings, got"),
         (lambda report: report.write("x.html"), ValueError, "the report is empty"),

@@ -43,7 +43,7 @@ from cyclofeat.counting.model._verdicts import (
     window_faults,
 )
 from cyclofeat.counting.model.lobe_count import OUTSIDE, AnsweredWindows, LobeCount, PreparedWindows
-from cyclofeat.counting.model.radial_wear import RadialWear, stated_depths
+from cyclofeat.counting.model.radial_wear import RadialWear, breaks_between, stated_depths
 from cyclofeat.counting.model.turning import Turning, turning_of
 from cyclofeat.features import LobeMap
 from cyclofeat.recordings import Recording, WindowSet
@@ -588,6 +588,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
     def _prepare_windows(self, recording: Recording) -> PreparedWindows:
         """Cut a recording that suits the model into windows, and look for faults."""
         self.check_recording(recording)
+        recording = recording.for_counting()
         turning = turning_of(recording, self.n_lobes_)
         windows = self.windower_.windows([recording], [turning.angle])
         notes = [turning.note] if turning.note else []
@@ -709,6 +710,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         located: Sequence[Float | None] = [None] * len(batch)
         if lines is not None and self.locator_ is not None:
             located = self._lobe_proba(self.locator_, batch, lines, rows, proba)
+        wear = self.wear_
         return [
             AnsweredWindows(
                 prepared.windows.start_s,
@@ -717,7 +719,9 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
                 distances[row],
                 prepared.faults,
                 lobes,
-                None if self.wear_ is None else self.wear_.answers(prepared.windows.X, prepared.faults),
+                None
+                if wear is None
+                else wear.answers(prepared.windows.X, prepared.faults, breaks_between(prepared.windows)),
             )
             for prepared, row, lobes in zip(batch, rows, located, strict=True)
         ]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from sklearn.isotonic import IsotonicRegression
 
 from cyclofeat._base.checks import is_number, number_pair, repr_of
@@ -143,8 +143,10 @@ class RadialWear:
         """
         assert windows.y is not None
         depths_um, (low, high) = stated
-        n_windows = min(MOST_WINDOWS, int(np.bincount(windows.recording).min()))
-        of_recordings = [np.flatnonzero(windows.recording == k) for k in range(windows.recording[-1] + 1)]
+        rows = sorted(np.split(np.arange(len(windows)), breaks_between(windows)), key=len)
+        longest = {windows.recording[k[0]]: k for k in rows}  # of windows that follow one another
+        of_recordings = [longest[k] for k in sorted(longest)]
+        n_windows = min(MOST_WINDOWS, *map(len, of_recordings))
         # The first window of each run.
         first = np.concatenate([k[: k.size // n_windows * n_windows : n_windows] for k in of_recordings])
         recording, count = windows.recording[first], windows.y[first]
@@ -225,7 +227,7 @@ class RadialWear:
             "sound_odds": self.sound_odds,
         }
 
-    def answers(self, X: Float, faults: Sequence[str]) -> Float | None:
+    def answers(self, X: Float, faults: Sequence[str], breaks: ArrayLike = ()) -> Float | None:
         """Return probabilities and features of each run of windows without a fault.
 
         Parameters
@@ -234,13 +236,18 @@ class RadialWear:
             Windows of one recording over the angle of the shaft, torque in Nm.
         faults : sequence of str
             Fault of each window's signal; empty where there is none.
+        breaks : array-like of int, optional
+            Numbers of windows before which some were left out.
 
         Returns
         -------
         ndarray, shape (n_runs, n_classes + n_features), or None
             Probability of each count, and features, of each run; None if there is no run.
         """
-        runs = runs_of(X, self.n_windows, np.array([not fault for fault in faults]))
+        # A window that is not used parts the runs.
+        before = np.asarray(breaks, dtype=int)
+        used = np.insert(np.array([not fault for fault in faults]), before, False)
+        runs = runs_of(np.insert(X, before, 0.0, axis=0) if before.size else X, self.n_windows, used)
         if not len(runs):
             return None
         features = wear_features(runs, self.n_lobes, self.samples_per_turn)
@@ -304,6 +311,12 @@ def stated_depths(recordings: Sequence[Recording], range_um: Any) -> tuple[Float
             )
         depths[k] = depth
     return depths, (low, high)
+
+
+def breaks_between(windows: WindowSet) -> NDArray[np.intp]:
+    """Return the numbers of windows over the angle that do not follow the one before."""
+    far = 3 * np.pi * windows.X.shape[1] / windows.sampling_rate
+    return np.flatnonzero((np.diff(windows.recording) != 0) | (np.diff(windows.start_angle) > far)) + 1
 
 
 def runs_of(X: Float, n_windows: int, used: NDArray[np.bool_] | None = None) -> Float:

@@ -10,7 +10,6 @@ from cyclofeat._base.quantities import in_words
 from cyclofeat.recordings import Recording
 from cyclofeat.recordings.windower import WINDOW_TURNS
 from cyclofeat.signal.drive import follow_motor
-from cyclofeat.signal.orders import mean_speed
 from cyclofeat.signal.speed import (
     FOLLOWED_TOLERANCE,
     SEARCHED_HZ,
@@ -38,10 +37,10 @@ def turning_of(recording: Recording, n_lobes: int, *, by_faint_lines: bool = Tru
     the shaft is then taken to turn steadily at that speed. ``ValueError`` where the recording has neither
     an angle nor a nominal speed, and its torque allows none or several.
     """
-    rate = recording.sampling_rate
-    angle = recording.input_angle(n_lobes)
-    if angle is not None:
-        return Turning(angle, float(mean_speed(angle, rate)))
+    recording, rate = recording.for_counting(), recording.sampling_rate
+    angle, speed_hz = recording.input_angle(n_lobes), recording.mean_input_speed(n_lobes)
+    if angle is not None and speed_hz is not None:
+        return Turning(angle, speed_hz)
     stated = recording.input_speed_hz
     if stated is None:
         possible = search_speed(recording.torque, rate, n_lobes)
@@ -92,7 +91,7 @@ def angle_by_lines(recording: Recording, turning: Turning, n_lobes: int) -> Floa
     or tell less than a window.
     """
     try:
-        followed = _follow_lines(recording, turning.speed_hz, n_lobes)
+        followed = _follow_lines(recording.for_counting(), turning.speed_hz, n_lobes)
     except ValueError:  # too short, or too few samples
         return None
     beside = turning.angle - followed.angle
