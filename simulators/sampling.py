@@ -19,7 +19,7 @@ from cyclofeat.simulators.effects.library import child_seed
 from cyclofeat.simulators.machine import MachineRun, PlannedRun
 from cyclofeat.simulators.many import simulate_each
 from cyclofeat.simulators.rig import DEFECTS, Rig
-from cyclofeat.simulators.simulation import SimulationFailed, SimulationRun, Solver
+from cyclofeat.simulators.simulation import SimulationFailed, SimulationRun, Solver, time_step
 
 T = TypeVar("T")
 Seed = np.random.SeedSequence
@@ -46,6 +46,8 @@ class Sample:
     assembly: Seed | None = None  #: seed of the machine; default: that of the run
     quantity: str = "output_torque"  #: what is measured
     solver: Solver | None = None  #: time step and integrator
+    #: In place of a solver: error of the torque by the time step, in Nm rms (:func:`simulation.time_step`).
+    error_nm: float | None = None
     spare_s: float = 0.0  #: additional time, for converters that run slow
     name: str = ""  #: name of the assembly, for errors
 
@@ -56,7 +58,7 @@ class Sample:
         """
         seed = child_seed(self.random_state, _REDRAWN + n_failed - 1) if n_failed else self.random_state
         try:
-            return self.rig.plan_run(
+            planned = self.rig.plan_run(
                 self.defects, duration=self.duration, sampling_rate=self.sampling_rate, random_state=seed,
                 assembly=self.assembly, quantity=self.quantity, spare_s=self.spare_s, solver=self.solver,
                 torque_in=False, motion=False,  # plan_run sets torque_in where it is measured
@@ -65,6 +67,10 @@ class Sample:
             if not self.name:
                 raise
             raise ValueError(f"assembly {self.name}: {error}") from None
+        if self.error_nm is not None:
+            dt = time_step(planned.machine.gearbox, self.sampling_rate, self.error_nm)
+            planned.arguments["solver"] = Solver(dt, "leapfrog", check_friction=False)
+        return planned
 
 
 class SampledRun(NamedTuple):

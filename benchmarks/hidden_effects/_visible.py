@@ -27,7 +27,6 @@ from cyclofeat.gap.simulations import (
     KERNEL,
     MAY_DIFFER,
     NO_SUCH_RIG,
-    SPARE,
     Population,
     with_may_differ,
 )
@@ -45,6 +44,7 @@ SIGMA = 3.0
 N_RECORDINGS = 32  # simulated with, and as many without
 _FOLDS = 4
 _WHEELS = ((0,), (0, 1))
+_SPARE = 0.06  # share by which a run is longer, for the slowest converter
 
 
 def effects_of(one: Definition) -> dict[str, Effect]:
@@ -65,7 +65,7 @@ def simulated_cells(
     different = [name for name, kept in in_machine.items() if not name or len(kept) < len(in_machine[""])]
     samples = [
         _population(in_machine[name], planned).sample(
-            planned.count, np.random.SeedSequence([seed, i]), spare=SPARE
+            planned.count, np.random.SeedSequence([seed, i]), spare=_SPARE
         )
         for name in different
         for i, planned in enumerate(recordings)

@@ -9,6 +9,7 @@ from cyclofeat.simulators._outline import HOLDS_EPS
 from cyclofeat.simulators.batch import _tables as rows
 from cyclofeat.simulators.batch._frames import describe_lane, keep_first
 from cyclofeat.simulators.batch._lanes import (
+    add_exactly,
     advance_state,
     edge_force,
     edge_place,
@@ -43,7 +44,7 @@ from cyclofeat.simulators.batch._vectors import (
 
 # Of all modules whose functions and constants are compiled here: numba's cache on disk notices changes of
 # this file only.
-SOURCES_CHECKSUM = 0x463AFB6F
+SOURCES_CHECKSUM = 0x789904A2
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -277,9 +278,10 @@ def _all_moments(m, step, when, faulty, angle, drive, tables, lanes, half):
 
 
 @njit(fastmath=FASTMATH, nogil=True)
-def integrate_lanes(lanes, half, stages, first, n, dt, limit, faulty, angle_, drive_, tables_, out_):
-    """Go on by ``n`` steps from step ``first``, in two ``stages`` (midpoint) or one (Adams-Bashforth).
+def integrate_lanes(lanes, half, stages, leaps, first, n, dt, limit, faulty, angle_, drive_, tables_, out_):
+    """Go on by ``n`` steps from step ``first``, in two ``stages`` (midpoint) or one.
 
+    The rule of one stage is that of Adams and Bashforth or, if it ``leaps``, the leapfrog rule.
     ``angle`` (stages n, lanes) and ``drive`` (stages n, 4, lanes) hold the input and the load at each
     evaluation. The results of each step go to ``out`` (n, N_RESULTS, lanes). Returns the number of steps
     done: fewer than ``n`` once all lanes have ended.
@@ -291,7 +293,7 @@ def integrate_lanes(lanes, half, stages, first, n, dt, limit, faulty, angle_, dr
     for m in range(stages * n):
         odd = stages == 2 and m % 2 == 1
         i = m // stages
-        when = (stages, odd, dt, first + i == 0)
+        when = (stages, odd, dt, first + i == 0, leaps)
         on_output, on_cams = _all_moments(m, first + i, when, faulty, angle, drive, tables, lanes, half)
         row = rows.N_DRIVE_ROWS * m
         twist = load(t, rows.AT + 3, lanes) - load(t, rows.AT + 2, lanes)
@@ -327,12 +329,18 @@ def integrate_lanes(lanes, half, stages, first, n, dt, limit, faulty, angle_, dr
                 _end_lanes(ended, bits_of(is_locked), first + i, tables, lanes)
                 if bits_of(load(t, rows.ALIVE, lanes) > 0.0) == 0:
                     return i
-        for k in range(np.uintp(4)):
-            advance_state(k, 8, when, load(t, rows.AT + 4 + k, lanes), zero, t, lanes)
+        if not leaps:
+            for k in range(np.uintp(4)):
+                advance_state(k, 8, when, load(t, rows.AT + 4 + k, lanes), zero, t, lanes)
         advance_state(4, 8, when, rates[0], push, t, lanes)
         advance_state(5, 8, when, rates[1], push, t, lanes)
         advance_state(6, 8, when, rates[2], push, t, lanes)
-        advance_state(7, 8, when, rates[3], choose(braked, push, 0.0), t, lanes)
+        push_brake = choose(braked, push, 0.0)
+        advance_state(7, 8, when, rates[3], push_brake, t, lanes)
+        if leaps:
+            for k in range(np.uintp(3)):
+                add_exactly(k, 8, dt * (load(t, 4 + k, lanes) - 0.5 * push), t, lanes)
+            add_exactly(3, 8, dt * (load(t, 7, lanes) - 0.5 * push_brake), t, lanes)
     return n
 
 

@@ -222,7 +222,7 @@ def bearing_friction(speed, coulomb, viscous, inverse_transition):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _add_exactly(k, n, increment, table, lanes):
+def add_exactly(k, n, increment, table, lanes):
     """Add to a state, and keep what rounding cuts off for the next time."""
     old = load(table, k, lanes)
     whole = increment - load(table, 3 * n + k, lanes)
@@ -238,19 +238,26 @@ def advance_state(k, n, when, rate, push, table, lanes):
 
     The table begins with four rows for each of n states: the state, the same at this evaluation, its rate at
     the last one, and what rounding cut off. ``when`` is the number of stages, if this is the second, the
-    step, and if it is the first. With one stage ``push`` is the change in a step.
+    step, if it is the first, and if speeds are known half a step later than positions, as in the leapfrog
+    rule: the state is such a speed. With one stage ``push`` is the change in a step.
     """
-    stages, odd, dt, is_first = when
+    stages, odd, dt, is_first, leaps = when
     if stages == 2:
         if odd:
-            _add_exactly(k, n, dt * (rate + push), table, lanes)
+            add_exactly(k, n, dt * (rate + push), table, lanes)
         else:
             store(table, n + k, load(table, k, lanes) + (0.5 * dt) * (rate + push))
+    elif leaps:
+        whole, ahead, behind = (0.5 * dt, 0.5 * dt, 0.0) if is_first else (dt, 0.875 * dt, 0.375 * dt)
+        add_exactly(k, n, push + whole * rate, table, lanes)
+        last = load(table, 2 * n + k, lanes)
+        store(table, n + k, load(table, k, lanes) + (ahead * rate - behind * last))
+        store(table, 2 * n + k, rate)
     else:
         # The first step has no earlier rates: Euler's rule, of second order in one step.
         before = 0.0 if is_first else 0.5 * dt
         last = load(table, 2 * n + k, lanes)
-        _add_exactly(k, n, push + ((dt + before) * rate - before * last), table, lanes)
+        add_exactly(k, n, push + ((dt + before) * rate - before * last), table, lanes)
         store(table, 2 * n + k, rate)
 
 

@@ -217,8 +217,8 @@ class BatchIntegration:
                 n = min(_CHUNK, size - first)
                 fill_drive(inputs, sizes, stages * first, stages * n, stages, tables.n_lobes, angle, drive)
                 done = integrate_lanes(
-                    lanes, pins, stages, begin + first, n, self._solver.dt,
-                    simulation.ABSURD_TORQUE, faulty, angle, drive, tables,
+                    lanes, pins, stages, self._solver.integrator == "leapfrog", begin + first, n,
+                    self._solver.dt, simulation.ABSURD_TORQUE, faulty, angle, drive, tables,
                     results[again + first : again + first + n],
                 )  # fmt: skip
                 if done < n:  # all lanes have ended

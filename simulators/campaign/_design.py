@@ -110,7 +110,7 @@ class Campaign:
     kernel : {"auto", "batch", "exact"}
         See :func:`cyclofeat.simulators.simulate_many`. "auto" and "batch" raise where batches cannot be
         compiled, for other runs would be made than elsewhere.
-    integrator : {"midpoint", "adams_bashforth"}
+    integrator : {"midpoint", "adams_bashforth", "leapfrog"}
         See :class:`cyclofeat.simulators.Solver`: the second takes half the time, with about three times the
         error of the time step.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import numpy as np
@@ -9,11 +10,12 @@ import pytest
 from scipy import stats
 
 from cyclofeat.gap import World, prepare_world
+from cyclofeat.gap.simulations import ERROR_NM, Population
 from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.world.cells import recording_cells, turn_samples
 from cyclofeat.gap.world.prepare import DrawnMachine, simulate_drawn
 from cyclofeat.gap.world.rigs import Rigs, Session
-from cyclofeat.gap.world.world import DrawnSession, EffectPrior
+from cyclofeat.gap.world.world import DrawnSession, EffectPrior, draw_session, with_noise_and_drift
 from cyclofeat.simulators import (
     BrakeRotor,
     Drift,
@@ -24,9 +26,11 @@ from cyclofeat.simulators import (
     Offset,
     PinErrors,
     Rig,
+    Solver,
     TorqueMeterLowPass,
     known_effects,
 )
+from cyclofeat.simulators.sampling import sample_runs
 
 RATE = 6400.0
 SMALL = World(
@@ -66,6 +70,25 @@ def test_each_number_of_effects_is_as_probable_and_each_effect_as_frequent():
     n = len(effects)
     expected = 4 * 3 / (n * (n - 1))
     assert abs(both - expected) < 4 * np.sqrt(expected / len(pairs))
+
+
+@pytest.mark.slow
+def test_drawn_rigs_keep_the_error_budget():
+    world, samples = World(), []
+    for number in range(40):
+        random = np.random.default_rng(number)
+        session = draw_session(world, 1, random)
+        rig = with_noise_and_drift(world.rig, world.may_differ).with_added(*world.prior.in_machine(random))
+        rig = rig.at(session.speeds_rpm[0], session.loads_nm[0])
+        population = Population(rig, 5000, world.sampling_rate, world.wheels)
+        samples.append(population.sample(int(session.counts[0]), np.random.SeedSequence(number)))
+    fine = [dataclasses.replace(sample, error_nm=None, solver=Solver(5e-6)) for sample in samples]
+    errors = [
+        np.std(one.run.torque_out[one.plan.n_settling :] - other.run.torque_out[one.plan.n_settling :])
+        for one, other in zip(sample_runs(samples), sample_runs(fine, kernel="exact"), strict=True)
+    ]
+    assert np.quantile(errors, 0.9) < ERROR_NM
+    assert np.median(errors) < ERROR_NM / 4
 
 
 def test_what_the_model_has_is_not_missing():

@@ -251,7 +251,7 @@ def test_json_gives_the_design_back(tmp_path: Path) -> None:
         ('{"defect_counts": [16]}', "defect_counts must be at most 15, got 16"),
         ('{"lobes": "all"}', "lobes must be 'consecutive' or 'random', got 'all'"),
         ('{"kernel": "fast"}', "kernel must be one of 'exact', 'batch', 'auto', got 'fast'"),
-        ('{"integrator": "euler"}', "integrator must be 'midpoint' or 'adams_bashforth', got 'euler'"),
+        ('{"integrator": "euler"}', "integrator must be one of 'midpoint', 'adams_bashforth', 'leapfrog'"),
         ('{"design": "grid"}', "design must be 'sobol' or 'random', got 'grid'"),
         ('{"wheels": [1]}', "unknown key 'wheels': name it 'wheels_from_1' and count wheels from 1"),
         ('{"wheels_from_1": [0]}', r"wheels_from_1 must be \[1\], \[2\] or \[1, 2\], got \[0\]"),

@@ -198,7 +198,9 @@ def block_means(X: NDArray[Any], sampling_rate: float, highest_hz: float) -> tup
 
 def box_means(X: NDArray[Any], n: int) -> NDArray[Any]:
     """Return the means of ``n`` samples each; those that fill no box are left out."""
-    return np.asarray(X[:, : X.shape[1] // n * n].reshape(len(X), -1, n).mean(axis=2))
+    boxes = X[:, : X.shape[1] // n * n].reshape(-1, n)
+    # A product takes a fraction of the time of the means of short rows.
+    return np.asarray(boxes @ np.full(n, 1 / n, dtype=X.dtype)).reshape(len(X), -1)
 
 
 def hann_lines(lines: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -232,9 +234,9 @@ def _slow_cells(
 def _amplitude_cells(X: Float, ripple: Float, mean: Float) -> tuple[Float, list[Cell]]:
     # Single precision, as torque is recorded: it is sorted in half the time.
     ordered = np.sort(X.astype(np.float32), axis=1)
-    square = ripple.var(axis=1)
-    variance = square + RESOLUTION_NM**2
     squares = ripple**2  # products: other powers of arrays take ten times as long
+    square = squares.mean(axis=1)
+    variance = square + RESOLUTION_NM**2
     cubes, fourths = np.mean(squares * ripple, axis=1), np.mean(squares**2, axis=1)
     at = np.round(np.array(_QUANTILES) * (X.shape[1] - 1)).astype(int)
     quantiles = (ordered[:, at] - mean[:, None]) / np.sqrt(variance)[:, None]

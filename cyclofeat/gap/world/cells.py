@@ -184,7 +184,7 @@ def _code_cells(X: NDArray[np.float32]) -> tuple[Float, list[Cell]]:
     ordered = np.sort(X, axis=1)
     steps = np.diff(ordered, axis=1)
     distinct = np.sum(steps > 0, axis=1) + 1
-    smallest = steps.min(axis=1, where=steps > 0, initial=np.inf)
+    smallest = np.where(steps > 0, steps, np.inf).min(axis=1, initial=np.inf)
     equal = np.diff(X, axis=1) == 0
     lowest, highest = ordered[:, :1], ordered[:, -1:]
     columns = [

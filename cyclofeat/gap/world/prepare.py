@@ -16,7 +16,7 @@ from cyclofeat._base.checks import n_jobs as checked_jobs
 from cyclofeat._base.checks import whole
 from cyclofeat._base.progress import stopped_quietly
 from cyclofeat._base.shards import ShardStore
-from cyclofeat.gap.simulations import KERNEL, NO_SUCH_RIG, SOLVER, SPARE, Population, record, versions
+from cyclofeat.gap.simulations import KERNEL, NO_SUCH_RIG, Population, record, versions
 from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.world.cells import recording_cells, turn_samples
 from cyclofeat.gap.world.rigs import Rigs
@@ -30,8 +30,6 @@ Float = NDArray[np.float64]
 # Children of the world's seed.
 _MACHINE, _RIG, _RECORDING = range(3)
 FEWEST_RECORDINGS = 4  # recordings of a machine
-# Drawn sizes may be beyond the prior, and no one can choose another time step for them.
-_SOLVER = dataclasses.replace(SOLVER, check_friction=False)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,8 +94,10 @@ def simulate_drawn(world: World, machines: Sequence[DrawnMachine]) -> list[dict[
             n_samples = turn_samples(Kinematics(world.sampling_rate, speed / 60, world.n_lobes))
             at = rig.at(speed, float(session.loads_nm[i]))
             population = Population(at, n_samples, world.sampling_rate, world.wheels, quantity=world.quantity)
-            count = int(session.counts[i])
-            samples.append(population.sample(count, seed, assembly, spare=SPARE, solver=_SOLVER))
+            # Slow converters and lost samples need a longer run, a little more so if they come together.
+            sums = [sum(one.samples_needed(n_samples) - n_samples for one in of) for of in machine.chains]
+            spare = 1.1 * max(sums, default=0) / n_samples
+            samples.append(population.sample(int(session.counts[i]), seed, assembly, spare=spare))
     runs = iter(sample_runs(samples, kernel=KERNEL))
     return [_rig_columns(world, machine, [next(runs) for _ in machine.seeds]) for machine in machines]
 
