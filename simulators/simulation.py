@@ -286,6 +286,7 @@ def simulate(
         course = DriveAndLoad(steady, n, 1 / sampling_rate, sampling_rate, start_angle, courses).piece()
         return _run_simulator(simulator, gearbox, defects, course, sampling_rate)
     solver = solver or Solver()
+    check_type("solver", solver, Solver)
     if solver.integrator == "leapfrog":
         solver = replace(solver, dt=min(solver.dt, Solver.dt), integrator="adams_bashforth")
     sampling = Sampling.plan(duration, sampling_rate, solver)

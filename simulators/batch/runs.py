@@ -246,7 +246,9 @@ class Samples:
         self._rows = {row: aligned_zeros((n, lanes), np.float64) for row in (*filtered, *picked)}
         self._filtered, self._picked = filtered, picked
         # The low-pass by phases, (up, n_taps), in the order of time.
-        low_pass = self._up * simulation.anti_alias_filter(self._up, self._down)
+        low_pass = np.ones(1)
+        if not sampling.picks:
+            low_pass = self._up * simulation.anti_alias_filter(self._up, self._down)
         half = low_pass.size // 2
         phases = np.zeros((2 * (half // self._up + 1), self._up))
         phases.ravel()[phases.size // 2 - half :][: low_pass.size] = low_pass
