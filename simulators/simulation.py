@@ -41,21 +41,18 @@ LOCKING_TIME = 1e-3
 STAGES = {"midpoint": 2, "adams_bashforth": 1, "leapfrog": 1}
 # Limit of stability of p = rate dt for x' = -rate x: 1 - p + p^2/2 (midpoint) stays below 1 up to p = 2, the
 # roots of r^2 - (1 - 3/2 p) r - p/2 (Adams-Bashforth) up to p = 1, those of r^3 - (1 - 15/8 p) r^2 - 5/4 p r
-# + 3/8 p (leapfrog) up to 4/7; with x'' = -w^2 x - rate x', up to 4/7 (1 - (w dt)^2 / 4).
+# + 3/8 p (leapfrog) up to 4/7, less by the share (w dt)^2 / 4 where x'' = -w^2 x - rate x'.
 _STABLE = {"midpoint": 2.0, "adams_bashforth": 1.0, "leapfrog": 4 / 7}
 _RELAXATION_ROUNDS = 3000
 # Bodies that friction damps: two wheels, the output shaft, and all sleeves (about their axles).
 _OUTPUT = 2
 _FIRST_SPIN = 3
-# The leapfrog rule's error of the torque (Nm rms) is some _ERROR (dt W k)^2 / d with the input's speed W, and
-# the stiffness k (Nm/rad) and damping d (Nms/rad) of one wheel's contacts: of 60 machines with drawn effects
-# around paper B's gearbox, it was less in all but those whose brake rotor rings.
+# Error of the leapfrog rule (Nm rms) over (dt W k)^2 / d, with the input's speed W and one wheel's contact
+# stiffness k and damping d: 60 drawn machines around paper B's gearbox had less, but for a ringing brake.
 _ERROR = 1e-6
-# Share of the limit of stability that a step takes up, and the factor by which the force-weighted damping of
-# impacts on worn lobes exceeds that at the mean load.
+# Share of the limit of stability that a step takes; factor of force-weighted damping in impacts.
 _SHARE_OF_STABLE, _IMPACTS = 0.75, 3.0
-# Smallest step (s), the smallest for accuracy alone, and the largest.
-_STEPS = 5e-6, 1e-5, 5e-5
+_STEPS = 5e-6, 1e-5, 5e-5  # smallest step in s, the smallest for accuracy alone, and the largest
 # Number of instants at which the damping by friction is compared with the time step.
 _N_WATCHED = 128
 # A step needs about 100 bytes of memory: 100 million steps are 1000 s and 10 GB.
@@ -666,49 +663,35 @@ def settling_time(gearbox: CycloidalGearbox) -> float:
 
 
 def time_step(gearbox: CycloidalGearbox, sampling_rate: float, error_nm: float) -> float:
-    """Return the largest step of the leapfrog rule with an error of the torque within a budget.
+    """Return the largest step in s of the leapfrog rule with an error of the torque below ``error_nm`` rms.
 
-    Parameters
-    ----------
-    gearbox : CycloidalGearbox
-        One assembly.
-    sampling_rate : float
-        In Hz.
-    error_nm : float
-        Largest error in Nm rms. A tenth of the noise of the torque meter goes unnoticed.
-
-    Returns
-    -------
-    float
-        Step in s, a whole fraction of the sampling interval: smaller where contacts are stiff or barely
-        damped, and where damping or friction would make the rule unstable. The budget alone does not lower it
-        below 1e-5 s.
+    It is a whole fraction of the sampling interval, smaller where contacts are stiff or barely damped, and
+    where damping or friction would make the rule unstable. The budget alone does not lower it below 1e-5 s.
     """
     stiffness, damping, forces = contact_rings(gearbox)
     wheel_stiffness, wheel_damping = float(stiffness.sum()) / 2, float(damping.sum()) / 2
-    radii = np.array([gearbox.pin_circle_radius, gearbox.internal_pitch_radius])
-    at_rest = max(gearbox.sleeve_static_friction, gearbox.sleeve_friction) / gearbox.friction_transition_speed
-    slope = float(forces @ radii**2) * at_rest
-    slope += wheel_damping * (_IMPACTS if gearbox.contact_law == "hunt_crossley" else 1.0)
-    on_output = float(damping[1]) + gearbox.meter_damping + gearbox.output_bearing_viscosity
-    rate = max(slope / gearbox.wheel_inertia, on_output / gearbox.output_inertia, 1.0) / _STABLE["leapfrog"]
-    quarter = wheel_stiffness / gearbox.wheel_inertia / 4
-    stable = 2 * _SHARE_OF_STABLE / (rate + math.sqrt(rate**2 + 4 * _SHARE_OF_STABLE * quarter))
-    exact = math.sqrt(error_nm * wheel_damping / _ERROR) / (gearbox.input_speed * max(wheel_stiffness, 1.0))
-    smallest, usual, largest = _STEPS
-    step = max(min(stable, max(exact, usual), largest), smallest)
+    coefficient = max(gearbox.sleeve_static_friction, gearbox.sleeve_friction)
+    rub = forces @ np.array([gearbox.pin_circle_radius, gearbox.internal_pitch_radius]) ** 2
+    on_wheel = rub * coefficient / gearbox.friction_transition_speed
+    on_wheel += wheel_damping * (_IMPACTS if gearbox.contact_law == "hunt_crossley" else 1.0)
+    on_output = damping[1] + gearbox.meter_damping + gearbox.output_bearing_viscosity
+    rate = max(on_wheel / gearbox.wheel_inertia, on_output / gearbox.output_inertia) / _STABLE["leapfrog"]
+    square = _SHARE_OF_STABLE * wheel_stiffness / gearbox.wheel_inertia
+    stable = 2 * _SHARE_OF_STABLE / max(rate + math.sqrt(rate**2 + square), 1.0)
+    moving = abs(gearbox.input_speed) * wheel_stiffness
+    exact = math.sqrt(error_nm * wheel_damping / _ERROR) / max(moving, 1.0)
+    step = max(min(stable, max(exact, _STEPS[1]), _STEPS[2]), _STEPS[0])
     n_steps = math.ceil(1 / (sampling_rate * step) - 1e-9)
     # An even number above one: machines with equal steps share batches.
     return 1 / (sampling_rate * (n_steps if n_steps == 1 else n_steps + n_steps % 2))
 
 
 def contact_rings(gearbox: CycloidalGearbox) -> tuple[Float, Float, Float]:
-    """Return stiffness (Nm/rad), damping (Nms/rad) and force (N) of both wheels' pins and internal sleeves.
+    """Return stiffness (Nm/rad), damping (Nms/rad) and forces (N) of all pins, and of all internal sleeves.
 
-    Each is an array of these two, for all sleeves of the loaded half in Hertzian contact at the mean load;
-    the force is the sum over one wheel's.
+    The forces are sums over one wheel; all are for Hertzian contact of the loaded half at the mean load.
     """
-    torque = gearbox.load_torque / 2  # per wheel
+    torque = abs(gearbox.load_torque) / 2  # per wheel
     stiffness, damping, forces = np.empty((3, 2))
     for stage, (n_sleeves, largest_arm, radius) in enumerate(
         (
