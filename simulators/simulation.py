@@ -671,10 +671,10 @@ def time_step(gearbox: CycloidalGearbox, sampling_rate: float, error_nm: float) 
     stiffness, damping, forces = contact_rings(gearbox)
     wheel_stiffness, wheel_damping = float(stiffness.sum()) / 2, float(damping.sum()) / 2
     coefficient = max(gearbox.sleeve_static_friction, gearbox.sleeve_friction)
-    rub = forces @ np.array([gearbox.pin_circle_radius, gearbox.internal_pitch_radius]) ** 2
+    rub = float(forces @ np.array([gearbox.pin_circle_radius, gearbox.internal_pitch_radius]) ** 2)
     on_wheel = rub * coefficient / gearbox.friction_transition_speed
     on_wheel += wheel_damping * (_IMPACTS if gearbox.contact_law == "hunt_crossley" else 1.0)
-    on_output = damping[1] + gearbox.meter_damping + gearbox.output_bearing_viscosity
+    on_output = float(damping[1]) + gearbox.meter_damping + gearbox.output_bearing_viscosity
     rate = max(on_wheel / gearbox.wheel_inertia, on_output / gearbox.output_inertia) / _STABLE["leapfrog"]
     square = _SHARE_OF_STABLE * wheel_stiffness / gearbox.wheel_inertia
     stable = 2 * _SHARE_OF_STABLE / max(rate + math.sqrt(rate**2 + square), 1.0)
