@@ -19,7 +19,7 @@ from cyclofeat.simulators.effects.library import child_seed
 from cyclofeat.simulators.machine import MachineRun, PlannedRun
 from cyclofeat.simulators.many import simulate_each
 from cyclofeat.simulators.rig import DEFECTS, Rig
-from cyclofeat.simulators.simulation import SimulationFailed, SimulationRun, Solver, time_step
+from cyclofeat.simulators.simulation import SimulationFailed, SimulationRun, Solver, solver_within
 
 T = TypeVar("T")
 Seed = np.random.SeedSequence
@@ -46,7 +46,7 @@ class Sample:
     assembly: Seed | None = None  #: seed of the machine; default: that of the run
     quantity: str = "output_torque"  #: what is measured
     solver: Solver | None = None  #: time step and integrator
-    #: In place of a solver: error of the torque by the time step, in Nm rms (:func:`simulation.time_step`).
+    #: In place of a solver: largest error of the torque, in Nm rms (:func:`simulation.solver_within`).
     error_nm: float | None = None
     spare_s: float = 0.0  #: additional time, for converters that run slow
     name: str = ""  #: name of the assembly, for errors
@@ -68,8 +68,8 @@ class Sample:
                 raise
             raise ValueError(f"assembly {self.name}: {error}") from None
         if self.error_nm is not None:
-            dt = time_step(planned.machine.gearbox, self.sampling_rate, self.error_nm)
-            planned.arguments["solver"] = Solver(dt, "leapfrog", check_friction=False)
+            solver = solver_within(planned.machine.gearbox, self.sampling_rate, self.error_nm)
+            planned.arguments["solver"] = solver
         return planned
 
 

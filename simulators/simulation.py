@@ -47,12 +47,12 @@ _RELAXATION_ROUNDS = 3000
 # Bodies that friction damps: two wheels, the output shaft, and all sleeves (about their axles).
 _OUTPUT = 2
 _FIRST_SPIN = 3
-# Error of the leapfrog rule (Nm rms) over (dt W k)^2 / d, with the input's speed W and one wheel's contact
-# stiffness k and damping d: 60 drawn machines around paper B's gearbox had less, but for a ringing brake.
-_ERROR = 1e-6
+# Errors of rules (Nm rms) over (dt W k)^2 / d, with the input's speed W and one wheel's contact stiffness k
+# and damping d: 60 drawn machines around paper B's gearbox had at most about so much, but for a ringing brake.
+_ERROR = {"leapfrog": 1e-6, "adams_bashforth": 7e-6}
 # Share of the limit of stability that a step takes; factor of force-weighted damping in impacts.
-_SHARE_OF_STABLE, _IMPACTS = 0.75, 3.0
-_STEPS = 5e-6, 1e-5, 5e-5  # smallest step in s, the smallest for accuracy alone, and the largest
+_SHARE_OF_STABLE, _IMPACTS = 0.75, 2.3
+_LARGEST_STEP, _LEAST_STEP = 5e-5, 8e-6  # in s, by choice; below, it is 1e-5 s
 # Number of instants at which the damping by friction is compared with the time step.
 _N_WATCHED = 128
 # A step needs about 100 bytes of memory: 100 million steps are 1000 s and 10 GB.
@@ -662,11 +662,11 @@ def settling_time(gearbox: CycloidalGearbox) -> float:
     return gearbox.ramp_time + max(turn, _N_TIME_CONSTANTS * decay)
 
 
-def time_step(gearbox: CycloidalGearbox, sampling_rate: float, error_nm: float) -> float:
-    """Return the largest step in s of the leapfrog rule with an error of the torque below ``error_nm`` rms.
+def solver_within(gearbox: CycloidalGearbox, sampling_rate: float, error_nm: float) -> Solver:
+    """Return the rule of one stage with the largest step whose error of the torque is below ``error_nm`` rms.
 
-    It is a whole fraction of the sampling interval, smaller where contacts are stiff or barely damped, and
-    where damping or friction would make the rule unstable. The budget alone does not lower it below 1e-5 s.
+    The step is a whole fraction of the sampling interval, smaller where contacts are stiff or barely damped,
+    and where damping or friction would make the rule unstable, but not below about 1e-5 s.
     """
     stiffness, damping, forces = contact_rings(gearbox)
     wheel_stiffness, wheel_damping = float(stiffness.sum()) / 2, float(damping.sum()) / 2
@@ -675,15 +675,21 @@ def time_step(gearbox: CycloidalGearbox, sampling_rate: float, error_nm: float) 
     on_wheel = rub * coefficient / gearbox.friction_transition_speed
     on_wheel += wheel_damping * (_IMPACTS if gearbox.contact_law == "hunt_crossley" else 1.0)
     on_output = float(damping[1]) + gearbox.meter_damping + gearbox.output_bearing_viscosity
-    rate = max(on_wheel / gearbox.wheel_inertia, on_output / gearbox.output_inertia) / _STABLE["leapfrog"]
+    fastest = max(on_wheel / gearbox.wheel_inertia, on_output / gearbox.output_inertia)
     square = _SHARE_OF_STABLE * wheel_stiffness / gearbox.wheel_inertia
-    stable = 2 * _SHARE_OF_STABLE / max(rate + math.sqrt(rate**2 + square), 1.0)
-    moving = abs(gearbox.input_speed) * wheel_stiffness
-    exact = math.sqrt(error_nm * wheel_damping / _ERROR) / max(moving, 1.0)
-    step = max(min(stable, max(exact, _STEPS[1]), _STEPS[2]), _STEPS[0])
-    n_steps = math.ceil(1 / (sampling_rate * step) - 1e-9)
-    # An even number above one: machines with equal steps share batches.
-    return 1 / (sampling_rate * (n_steps if n_steps == 1 else n_steps + n_steps % 2))
+    moving = max(abs(gearbox.input_speed) * wheel_stiffness, 1.0)
+    steps = {}
+    for integrator, error in _ERROR.items():
+        rate = fastest / _STABLE[integrator]
+        stable = 2 * _SHARE_OF_STABLE / max(rate + math.sqrt(rate**2 + square), 1.0)
+        exact = max(math.sqrt(error_nm * wheel_damping / error) / moving, Solver.dt)
+        n_steps = math.ceil(1 / (sampling_rate * min(stable, exact, _LARGEST_STEP)) - 1e-9)
+        # An even number above one: machines with equal steps share batches.
+        steps[integrator] = 1 / (sampling_rate * (n_steps if n_steps == 1 else n_steps + n_steps % 2))
+    integrator = max(steps, key=lambda name: steps[name])
+    if steps[integrator] < _LEAST_STEP:
+        return Solver(integrator="adams_bashforth", check_friction=False)
+    return Solver(steps[integrator], integrator, check_friction=False)
 
 
 def contact_rings(gearbox: CycloidalGearbox) -> tuple[Float, Float, Float]:
