@@ -48,7 +48,7 @@ _RELAXATION_ROUNDS = 3000
 _OUTPUT = 2
 _FIRST_SPIN = 3
 # Errors of rules (Nm rms) over (dt W k)^2 / d, with the input's speed W and one wheel's contact stiffness k
-# and damping d: 60 drawn machines around paper B's gearbox had at most about so much, but for a ringing brake.
+# and damping d; 60 drawn machines around paper B's gearbox had at most so much, but for a ringing brake.
 _ERROR = {"leapfrog": 1e-6, "adams_bashforth": 7e-6}
 # Share of the limit of stability that a step takes; factor of force-weighted damping in impacts.
 _SHARE_OF_STABLE, _IMPACTS = 0.75, 2.3
