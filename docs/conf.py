@@ -100,6 +100,7 @@ RESULTS = {
     "drawn_rigs": "Counters trained on corrected models",
     "posterior_peers": "The joint posterior beside other methods",
     "hidden_effects/README": "Hidden effects: the sets, and how to compete",
+    "real_gaps": "What simulators of two real measurements lack",
     "published_rig": "The rig called published",
     "simulator": "Speed of the simulator",
     "features": "Speed of the features",
