@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from sklearn.utils import Bunch
 
-from cyclofeat.datasets.readers._npz import load_arrays
+from cyclofeat.datasets.readers._binary import load_arrays
 from cyclofeat.datasets.readers._read import file_path
 
 _TABLES = {
@@ -76,12 +76,10 @@ def load_jelmerv_cycloidal() -> Bunch:
         loops : list of Bunch
             28 averaged loops, each with ``kind`` ("play": about 4 Nm, "stiffness": 25 to 40 Nm), ``design``
             ("baseline", "split_pinwheel", "conic_disk"), ``state`` ("initial", "after_runin" or "preload1"
-            to "preload8"), ``name`` (of the array in the file), ``torque`` of shape (n,) in Nm (the motor's,
-            referred to the output) and ``deflection`` of shape (n,) in rad (the motor encoder's, referred to
-            the output).
+            to "preload8"), ``name`` (of the array), and of motor and encoder, referred to the output,
+            ``torque`` (n,) in Nm and ``deflection`` (n,) in rad.
         run_in : list of Bunch
-            Three records, each with ``design``, ``time`` of shape (n,) in s, not evenly spaced, and
-            ``torque`` of shape (n,) in Nm.
+            Three records with ``design``, ``time`` (n,) in s, not evenly spaced, and ``torque`` (n,) in Nm.
         geometry : Bunch
             ``n_pins``, ``n_lobes``, ``n_output_rollers`` and, in m, ``pin_radius``, ``pin_circle_radius``,
             ``eccentricity``, ``clearance``, ``output_roller_radius``, ``output_roller_circle_radius``,
@@ -141,18 +139,12 @@ def load_oedi_gearbox(path: str | os.PathLike[str] | None = None) -> Bunch:
     sklearn.utils.Bunch
         signals : ndarray of shape (20, n_samples, 4), float64
             Acceleration in the unit supplied (not documented); ``n_samples`` is 8192 in the extract.
-        broken_tooth : ndarray of shape (20,), int64
-            1 for the gearbox with a broken tooth, 0 for the healthy one.
-        load_percent : ndarray of shape (20,), int64
-            Load level, 0 to 90 in steps of 10.
-        recording_names : list of str
-            Names of the source files, e.g. "h30hz40".
-        channel_names : list of str
-            "a1" to "a4", the accelerometers.
-        sampling_rate : float
-            12800.0 Hz, inferred from the mesh line.
-        sampling_rate_inferred : bool
-            True: the source does not state the rate.
+        broken_tooth, load_percent : ndarray of shape (20,), int64
+            1 for the gearbox with a broken tooth, 0 for the healthy one; load level, 0 to 90 in steps of 10.
+        recording_names, channel_names : list of str
+            Names of the source files, e.g. "h30hz40", and of the accelerometers, "a1" to "a4".
+        sampling_rate, sampling_rate_inferred : float, bool
+            12800.0 Hz, and True: inferred from the mesh line, since the source does not state it.
         shaft_hz : float
             Nominal speed of the input shaft, 30 Hz; the motor's slip makes it 29.6 to 29.8 Hz.
         DESCR : str

@@ -58,7 +58,7 @@ def make_rig_recordings(
     """Make surrogate recordings: simulated assemblies on an assumed rig, with drift and noise.
 
     Each recording is of another assembly, with its own pins, contacts, speed, load and brake, a random first
-    worn lobe and a random start angle. None of them was recorded on a machine.
+    worn lobe and a random start angle.
 
     Parameters
     ----------
@@ -67,13 +67,11 @@ def make_rig_recordings(
     defect_counts : iterable of int, default 0 to 7
         Numbers of worn lobes.
     rig : {"R0", "R1", "R2", "published"} or Rig, default "R1"
-        Gearbox and effects. All presets are assumptions (:func:`rig_preset`);
-        ``rig_preset("R0").with_added(Hum((0.05, 0.3)))`` has mains hum that differs between assemblies.
+        Gearbox and effects. All presets are assumptions (:func:`rig_preset`).
     lobes : {"consecutive", "random", "mixed"}
         Worn lobes: neighbours from a random first one; any; or one or the other with equal chances.
     wheels : "random" or sequence of int
-        Wheels that carry the wear: wheel 0 alone or both, with equal chances; or ``(0,)``, ``(1,)``,
-        ``(0, 1)``.
+        Wheels that carry the wear: wheel 0 alone or both, with equal chances; or ``(0,)``, ``(0, 1)``.
     wear_um : float or (low, high), optional
         Radial wear of the worn lobes in um, 0 to 200, or a range from which each assembly draws its own
         (:class:`cyclofeat.simulators.LobeDefects`), log-uniform unless the range begins at 0. Default: the
@@ -85,15 +83,13 @@ def make_rig_recordings(
         draws its own (log-uniform). Default: those of the rig's gearbox. Below the gearbox's load, the load
         drift (:class:`cyclofeat.simulators.Drift`) shrinks in proportion to it.
     duration : float, optional
-        Length of each recording in s, default 1.8. It begins when the assembly has settled
-        (``cyclofeat.simulators.simulation.settling_time``).
+        Length of each recording in s, default 1.8. It begins when the assembly has settled.
     output_turns : float, optional
         Length in turns of the output at the nominal speed, instead of ``duration``.
     sampling_rate : float, default 25600
         In Hz.
     random_state : int, optional
-        Seed. The same arguments give the same recordings, to the last bit, for every ``n_jobs``. Default:
-        other recordings each time.
+        Seed. The same arguments give the same recordings, to the last bit, for every ``n_jobs``.
     n_jobs : int, default 1
         Number of threads; -1 for all processors. ``joblib.parallel_config`` chooses other workers.
     with_angle : bool, default False
@@ -102,25 +98,23 @@ def make_rig_recordings(
         Called after each recording with the number done and the total.
     kernel : {"exact", "batch", "auto"}, default "exact"
         See :func:`cyclofeat.simulators.simulate_many`. Batches are several times as fast, in single
-        precision: the torque differs by less than the error of the time step.
+        precision.
     solver : Solver, optional
-        Time step and integrator. ``Solver(integrator="adams_bashforth")`` halves the time and errs by some
-        millinewtonmetres.
+        Time step and integrator.
     quantity : {"output_torque", "input_torque", "motor_current"}, default "output_torque"
         Quantity to record (:meth:`cyclofeat.simulators.Rig.simulate`). For a motor current, a rig without a
         motor is given that of :func:`cyclofeat.simulators.motor_effects`, of the size that the gearbox needs.
     first_assembly : int, default 0
         Assemblies per defect count to leave out before the first: a set may be made in parts.
     keep : callable, optional
-        Called with each recording; what it returns is kept in its place. With one that returns less, such as
-        :meth:`cyclofeat.Windower.at_lowest_rate`, no more than some hundred whole recordings are in memory.
+        Called with each recording; what it returns is kept in its place. Some hundred whole recordings are in
+        memory at once.
 
     Returns
     -------
     list of Recording
         ``n_assemblies * len(defect_counts)`` recordings of ``duration * sampling_rate`` samples (rounded);
-        the defect count runs fastest, so a larger ``n_assemblies`` appends recordings. Another noise changes
-        nothing but the noise; a longer duration appends samples.
+        the defect count runs fastest, so a larger ``n_assemblies`` appends recordings.
 
         Each has ``source="surrogate"``, the assembly ``"<rig>-<random_state>-<index>"``, its worn lobes
         (counted from 0) and their number; ``speed_rpm`` and ``load_nm`` are nominal. ``meta`` holds the true
@@ -131,20 +125,15 @@ def make_rig_recordings(
 
     Raises
     ------
-    ValueError
-        If the rig needs more than a minute to settle, or the motors of four machines drawn for one recording
-        do not hold their speed.
-    SimulationFailed
-        If the simulations of four machines drawn for one recording diverge or lock; the message names
-        assembly, parameters, time and contact.
+    ValueError, SimulationFailed
+        If the rig needs more than a minute to settle; if the motors of four machines drawn for one recording
+        do not hold their speed, or their simulations diverge or lock.
 
     Warns
     -----
     RuntimeWarning
-        If the machine drawn for a recording cannot run: its motor does not hold the speed, its gearbox locks
-        or its simulation diverges. Another is drawn in its place, for the same worn lobes and at the same
-        nominal speed and load. It too follows from ``random_state``, and all other recordings stay as they
-        are.
+        If the machine drawn for a recording cannot run. Another is drawn in its place, for the same worn
+        lobes and at the same nominal speed and load; all other recordings stay as they are.
 
     Examples
     --------

@@ -279,7 +279,9 @@ def check_folder(option: str, path: Path) -> None:
         raise NotADirectoryError(f"{option} must name a folder, {path} is a file")
 
 
-FILES = "recordings (.csv, .csv.gz, .txt, .npz, .tdms, .mat, .parquet, .wav, .xlsx), or folders of them"
+FILES = (
+    "recordings (.csv, .txt, .npz, .tdms, .mat, .h5, .mf4, .parquet, .wav, .xlsx, ...), or folders of them"
+)
 _DELIMITERS = {",": ",", ";": ";", "tab": "\t", "space": " "}
 _COUNT: dict[str, Any] = {"type": whole_number(1), "metavar": "N"}
 
@@ -306,6 +308,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "--delimiter": {"choices": tuple(_DELIMITERS), "help": "separator in text files"},
     "--decimal": {"choices": (",", "."), "help": "mark of the decimals in text files"},
     "--table-line": _COUNT | {"help": "line of the column names in text files, from 1"},
+    "--gaps": {"choices": ("refuse", "cut"), "help": "at gaps in the times: an error (default), or cut"},
 }  # fmt: skip
 READING = (*_OPTIONS, "--no-angle")
 
@@ -342,7 +345,7 @@ def list_entries(paths: Sequence[str]) -> list[Entry]:
     """
     from cyclofeat.datasets.readers import Entry, folder_entries
 
-    def raise_error(error: Exception, *_: object, **__: object) -> Recording:
+    def raise_error(error: Exception, *_: object, **__: object) -> list[Recording]:
         raise error
 
     entries: list[Entry] = []
@@ -356,12 +359,17 @@ def list_entries(paths: Sequence[str]) -> list[Entry]:
 
 @dataclass(frozen=True)
 class FileResult(Generic[T]):
-    """Result of one file, or the error; ``title`` is its path and content in one line."""
+    """Result of a recording, or the error of its file; ``title`` is its path and content in one line."""
 
-    path: Path
+    entry: Entry
     title: str = ""
     value: T | None = None
     error: str = ""
+    number: int = 0  # of the recording in its file
+
+    @property
+    def path(self) -> Path:
+        return self.entry.path
 
     def format_result(
         self, lines: Sequence[str] = (), facts: dict[str, Any] | None = None, *, refused: bool = False
@@ -391,15 +399,21 @@ def process_files(
     options = reading_arguments(arguments)
     with Progress(doing) as progress:
         for done, entry in enumerate(entries, 1):
-            title = ""
+            recordings: list[Recording] = []
+            results: list[FileResult[T]] = []
             try:
-                recording = entry.read(**options)
-                title = name_file(entry.path, one_line(recording))
-                result = FileResult(entry.path, title, work(entry.path, recording))
+                recordings = entry.read(**options)
             except Exception as error:
-                result = FileResult(entry.path, title, error=error_text(error, arguments))
+                results.append(FileResult(entry, error=error_text(error, arguments)))
+            for number, recording in enumerate(recordings):
+                title = ""
+                try:
+                    title = name_file(entry.path, one_line(recording))
+                    results.append(FileResult(entry, title, work(entry.path, recording), number=number))
+                except Exception as error:
+                    results.append(FileResult(entry, title, error=error_text(error, arguments)))
             progress(done, len(entries))
-            yield result
+            yield from results
 
 
 def read_all(paths: Sequence[str], arguments: argparse.Namespace) -> list[Recording]:

@@ -100,9 +100,11 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     options = reading_arguments(arguments)
     counted = (
         CountedRecording(
-            str(entry.path), without_start(entry.read(**options), arguments.skip), result.value[0]
+            str(result.path),
+            without_start(result.entry.read(**options)[result.number], arguments.skip),
+            result.value[0],
         )
-        for entry, result in zip(entries, results, strict=True)
+        for result in results
         if result.value is not None
     )
     failures = {str(result.path): result.error for result in results if result.error}

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+import warnings
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
@@ -41,7 +42,6 @@ _WORDS = {
 }
 
 Float = NDArray[np.float64]
-Channel = str | int
 
 TIME_NAMES = {
     "time", "t", "zeit", "timestamp", "timestamps", "time stamp", "zeitstempel", "datetime", "date time",
@@ -94,18 +94,22 @@ LABELS = (
 # The label of worn lobes in files, which says how they are counted.
 WORN = "worn_lobes_from_1"
 FILE_LABELS = tuple(WORN if name == "worn_lobes" else name for name in LABELS)
+_CHOICES: dict[str, Collection[str]] = {
+    "quantity": QUANTITIES, "time_unit": TIME_UNITS, "angle_unit": ANGLE_UNITS, "decimal": (",", "."),
+    "delimiter": (",", ";", "\t", " "), "gaps": ("refuse", "cut"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class ReadingOptions:
     """Options of :func:`~cyclofeat.datasets.read_recording`, checked; it documents them."""
 
-    channel: Channel | None = None
+    channel: str | int | None = None
     quantity: str | None = None
     sampling_rate: float | None = None
-    time_channel: Channel | Literal[False] | None = None
+    time_channel: str | int | Literal[False] | None = None
     time_unit: str | None = None
-    angle_channel: Channel | Literal[False] | None = None
+    angle_channel: str | int | Literal[False] | None = None
     angle_unit: str | None = None
     pulses_per_turn: int | None = None
     scale: float | None = None
@@ -113,34 +117,22 @@ class ReadingOptions:
     delimiter: str | None = None
     decimal: str | None = None
     table_line: int | None = None
+    gaps: str = "refuse"
 
     def __post_init__(self) -> None:
         if self.sampling_rate is not None:
             check_rate(self.sampling_rate)
-        if self.quantity is not None:
-            checks.one_of("quantity", self.quantity, QUANTITIES)
+        if self.scale is not None and not (checks.is_number(self.scale) and 0 < abs(self.scale) < math.inf):
+            raise ValueError(f"scale must be a finite number other than 0 (Nm per unit), got {self.scale!r}")
         idle = "angle_channel=False" if self.angle_channel is False else "angle_unit=" * bool(self.angle_unit)
         for name in ("table_line", "pulses_per_turn", "counts_per_turn"):
             if getattr(self, name) is not None:
                 checks.whole(name, getattr(self, name), 1)
                 if idle and name != "table_line":
                     raise ValueError(f"{name}= has no effect with {idle}")
-        scale_fits = self.scale is None or (checks.is_number(self.scale) and 0 < abs(self.scale) < math.inf)
-        for argument, fits, expected in (
-            ("scale", scale_fits, "a finite number other than 0 (Nm per unit)"),
-            ("time_unit", self.time_unit in (None, *TIME_UNITS), f"one of {', '.join(TIME_UNITS)}"),
-            ("angle_unit", self.angle_unit in (None, *ANGLE_UNITS), "'rad', 'deg' or 'rev'"),
-            ("decimal", self.decimal in (None, ",", "."), "',' or '.'"),
-            ("delimiter", self.delimiter in (None, ",", ";", "\t", " "), "',', ';', a tab or a space"),
-        ):
-            if not fits:
-                raise ValueError(f"{argument} must be {expected}, got {getattr(self, argument)!r}")
-
-    @property
-    def of_table(self) -> dict[str, Any]:
-        """What is stated of the table of a text."""
-        stated = {name: getattr(self, name) for name in ("delimiter", "decimal", "table_line")}
-        return {name: value for name, value in stated.items() if value is not None}
+        for name, known in _CHOICES.items():
+            if (value := getattr(self, name)) is not None:
+                checks.one_of(name, value, known)
 
     @property
     def without_times(self) -> bool:
@@ -148,77 +140,65 @@ class ReadingOptions:
         return self.time_channel is False or self.time_channel == "none"
 
 
-class Source:
-    """Channels of one file, converted to numbers on demand.
+@dataclass(eq=False)
+class Channel:
+    """One channel of a file; ``read`` returns its numbers or dates as the file holds them, shape (n,).
 
-    Parameters
-    ----------
-    path : pathlib.Path
-    names : list of str
-    units : list of (str or None), optional
-        As the file states them beside the name; where None, the name may state one.
-    plain : list of str, optional
-        Names without a qualifier (a TDMS channel without its group).
+    ``name`` is what users type, ``plain`` the name without its ``group`` (struct, sheet), of which a time
+    channel may be. ``length`` is None where all channels have one, ``usable`` False for what holds no record,
+    ``rates`` what the file states in Hz, and where. ``raw`` says of counts without a scale what they are,
+    and ``segments`` returns the first sample and rate of each where several rates are stated.
     """
 
-    noun, a_noun, plural = "channel", "a channel", "channels"
-    by_index = True  # channels have an order that people can count
-    named = True
-    labels: dict[str, Any] | None = None  # all labels, of a file that write_recording wrote
+    name: str
+    read: Callable[[], NDArray[Any]]
+    unit: str | None = None
+    plain: str = ""
+    group: str | None = None
+    length: int | None = None
+    usable: bool = True
+    rates: Sequence[tuple[float, str]] = ()
+    meta: dict[str, Any] = field(default_factory=dict)
+    raw: str = ""
+    segments: Callable[[], list[tuple[int, float]]] | None = None
+    place: Callable[[int], str] = "sample {}".format
+
+    def __post_init__(self) -> None:
+        self.plain = self.plain or self.name
+        self.base, named = name_and_unit(self.plain)
+        self.unit = clean_unit(self.unit) or named
+        if self.group is None:
+            self.group = self.name[: self.name.rfind(self.plain)]
+
+
+@dataclass
+class Source:
+    """Channels of a file, and its labels: in ``labels`` if :func:`write_recording` wrote it."""
+
+    file: str
+    channels: list[Channel]
+    noun: str = "channel"
+    by_index: bool = True  # channels have an order that people can count
+    named: bool = True
+    labels: dict[str, Any] | None = None
+    other_labels: dict[str, Any] = field(default_factory=dict)
     angle_unit: str | None = None  # of an angle that states none
 
-    def __init__(
-        self,
-        path: Path,
-        names: list[str],
-        units: list[str | None] | None = None,
-        plain: list[str] | None = None,
-    ) -> None:
-        self.path, self.file, self.names = path, path.name, names
-        self.plain = names if plain is None else plain
-        split = [name_and_unit(name) for name in self.plain]
-        self.bases = [base for base, _ in split]
-        stated = [None] * len(names) if units is None else [clean_unit(unit) for unit in units]
-        self.units = [unit or named for unit, (_, named) in zip(stated, split, strict=True)]
-        self.other_labels: dict[str, Any] = {}
+    @property
+    def names(self) -> list[str]:
+        return [channel.name for channel in self.channels]
 
-    # What each kind of file defines.
+    def call(self, channel: Channel) -> str:
+        """Return what messages call a channel."""
+        return f"{self.file}: {self.noun} {channel.name!r}"
 
-    def raw_values(self, index: int) -> NDArray[Any]:
-        """Values of one channel as the file holds them, shape (n,): numbers, or dates."""
-        raise NotImplementedError
-
-    def is_usable(self, index: int) -> bool:
-        """Return True if a channel may hold a record; used if no name identifies the torque."""
-        return True
-
-    def stated_rates(self, torque: int) -> list[tuple[float, str]]:
-        """Sampling rates in Hz that the file states for a channel, and where it does."""
-        return []
-
-    def length(self, index: int) -> int | None:
-        """Number of values of a channel; None in files whose channels are all of one length."""
-        return None
-
-    def group_of(self, index: int) -> str:
-        """Name of the group, struct or sheet of a channel."""
-        return self.names[index][: self.names[index].rfind(self.plain[index])]
-
-    def channel_meta(self, torque: int) -> dict[str, Any]:
-        """Return other statements of the file about a channel."""
-        return {}
-
-    def check_torque(self, torque: int, scale: float | None) -> None:
-        """Raise ``ValueError`` where the torque's channel holds raw counts and no scale is given."""
-
-    def sample_place(self, sample: int) -> str:
-        """Return the place of a sample in the file, for messages."""
-        return f"sample {sample}"
-
-    def column_values(self, index: int) -> Float:
+    def column_values(self, channel: Channel) -> Float:
         """Numbers of one channel, checked: real, finite, at least two."""
-        values = self.raw_values(index)
-        called = f"{self.file}: {self.noun} {self.names[index]!r}"
+        return self.check_values(channel, channel.read())
+
+    def check_values(self, channel: Channel, values: NDArray[Any]) -> Float:
+        """Return values as numbers; raise ``ValueError`` where they are no finite real numbers."""
+        called = self.call(channel)
         if values.dtype.kind not in "iuf" or values.ndim != 1:
             raise ValueError(
                 f"{called} must be 1-D and hold real numbers, got shape {values.shape} of dtype "
@@ -229,137 +209,134 @@ class Source:
         numbers = np.asarray(values, dtype=np.float64)
         if not np.all(np.isfinite(numbers)):
             where = int(np.argmax(~np.isfinite(numbers)))
-            raise ValueError(f"{called} must be finite, got {numbers[where]} at {self.sample_place(where)}")
+            raise ValueError(f"{called} must be finite, got {numbers[where]} at {channel.place(where)}")
         return numbers
 
-    def time_values(self, index: int) -> NDArray[Any]:
-        """Numbers or dates of a column of times."""
-        values = self.raw_values(index)
-        return values if values.dtype.kind in "mM" else self.column_values(index)
-
-    def channel_names(self) -> str:
-        """Return the names of all channels, for messages."""
-        text = ", ".join(map(repr if self.named else str, self.names[:40])) or "none"
-        text += f" and {len(self.names) - 40} more" if len(self.names) > 40 else ""
+    def list_names(self, channels: Sequence[Channel] | None = None) -> str:
+        """Return the names of channels, by default of all, for messages."""
+        names = [channel.name for channel in self.channels if channels is None or channel in channels]
+        text = ", ".join(map(repr if self.named else str, names[:40])) or "none"
+        text += f" and {len(names) - 40} more" if len(names) > 40 else ""
         return text + ("" if self.named else " (no names in the file)")
 
-    def find_channel(self, argument: str, wanted: Any, usual: set[str]) -> int | None:
-        """Index of the wanted channel, else of the one with a usual name, else None."""
+    def find_channel(self, argument: str, wanted: Any, usual: Collection[str] = ()) -> Channel | None:
+        """Return the wanted channel, else the one with a usual name, else None."""
         if wanted is None:
-            return self._only_match(argument, [i for i, base in enumerate(self.bases) if base in usual])
+            return self._only_match(argument, [channel for channel in self.channels if channel.base in usual])
+        exist = f"{self.noun}s are {self.list_names()}"
         if not isinstance(wanted, str) and not (self.by_index and checks.is_whole(wanted)):
             index = " or index from 0" if self.by_index else ""
-            raise TypeError(
-                f"{argument} must be {self.a_noun}'s name{index}, got {wanted!r}; {self.plural} are "
-                f"{self.channel_names()}"
-            )
-        matches: list[int] = []
-        if isinstance(wanted, str):
-            named = ((self.names, wanted), (self.plain, wanted), (self.bases, wanted.strip().lower()))
-            for names, name in named:
-                matches = matches or [i for i, candidate in enumerate(names) if candidate == name]
-        if not matches and self.by_index and str(wanted).isdecimal() and int(wanted) < len(self.names):
-            matches = [int(wanted)]
+            raise TypeError(f"{argument} must be the {self.noun}'s name{index}, got {wanted!r}; {exist}")
+        matches: list[Channel] = []
+        for name in ("name", "plain", "base"):
+            asked = str(wanted).strip().lower() if name == "base" else wanted
+            matches = matches or [channel for channel in self.channels if getattr(channel, name) == asked]
+        if not matches and self.by_index and str(wanted).isdecimal() and int(wanted) < len(self.channels):
+            matches = [self.channels[int(wanted)]]
+        if len(matches) == 1:
+            return matches[0]
         if not matches:
-            raise ValueError(
-                f"{self.file}: {argument} = {wanted!r} does not exist; {self.plural} are "
-                f"{self.channel_names()}"
-            )
-        if len(matches) > 1:
-            listed = ", ".join(repr(self.names[i]) for i in matches)
-            which = f"{matches}; give one index" if self.by_index else listed
-            raise ValueError(f"{self.file}: {argument} = {wanted!r} fits several {self.plural}: {which}")
-        return matches[0]
+            raise ValueError(f"{self.file}: {argument} = {wanted!r} does not exist; {exist}")
+        which = self.list_names(matches)
+        if self.by_index:
+            which = f"{[self.channels.index(channel) for channel in matches]}; give one index"
+        raise ValueError(f"{self.file}: {argument} = {wanted!r} fits several {self.noun}s: {which}")
 
     def find_torque(
-        self, wanted: Channel | None, others: set[int | None], quantity: str | None = None
-    ) -> int:
-        """Index of the channel that holds the quantity, by default the output torque.
+        self, wanted: str | int | None, others: set[Channel | None], quantity: str | None
+    ) -> Channel:
+        """Return the channel that holds the quantity, by default the output torque.
 
         Its name decides, then its unit, then that it is the only one. A channel that names another quantity
         is taken only if both the channel and the quantity were stated.
         """
-        if not self.names:
+        if not self.channels:
             raise ValueError(f"{self.file} holds no {self.noun}")
         sought = quantity or "output_torque"
         if wanted is not None:
-            index = self.find_channel("channel", wanted, set())
-            assert index is not None
-            return index if quantity else self._check_quantity(index, sought)
-        free = [i for i in range(len(self.names)) if i not in others]
-        suitable = [i for i in free if named_quantity(self.bases[i]) in (None, sought)]
-        index = self._only_match("channel", [i for i in free if is_usual(self.bases[i], sought)])
-        if index is None:
-            by_unit = [i for i in suitable if self.units[i] in UNITS_OF[sought] and self.is_usable(i)]
-            index = self._only_match("channel", by_unit)
-        if index is not None:
-            return index
-        usable = [i for i in free if self.is_usable(i)]
-        known_units = TORQUE_UNITS | CURRENT_UNITS
-        named = [i for i in usable if any(is_usual(self.bases[i], quantity) for quantity in UNITS_OF)]
-        for only in (usable, [i for i in usable if i in named or self.units[i] in known_units]):
+            channel = self.find_channel("channel", wanted)
+            assert channel is not None
+            return channel if quantity else self._check_quantity(channel, sought)
+        free = [channel for channel in self.channels if channel not in others]
+        usable = [channel for channel in free if channel.usable]
+        suitable = [channel for channel in usable if named_quantity(channel.base) in (None, sought)]
+        for fitting in (
+            [channel for channel in free if is_usual(channel.base, sought)],
+            [channel for channel in suitable if channel.unit in UNITS_OF[sought]],
+        ):
+            if match := self._only_match("channel", fitting):
+                return match
+        known = [
+            channel for channel in usable
+            if channel.unit in TORQUE_UNITS | CURRENT_UNITS
+            or any(is_usual(channel.base, quantity) for quantity in UNITS_OF)
+        ]  # fmt: skip
+        for only in (usable, known):
             if len(only) == 1:
                 return self._check_quantity(only[0], sought)
         raise ValueError(
             f"{self.file}: channel= must be given, to say which {self.noun} is the "
-            f"{in_words(quantity) if quantity else 'torque'}: {self.channel_names()}"
+            f"{in_words(quantity) if quantity else 'torque'}: {self.list_names()}"
         )
 
-    def _only_match(self, argument: str, matches: list[int]) -> int | None:
+    def _only_match(self, argument: str, matches: list[Channel]) -> Channel | None:
         """Return the only match, or None without one; raise ``ValueError`` for several."""
         if len(matches) > 1:
-            names = ", ".join(repr(self.names[i]) for i in matches)
             raise ValueError(
-                f"{self.file}: {argument}= must be given, since several {self.plural} fit: {names}"
+                f"{self.file}: {argument}= must be given, since several {self.noun}s fit: "
+                f"{self.list_names(matches)}"
             )
         return matches[0] if matches else None
 
-    def _check_quantity(self, index: int, sought: str) -> int:
+    def _check_quantity(self, channel: Channel, sought: str) -> Channel:
         """Return the channel; raise ``ValueError`` if its name or unit is of another quantity."""
-        stated = named_quantity(self.bases[index])
-        if stated is None and self.units[index] in CURRENT_UNITS:
+        stated = named_quantity(channel.base)
+        if stated is None and channel.unit in CURRENT_UNITS:
             stated = "motor_current"
         if stated in (None, sought):
-            return index
+            return channel
         raise ValueError(
-            f"{self.file}: {self.noun} {self.names[index]!r} holds {in_words(stated)} by its name or unit, "
-            f"not {in_words(sought)}: give quantity={stated!r}, or channel= and quantity={sought!r} if the "
-            "name is wrong"
+            f"{self.call(channel)} holds {in_words(stated)} by its name or unit, not {in_words(sought)}: "
+            f"give quantity={stated!r}, or channel= and quantity={sought!r}"
+            + " and scale=" * (channel.unit in CURRENT_UNITS)
+            + " if the name is wrong"
         )
 
-    def unit_factor(self, index: int, scale: float | None, quantity: str) -> tuple[float, str | None]:
+    def unit_factor(self, channel: Channel, scale: float | None, quantity: str) -> tuple[float, str | None]:
         """Nm or A per unit of a channel, and which of them; None where Nm, or A of a current, is assumed.
 
         A share of the rated current stays as it is. A scale of a current in A or mA is its torque constant,
         after which the samples are in Nm.
         """
-        unit, usual = self.units[index], next(iter(UNITS_OF[quantity]))
+        unit, usual = channel.unit, next(iter(UNITS_OF[quantity]))
         known = UNITS_OF[quantity] | (RELATIVE_UNITS | TORQUE_UNITS if quantity == "motor_current" else {})
         if scale is not None:
             return float(scale), "Nm" if unit in CURRENT_UNITS else usual
+        if channel.raw:
+            raise ValueError(f"{self.call(channel)} holds {channel.raw}")
         if unit is None:
             return 1.0, None
         if unit not in known:
             raise ValueError(
-                f"{self.file}: channel {self.names[index]!r} is in {unit!r}, known are {', '.join(known)}; "
+                f"{self.call(channel)} is in {unit!r}, known are {', '.join(known)}; "
                 f"give scale= ({usual} per unit)" + ", or quantity='motor_current'" * (unit in CURRENT_UNITS)
             )
         if unit in RELATIVE_UNITS:
             return known[unit], unit.removeprefix("0.1")
         return known[unit], "Nm" if unit in TORQUE_UNITS else "A"
 
-    def angle_factor(self, index: int, angle_unit: str | None) -> tuple[float, bool]:
+    def angle_factor(self, channel: Channel, angle_unit: str | None) -> tuple[float, bool]:
         """Radians per unit of the angle's channel, and whether that is assumed."""
-        stated, name = self.units[index], self.names[index]
+        stated = channel.unit
         if stated in ANGLE_UNITS and angle_unit is not None and stated != angle_unit:
             raise ValueError(
-                f"{self.file}: angle_unit = {angle_unit!r} contradicts the {self.noun} {name!r}, which is in "
-                f"{stated}"
+                f"{self.file}: angle_unit = {angle_unit!r} contradicts the {self.noun} {channel.name!r}, "
+                f"which is in {stated}"
             )
         unit = angle_unit or stated or self.angle_unit
         if unit not in ANGLE_UNITS:
             raise ValueError(
-                f"{self.file}: {self.noun} {name!r} does not state its unit (rad, deg or rev); {ANGLE_REMEDY}"
+                f"{self.call(channel)} does not state its unit (rad, deg or rev); {ANGLE_REMEDY}"
             )
         return ANGLE_UNITS[unit], angle_unit is None and stated is None
 
@@ -400,9 +377,14 @@ def check_claim(path: Path, n_bytes: int) -> None:
         )
 
 
-def largest_unpacked(path: Path) -> int:
-    """Return the bytes that a compressed file of this size may unpack to: 2 GB, or 30 times its size."""
-    return max(LARGEST_UNPACKED, _USUAL_RATIO * path.stat().st_size)
+def check_unpacked(path: Path, n_bytes: int, of_it: str = "") -> None:
+    """Raise ``ValueError`` where a compressed file unpacks to over 2 GB and over 30 times its size."""
+    limit = max(LARGEST_UNPACKED, _USUAL_RATIO * path.stat().st_size)
+    if n_bytes > limit:
+        raise ValueError(
+            f"{path.name} takes {n_bytes / 1e9:.3g} GB when unpacked{of_it}; at most {limit / 1e9:.3g} GB "
+            f"are unpacked from {path.stat().st_size / 1e6:.3g} MB: split it, or save it unpacked"
+        )
 
 
 @contextmanager
@@ -430,7 +412,9 @@ def whole_rate(rate: float, share: float = 1e-9) -> float:
 def import_library(module: str, suffix: str, library: str) -> Any:
     """Return the module that reads files of a kind; the error names the library that has it."""
     try:
-        return import_module(module)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # of libraries that these import
+            return import_module(module)
     except ImportError:
         raise ImportError(f"reading {suffix} files needs {library}: pip install {library}") from None
 
@@ -484,7 +468,7 @@ def labels_of_file(file: str, stated: Mapping[str, Any], version: Any = None) ->
     return labels
 
 
-def check_no_bare_lobes(file: str, names: Iterable[str]) -> None:
+def check_no_bare_lobes(file: str, names: Collection[str]) -> None:
     """Raise ``ValueError`` for a name that does not say from where the lobes are counted."""
     if "worn_lobes" in names:
         raise ValueError(

@@ -1,15 +1,19 @@
-"""Reader and writer of CSV files, of text in any encoding, packed with gzip or not."""
+"""Readers of text in any encoding, packed with gzip or not, and of Excel workbooks; writer of CSV files."""
 
 from __future__ import annotations
 
 import codecs
+import datetime
 import gzip
 import io
 import json
-import math
 import re
+import warnings
+import zipfile
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from itertools import islice, takewhile
 from pathlib import Path
@@ -24,14 +28,17 @@ from cyclofeat.datasets.readers._columns import (
     FORMAT,
     LABELS,
     VERSION,
+    Channel,
+    ReadingOptions,
     Source,
     check_rate,
+    check_unpacked,
     explain_damage,
+    import_library,
     labels_of_file,
-    largest_unpacked,
     samples_name,
 )
-from cyclofeat.datasets.readers._table import HEAD_LINES, find_table, parse_clock, split_row
+from cyclofeat.datasets.readers._table import HEAD_LINES, Table, find_table, parse_clock, split_row
 from cyclofeat.recordings import Recording
 
 _LONGEST_LINE = 2**20  # a longer one is no row of samples, and splitting it would take long
@@ -71,16 +78,15 @@ class TextLines:
                 "characters; one row per sample is right"
             )
         marked = next((encoding for mark, encoding in _MARKS if start.startswith(mark)), None)
-        limit, wrong = largest_unpacked(path) if self.packed else math.inf, 0
+        wrong = 0
         for self.encoding in _UNMARKED if marked is None else (marked,):
-            decoder, size, block, failed = codecs.getincrementaldecoder(self.encoding)(), 0, b" ", False
+            decoder, size, block = codecs.getincrementaldecoder(self.encoding)(), 0, b" "
             with self._open_bytes() as file:
-                while block and not failed:
-                    block, before = file.read(_BLOCK), size - len(decoder.getstate()[0])
+                while block:
+                    block = file.read(_BLOCK)
                     size += len(block)
-                    if size > limit:
-                        too_large = f"takes more than {limit / 1e9:.3g} GB when unpacked"
-                        raise ValueError(f"{path.name} {too_large}: unpack it, or split it")
+                    if self.packed:
+                        check_unpacked(path, size)
                     if marked is None and b"\0" in block:
                         raise ValueError(
                             f"{path.name} holds binary data, or UTF-16 without a byte-order mark; {_REMEDY}"
@@ -88,9 +94,10 @@ class TextLines:
                     try:
                         decoder.decode(block, final=not block)
                     except UnicodeDecodeError as error:
-                        wrong, failed = before + error.start, True
-            if not failed:
-                return
+                        wrong = size - len(error.object) + error.start
+                        break
+                else:
+                    return
         known = marked or "UTF-8, Latin-1, or UTF-16 with a byte-order mark"
         raise ValueError(f"{path.name} is not text in {known} (byte {wrong}); {_REMEDY}")
 
@@ -116,38 +123,57 @@ class TextLines:
             yield cast("IO[bytes]", packed)
 
 
-class CsvSource(Source):
-    """Columns of a text file, or of lines that can be read several times; ``stated`` is for `find_table`."""
+def open_text(path: Path, reading: ReadingOptions) -> Source:
+    """Return the columns of a text file."""
+    return open_lines(path, reading, TextLines(path), "line {}")
 
-    noun, a_noun, plural = "column", "a column", "columns"
-    has_text_numbers = True  # a point in them may separate thousands
 
-    def __init__(self, path: Path, stated: dict[str, Any], lines: Iterable[str] | None = None) -> None:
-        self.file = path.name
-        self.lines = TextLines(path) if lines is None else lines
-        head = list(islice(self.lines, HEAD_LINES))
-        self.labels = labels_from_comments(self.file, takewhile(lambda line: line.startswith("#"), head))
-        self.table = find_table(head, self.file, stated)
-        self.decimal, self.decimal_stated = self.table.decimal, stated.get("decimal") is not None
-        self.named = self.table.names is not None
-        self.arrays: dict[int, NDArray[Any]] = {}  # columns that pyarrow has read
-        super().__init__(
-            path, self.table.names or [str(j) for j in range(self.table.width)], self.table.units
+def open_lines(path: Path, reading: ReadingOptions, lines: Iterable[str], place: str) -> Source:
+    """Return the columns of lines that can be read several times; ``place`` is what messages call a line."""
+    head = list(islice(lines, HEAD_LINES))
+    labels = labels_from_comments(path.name, takewhile(lambda line: line.startswith("#"), head))
+    table = find_table(head, path.name, reading)
+    is_text = isinstance(lines, TextLines)  # in which a point may separate thousands
+    certain = labels is not None or reading.decimal is not None or not is_text
+    columns = _Columns(path, lines, table, place, certain, reading.decimal is not None)
+    length = None if is_text else len(list(lines)) - table.first
+    channels = [
+        Channel(
+            name, partial(columns.read, index), unit, usable=index in table.numeric, rates=table.rates,
+            length=length, meta=columns.meta, place=columns.place,
         )
+        for index, (name, unit) in enumerate(zip(columns.names, table.units, strict=True))
+    ]  # fmt: skip
+    return Source(path.name, channels, "column", named=table.names is not None, labels=labels)
 
-    def is_usable(self, index: int) -> bool:
-        return index in self.table.numeric
 
-    def stated_rates(self, torque: int) -> list[tuple[float, str]]:
-        return self.table.rates
+class _Columns:
+    """Columns of a table in lines; ``certain`` says that points and commas need no second thought."""
 
-    def sample_place(self, sample: int) -> str:
-        return f"line {self.table.first + 1 + sample}"
+    def __init__(
+        self, path: Path, lines: Iterable[str], table: Table, place: str, certain: bool, grouped: bool
+    ) -> None:
+        self.path, self.file, self.lines, self.table, self.row = path, path.name, lines, table, place
+        self.certain, self.grouped = certain, grouped
+        self.names = table.names or [str(index) for index in range(table.width)]
+        self.decimal = table.decimal
+        self.meta: dict[str, Any] = {"table": table.describe()}
+        if self.decimal == ",":
+            self.meta |= {"decimal_comma": True}
+        self.arrays: dict[int, NDArray[Any]] = {}  # columns that pyarrow has read
 
-    def channel_meta(self, torque: int) -> dict[str, Any]:
-        return ({"decimal_comma": True} if self.decimal == "," else {}) | {"table": self.table.describe()}
+    def place(self, sample: int) -> str:
+        return self.row.format(self.table.first + 1 + sample)
 
-    def _column_parts(self, index: int) -> Iterator[tuple[int, list[str]]]:
+    def read(self, index: int) -> NDArray[Any]:
+        """Return the numbers of a column, or its times of day."""
+        if index not in self.table.numeric:
+            times = parse_clock(cell for _, cells in self._parts(index) for cell in cells)
+            if times is not None:
+                return times
+        return self._read_numbers(index)
+
+    def _parts(self, index: int) -> Iterator[tuple[int, list[str]]]:
         """Yield the cells of a column in parts, with the number of the first sample of each."""
         table, rows, start = self.table, islice(self.lines, self.table.first, None), 0
         while part := list(islice(rows, _PART)):
@@ -157,41 +183,45 @@ class CsvSource(Source):
                 if not table.width <= len(parts) <= table.widest or not row.strip():
                     came = number_of(len(parts), "column") if row.strip() else "an empty line"
                     raise ValueError(
-                        f"{self.file}: {self.sample_place(number)} must have {table.width} columns as the "
-                        f"first row has, got {came}"
+                        f"{self.file}: {self.place(number)} must have {table.width} columns as the first row "
+                        f"has, got {came}"
                     )
                 cells.append(parts[index])
             yield start, cells
             start += len(part)
 
-    def raw_values(self, index: int) -> NDArray[Any]:
+    def _read_numbers(self, index: int) -> NDArray[Any]:
         parts, marks, column = [], dict[str, str](), f"column {self.names[index]!r}"
-        certain = self.labels is not None or self.decimal_stated or not self.has_text_numbers
-        may_switch = self.decimal == "." and self.table.delimiter != "," and not certain
-        for start, cells in self._column_parts(index):
+        for start, cells in self._parts(index):
             numbers = []
             for number, cell in enumerate(cells, start):
+                place = f"{self.file}: {self.place(number)}, {column} holds"
                 if (kind := _mark_of(cell, self.decimal)) not in marks:
-                    marks[kind] = f"{self.file}: {self.sample_place(number)}, {column} holds {cell.strip()!r}"
+                    marks[kind] = f"{place} {cell.strip()!r}"
                 try:
                     numbers.append(self._parse_number(cell))
                 except ValueError:
-                    if may_switch and "other" in marks:
+                    if (
+                        self.decimal == "."
+                        and "other" in marks
+                        and self.table.delimiter != ","
+                        and not self.certain
+                    ):
                         self.decimal = ","  # in none of the first lines
-                        return self.raw_values(index)
+                        self.meta |= {"decimal_comma": True}
+                        return self._read_numbers(index)
+                    if not cell.strip():
+                        raise ValueError(f"{place} nothing; it must hold a number") from None
                     shown = cell if len(cell) <= 60 else f"{cell[:60]}..."
-                    holds = f"{shown!r}, which is not a number"
-                    raise ValueError(
-                        f"{self.file}: {self.sample_place(number)}, {column} holds "
-                        + (holds if cell.strip() else "nothing; it must hold a number")
-                    ) from None
+                    raise ValueError(f"{place} {shown!r}, which is not a number") from None
             parts.append(np.array(numbers, dtype=np.float64))
-            values = self._read_at_once(index) if start == 0 and (certain or "decimal" in marks) else None
-            if values is not None:
-                return values
-        if not certain and self.decimal == "," and "other" in marks:
+            if start == 0 and (self.certain or "decimal" in marks):
+                values = self._read_at_once(index)
+                if values is not None:
+                    return values
+        if not self.certain and self.decimal == "," and "other" in marks:
             raise ValueError(f"{marks['other']}, but other numbers have a decimal comma: {_THOUSANDS}")
-        if not certain and "decimal" not in marks and {"grouped", "bare"} <= marks.keys():
+        if not self.certain and "decimal" not in marks and {"grouped", "bare"} <= marks.keys():
             raise ValueError(f"{marks['grouped']}, but others are whole: {_THOUSANDS}")
         return np.concatenate(parts) if parts else np.empty(0)
 
@@ -224,15 +254,9 @@ class CsvSource(Source):
     def _parse_number(self, cell: str) -> float:
         if "_" in cell:  # 1_000 is a number in Python only
             raise ValueError(cell)
-        if self.decimal == ",":
-            return float((cell.replace(".", "") if self.decimal_stated else cell).replace(",", "."))
-        return float(cell.replace(",", "") if self.decimal_stated else cell)
-
-    def time_values(self, index: int) -> NDArray[Any]:
-        if index in self.table.numeric:
-            return self.column_values(index)
-        times = parse_clock([cell for _, cells in self._column_parts(index) for cell in cells])
-        return self.column_values(index) if times is None else times
+        if self.grouped:
+            cell = cell.replace("." if self.decimal == "," else ",", "")
+        return float(cell.replace(",", ".") if self.decimal == "," else cell)
 
 
 def _mark_of(cell: str, decimal: str) -> str:
@@ -242,6 +266,64 @@ def _mark_of(cell: str, decimal: str) -> str:
             return "other"
         return "bare" if len(cell.strip().lstrip("+-")) <= 3 else "decimal"  # 1234 has no mark
     return "grouped" if re.fullmatch(r"[+-]?[1-9]\d{0,2}([.,]\d{3})+", cell.strip()) else "decimal"
+
+
+def open_xlsx(path: Path, reading: ReadingOptions) -> Source:
+    """Return the columns of a workbook, named ``sheet/column`` where several sheets hold something.
+
+    A sheet is read as a CSV file is: names, units below them, one row per sample. Formulas have the values
+    that were stored with them.
+    """
+    sheets: list[tuple[str, list[list[str]]]] = []
+    openpyxl = import_library("openpyxl", ".xlsx", "openpyxl")
+    with explain_damage(path, "an Excel workbook"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of styles and extensions that are not kept
+        with zipfile.ZipFile(path) as archive:
+            check_unpacked(path, sum(info.file_size for info in archive.infolist()))
+        with closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
+            for sheet in book.worksheets:
+                sheet.reset_dimensions()  # some programs state wrong ones
+                rows, blank = [], list[str]()  # one for all rows: there may be a million
+                for row in sheet.iter_rows(values_only=True):
+                    cells = [_cell_text(cell) for cell in row]
+                    while cells and not cells[-1].strip():
+                        cells.pop()
+                    rows.append(cells or blank)
+                while rows and not rows[-1]:
+                    rows.pop()
+                if len(rows) > 1:  # names or notes, and something below them
+                    sheets.append((str(sheet.title), rows))
+    if not sheets:
+        raise ValueError(f"{path.name} holds no sheet with data")
+    tables, errors = [], []
+    for title, rows in sheets:
+        width, lines = max(map(len, rows)), []
+        for cells in rows:
+            is_label = cells and cells[0].startswith("#")  # whose commas became borders of cells
+            # Quotation marks at the start of a cell would join it with the next.
+            padded = cells if is_label else [cell.strip('"') for cell in cells] + [""] * (width - len(cells))
+            lines.append(("," if is_label else "\t").join(padded))
+        of_sheet = f" of sheet {title!r}" if len(sheets) > 1 else ""
+        try:
+            table = open_lines(path, replace(reading, delimiter="\t"), lines, f"row {{}}{of_sheet}")
+        except ValueError as error:  # a sheet of notes
+            errors.append(error)
+            continue
+        for channel in table.channels if of_sheet else ():
+            channel.group = f"{title}/"
+            channel.name = channel.group + channel.name
+        tables.append(table)
+    if not tables:
+        raise errors[0]
+    if len(sheets) == 1:
+        return tables[0]
+    return Source(path.name, [channel for table in tables for channel in table.channels], "column")
+
+
+def _cell_text(cell: Any) -> str:
+    if isinstance(cell, (datetime.datetime, datetime.date)):
+        return cell.isoformat()
+    return "" if cell is None else re.sub(r"\s", " ", str(cell))  # line ends and tabs would separate cells
 
 
 def write_csv(file: IO[bytes], recording: Recording, labels: dict[str, Any]) -> None:

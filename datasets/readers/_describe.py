@@ -21,7 +21,7 @@ _MOST_CLIPPED, _MOST_DROPPED, _SPEED_TOLERANCE = 1e-3, 1e-4, 0.015
 _PARTS, _OTHER_LEVEL, _OTHER_SPEED = 50, (0.5, 0.2), (0.1, 0.1)
 
 # Facts that a recording's meta and attributes of these names state.
-_OF_FILE = ("file", "rate_from", "time_jitter", "gaps", "start_time", "table")
+_OF_FILE = ("file", "rate_from", "time_jitter", "gaps", "part", "start_time", "table")
 _OF_RECORDING = (
     "quantity", "unit", "sampling_rate", "n_samples", "speed_rpm", "load_nm", "assembly", "run",
     "defect_count", "source",
@@ -45,16 +45,15 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
         ``sampling_rate`` (Hz), ``rate_from``, ``n_samples``, ``duration_s``, ``angle`` (shaft and kind of
         zero), ``angle_unit_assumed``, ``speed_rpm``, ``load_nm``, ``assembly``, ``run``, ``defect_count``,
         ``worn_lobes_from_1``, ``source``, ``time_jitter`` (samples), ``gaps`` (list of [sample after it,
-        samples missing]), ``start_time``, ``table`` (how a text was read).
+        samples missing]), ``part`` (stretch between gaps), ``start_time``, ``table`` (how a text was read).
 
-        ``clipped_share`` : share of samples at the record's largest or smallest value where samples pile up
-        there. ``dropout_share`` : share of samples that repeat one value for much longer than usual, or are
-        exactly 0 between values far from it.
+        ``clipped_share``, ``dropout_share`` : shares of samples at the record's largest or smallest value,
+        where samples pile up there; and of those that repeat one value for long, or are 0 amid other values.
 
-        ``speed_measured_rpm`` : input speed by the angle, else by the lobe lines (``speed_from``).
-        ``speed_deviation`` : its relative deviation from the nominal speed. ``output_turns``,
-        ``whole_output_turns`` and ``unused_s`` : output turns recorded, and the rest after whole ones, in s.
-        ``run_up_s`` : time at the start, in s, in which speed or mean torque differ from the rest.
+        ``speed_measured_rpm`` : input speed by the angle, else by the lobe lines (``speed_from``), and its
+        relative deviation ``speed_deviation`` from the nominal one. ``output_turns``, ``whole_output_turns``
+        and ``unused_s`` : output turns recorded, and the rest after whole ones, in s. ``run_up_s`` : time at
+        the start, in s, in which speed or mean torque differ from the rest.
 
         ``warnings`` : list of str, what would spoil a count.
 
@@ -233,6 +232,7 @@ def one_line(recording: Recording) -> str:
     """
     torque, meta = recording.torque, recording.meta or {}
     names = [str(meta["file"])] if meta.get("file") else []
+    names += [f"part {meta['part']}"] if meta.get("part") else []
     labels = {"run": recording.run, "assembly": recording.assembly}
     names += [f"{key} {label!r}" for key, label in labels.items() if label is not None]
     low, high = torque.min(), torque.max()

@@ -12,13 +12,13 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import QUANTITIES, from_1, join_errors
 from cyclofeat.datasets.readers._columns import WORN, check_no_bare_lobes
 from cyclofeat.datasets.readers._csv import TextLines
-from cyclofeat.datasets.readers._read import SOURCES, file_path, read_recording, write_recording
+from cyclofeat.datasets.readers._read import SOURCES, file_path, read_stretches, write_recording
 from cyclofeat.datasets.readers._table import split_row
 from cyclofeat.recordings import Recording
 
@@ -34,38 +34,30 @@ def _parse_lobes(cell: str) -> tuple[int, ...]:
     return tuple(int(lobe) - 1 for lobe in cell.replace(",", " ").replace(";", " ").split())
 
 
-class _Column(NamedTuple):
-    """Column of a manifest: the argument of read_recording that it becomes, and what its cells must be."""
-
-    argument: str
-    convert: Callable[[str], Any] = str
-    fits: Callable[[Any], bool] = lambda value: True
-    right: str = ""
-
-
-_TEXTS = (
-    "file", "channel", "time_channel", "time_unit", "angle_channel", "angle_unit", "delimiter", "decimal",
-    "run", "source", "assembly", "angle_of",
-)  # fmt: skip
-_COUNTS = ("pulses_per_turn", "counts_per_turn", "table_line")
-_COLUMNS = {
-    **{name: _Column(name) for name in _TEXTS},
-    **{name: _Column(name, int, lambda count: count >= 1, "a whole number from 1") for name in _COUNTS},
-    "quantity": _Column("quantity", str, QUANTITIES.__contains__, f"one of {', '.join(QUANTITIES)}"),
-    "sampling_rate": _Column("sampling_rate", float, lambda rate: 0 < rate < math.inf, "a positive number"),
-    "scale": _Column("scale", float, lambda x: x != 0 and math.isfinite(x), "a number other than 0"),
-    "defect_count": _Column("defect_count", int, lambda count: count >= 0, "a whole number from 0"),
-    WORN: _Column(
-        "worn_lobes", _parse_lobes, lambda lobes: min(lobes, default=0) >= 0,
+# Columns of a manifest: what their cells are, and what else they must be.
+_COLUMNS: dict[str, tuple[Callable[[str], Any], Callable[[Any], bool], str]] = {
+    **dict.fromkeys(
+        ("file", "channel", "time_channel", "time_unit", "angle_channel", "angle_unit", "delimiter",
+         "decimal", "gaps", "run", "source", "assembly", "angle_of"), (str, bool, "text"),
+    ),
+    **dict.fromkeys(
+        ("pulses_per_turn", "counts_per_turn", "table_line"), (int, lambda x: x >= 1, "a whole number from 1")
+    ),
+    "quantity": (str, QUANTITIES.__contains__, f"one of {', '.join(QUANTITIES)}"),
+    **dict.fromkeys(("sampling_rate", "speed"), (float, lambda x: 0 < x < math.inf, "a positive number")),
+    "scale": (float, lambda x: x != 0 and math.isfinite(x), "a number other than 0"),
+    "load": (float, math.isfinite, "a number"),
+    "defect_count": (int, lambda x: x >= 0, "a whole number from 0"),
+    "n_lobes": (int, lambda x: x >= 2, "a whole number from 2"),
+    WORN: (
+        _parse_lobes, lambda x: min(x, default=0) >= 0,
         "lobes counted from 1 and separated by spaces, like 1 5",
     ),
-    "n_lobes": _Column("n_lobes", int, lambda count: count >= 2, "a whole number from 2"),
-    "speed": _Column("speed_rpm", float, lambda speed: 0 < speed < math.inf, "a positive number"),
-    "load": _Column("load_nm", float, math.isfinite, "a number"),
-    "angle_is_absolute": _Column(
-        "angle_is_absolute", lambda cell: _BOOLEANS[cell.lower()], right="true or false"
+    "angle_is_absolute": (
+        lambda cell: _BOOLEANS[cell.lower()], lambda x: True, "true or false",
     ),
 }  # fmt: skip
+_ARGUMENTS = {"speed": "speed_rpm", "load": "load_nm", WORN: "worn_lobes"}  # with other names there
 
 
 @dataclass(frozen=True)
@@ -75,10 +67,10 @@ class Entry:
     path: Path
     arguments: dict[str, Any] = field(default_factory=dict)
     line: int | None = None  # of the manifest, if there is one
-    reader: Callable[..., Recording] = read_recording
+    reader: Callable[..., list[Recording]] = read_stretches
 
-    def read(self, **arguments: Any) -> Recording:
-        """Read the recording; arguments given here precede those of the manifest."""
+    def read(self, **arguments: Any) -> list[Recording]:
+        """Read the recordings, several if gaps are cut; arguments given here precede the manifest's."""
         given = {key: value for key, value in arguments.items() if value is not None}
         return self.reader(self.path, **(self.arguments | given))
 
@@ -101,7 +93,7 @@ def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recordin
     Returns
     -------
     list of Recording
-        In the manifest's order.
+        In the manifest's order; with ``gaps="cut"`` all stretches of each file.
 
     Warns
     -----
@@ -124,7 +116,7 @@ def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recordin
     recordings, wrong = [], []
     for entry in folder_entries(path):
         try:
-            recordings.append(entry.read(**arguments))
+            recordings += entry.read(**arguments)
         except (ValueError, TypeError, OSError) as error:
             if entry.line is None:
                 raise
@@ -188,7 +180,7 @@ def folder_entries(path: str | os.PathLike[str]) -> list[Entry]:
     return entries
 
 
-def _read_run(data: CampaignData, run: int, path: Path, **arguments: Any) -> Recording:
+def _read_run(data: CampaignData, run: int, path: Path, **arguments: Any) -> list[Recording]:
     """Return the recording of a campaign's run, at its nominal speed and load, without an angle."""
     row, gearbox = {name: values[run] for name, values in data.parameters.items()}, data.campaign.rig.gearbox
     speed, load = (
@@ -203,7 +195,7 @@ def _read_run(data: CampaignData, run: int, path: Path, **arguments: Any) -> Rec
     for name, value in arguments.items():
         if value != getattr(recording, name, None):
             raise ValueError(f"{path}: {name}= contradicts the campaign, or has no effect: leave it out")
-    return recording
+    return [recording]
 
 
 def _read_manifest(folder: Path) -> list[Entry]:
@@ -257,18 +249,17 @@ def _parse_row(folder: Path, row: dict[str, str], line: int, delimiter: str) -> 
     for name, cell in row.items():
         if not cell:
             continue
-        column = _COLUMNS[name]
-        decimal_comma = column.convert is float and delimiter != ","
-        # Python takes 1_000 for a number, other programs do not.
-        fits = column.convert not in (int, float, _parse_lobes) or "_" not in cell
+        convert, is_right, right = _COLUMNS[name]
+        decimal_comma = convert is float and delimiter != ","
         try:
-            value = column.convert(cell.replace(",", ".") if decimal_comma else cell)
-            fits = fits and column.fits(value)
+            value = convert(cell.replace(",", ".") if decimal_comma else cell)
+            # Python takes 1_000 for a number, other programs do not.
+            fits = is_right(value) and (convert is str or "_" not in cell)
         except (ValueError, KeyError):
             fits = False
         if not fits:
-            raise ValueError(f"{name} must be {column.right}, got {cell!r}")
-        arguments[column.argument] = value
+            raise ValueError(f"{name} must be {right}, got {cell!r}")
+        arguments[_ARGUMENTS.get(name, name)] = value
     count, worn = arguments.get("defect_count"), arguments.get("worn_lobes")
     if count is not None and worn is not None and count != len(worn):
         raise ValueError(f"defect_count must be the number of {WORN}, got {count} and {row[WORN]!r}")

@@ -1,4 +1,4 @@
-"""Reader of MATLAB files: v4 to v7 with scipy, v7.3 (which is HDF5) with h5py."""
+"""Readers of MATLAB files (v4 to v7 with scipy, v7.3 with h5py) and of other HDF5 files."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import loadmat
 
 from cyclofeat.datasets.readers._columns import (
+    Channel,
+    ReadingOptions,
     Source,
     check_claim,
     explain_damage,
@@ -35,127 +36,131 @@ _OBJECT = (
 )
 
 
-class MatSource(Source):
-    """Vectors of a MATLAB file, those in structs as ``struct.field``, of matrices as ``matrix(:,1)``.
+def open_matlab(path: Path, _: ReadingOptions) -> Source:
+    """Return the vectors of a MATLAB file, those in structs as ``struct.field``, columns as ``matrix(:,1)``.
 
     A timetable is read from a struct of its variables: ``Time`` in s, the others beside it, and optionally
     ``Properties`` with ``VariableNames``, ``VariableUnits`` and ``SampleRate``.
     """
+    from scipy.io import loadmat
 
-    noun, a_noun, plural = "variable", "a variable", "variables"
-    by_index = False
+    with path.open("rb") as file:
+        start = file.read(1024)
+    if start.startswith(_HDF5) or start[512:520] == _HDF5:
+        return _Hdf5(path, "MATLAB v7.3", ".").read_file()
+    variables = _Variables(path, ".")
+    with explain_damage(path, "MATLAB"):
+        if start[:6] == b"MATLAB":
+            _check_elements(path)
+        for name, value in loadmat(path).items():
+            if not name.startswith("__"):
+                variables.visit(name, value, 0)
+    return variables.source("variable")
 
-    def __init__(self, path: Path) -> None:
-        self.vectors: dict[str, Callable[[], NDArray[Any]]] = {}
-        self.unreadable: dict[str, str] = {}
-        self.lengths: dict[str, int] = {}
+
+def open_hdf5(path: Path, _: ReadingOptions) -> Source:
+    """Return the vectors of an HDF5 file as ``group/name``; attributes state units and rates."""
+    return _Hdf5(path, "HDF5", "/").read_file()
+
+
+class _Variables:
+    """Variables of a file by their names, whose parts a ``dot`` separates."""
+
+    def __init__(self, path: Path, dot: str) -> None:
+        self.path, self.dot = path, dot
+        self.vectors: dict[str, tuple[Callable[[], NDArray[Any]], int | None]] = {}  # None: cannot be read
         self.titles: dict[str, str] = {}  # of ControlDesk's variables, in place of their names
-        self.scalars: dict[str, float] = {}
+        self.scalars: dict[str, dict[str, float]] = {}  # by struct or group
         self.texts: dict[str, str] = {}
         self.lists: dict[str, list[str]] = {}
-        with path.open("rb") as file:
-            start = file.read(1024)
-        self.is_hdf5 = start.startswith(_HDF5) or start[512:520] == _HDF5
-        self.path, self.file = path, path.name
-        if self.is_hdf5:
-            with self._open_hdf5() as file:
-                self._visit_node("", file, 0)
-        else:
-            with explain_damage(path, "MATLAB"):
-                if start[:6] == b"MATLAB":
-                    _check_elements(path)
-                variables = loadmat(path)
-            for name, value in variables.items():
-                if not name.startswith("__"):
-                    self._visit_variable(name, value, 0)
-        names = [*self.vectors, *self.unreadable]
-        units, plain = [], []
-        for name in names:
-            place, _, last = name.rpartition(".")
-            properties = f"{place}.Properties".lstrip(".")
-            columns = self.lists.get(f"{properties}.VariableNames", [])
-            stated = self.lists.get(f"{properties}.VariableUnits", [])
-            unit = stated[columns.index(last)] if last in columns and len(stated) == len(columns) else ""
-            units.append(unit or self.texts.get(f"{name}_unit"))
-            plain.append(self.titles.get(name) or last.partition("(")[0])
-        super().__init__(path, names, units, plain)
 
-    def is_usable(self, index: int) -> bool:
-        return self.names[index] in self.vectors
+    def source(self, noun: str) -> Source:
+        channels = []
+        for name, (read, length) in self.vectors.items():
+            place, _, last = name.rpartition(self.dot)
+            title = self.titles.get(name)
+            columns, units = (
+                self.lists.get(f"{place}.Properties.{key}".lstrip("."), [])
+                for key in ("VariableNames", "VariableUnits")
+            )
+            unit = dict(zip(columns, units, strict=False)).get(last)
+            channels.append(
+                Channel(
+                    name, read, unit or self.texts.get(f"{name}_unit"), title or last.partition("(")[0],
+                    group=name.partition(".")[0] if title else place, length=length,
+                    usable=length is not None, rates=self._stated_rates(name),
+                )
+            )  # fmt: skip
+        return Source(self.path.name, channels, noun, by_index=False)
 
-    def raw_values(self, index: int) -> NDArray[Any]:
-        name = self.names[index]
-        if name in self.unreadable:
-            raise ValueError(f"{self.file}: variable {name!r} {self.unreadable[name]}")
-        return self.vectors[name]()
-
-    def group_of(self, index: int) -> str:
-        name = self.names[index]
-        return name.partition(".")[0] if name in self.titles else name.rpartition(".")[0]
-
-    def length(self, index: int) -> int | None:
-        return self.lengths.get(self.names[index])
-
-    def stated_rates(self, torque: int) -> list[tuple[float, str]]:
-        # By a number called fs and the like, or a step called dt, in the same struct or the next one above.
-        parent = self.names[torque].rpartition(".")[0]
+    def _stated_rates(self, name: str) -> list[tuple[float, str]]:
+        """Return rates by a number called fs and the like, or dt, of the same struct or the next above."""
+        stated: list[tuple[float, str]] = []
         while True:
-            stated = []
-            for place in (parent, f"{parent}.Properties".lstrip(".")):
-                for name, value in self.scalars.items():
-                    before, _, last = name.rpartition(".")
-                    rate = named_rate(last, value) if before == place else None
-                    stated += [] if rate is None else [(rate, f"variable {name!r}")]
-            if stated or not parent:
+            for place in (name, f"{name}.Properties".lstrip(".")):
+                for last, value in self.scalars.get(place, {}).items():
+                    if (rate := named_rate(last, value)) is not None:
+                        stated.append((rate, f"variable {f'{place}{self.dot}{last}'.lstrip(self.dot)!r}"))
+            if stated or not name:
                 return stated
-            parent = parent.rpartition(".")[0]
+            name = name.rpartition(self.dot)[0]
 
-    def _add_variable(self, name: str, shape: tuple[int, ...], read: Callable[[Any], NDArray[Any]]) -> None:
+    def refuse(self, name: str, reason: str) -> None:
+        """State why a variable cannot be read."""
+
+        def read() -> NDArray[Any]:
+            raise ValueError(f"{self.path.name}: variable {name!r} {reason}")
+
+        self.vectors[name] = read, None
+
+    def add(self, name: str, shape: tuple[int, ...], read: Callable[[Any], NDArray[Any]]) -> None:
         """Add a numeric variable of a MATLAB shape; ``read`` takes an index of the MATLAB array."""
         if len(self.vectors) > _MOST_VARIABLES:
-            raise ValueError(f"{self.file} holds more than {_MOST_VARIABLES} variables")
+            raise ValueError(f"{self.path.name} holds more than {_MOST_VARIABLES} variables")
         size = math.prod(shape)
         if size == 1:
             value = read(...).ravel()[0]
             if not np.iscomplexobj(value):
-                self.scalars[name] = float(value)
+                place, _, last = name.rpartition(self.dot)
+                self.scalars.setdefault(place, {})[last] = float(value)
         elif size == max(shape, default=0):
-            self.vectors[name], self.lengths[name] = lambda: read(...).ravel(), size
+            self.vectors[name] = lambda: read(...).ravel(), size
         elif len(shape) == 2 and 1 < min(shape) <= _MOST_COLUMNS:
-            by_column = shape[0] >= shape[1]
             for k in range(min(shape)):
-                part = f"(:,{k + 1})" if by_column else f"({k + 1},:)"
-                at = (slice(None), k) if by_column else (k, slice(None))
-                self.vectors[name + part], self.lengths[name + part] = partial(read, at), max(shape)
+                part, at = (
+                    (f"(:,{k + 1})", (slice(None), k))
+                    if shape[0] >= shape[1]
+                    else (f"({k + 1},:)", (k, slice(None)))
+                )
+                self.vectors[name + part] = partial(read, at), max(shape)
         else:
-            self.unreadable[name] = f"must be a vector, got shape {'x'.join(str(n) for n in shape)}"
+            self.refuse(name, f"must be a vector, got shape {'x'.join(str(n) for n in shape)}")
 
-    # v4 to v7
-
-    def _visit_variable(self, name: str, value: Any, depth: int) -> None:
+    def visit(self, name: str, value: Any, depth: int) -> None:
+        """Add a variable that scipy has read, and those in it."""
         if depth > _DEEPEST:
-            self.unreadable[name] = f"lies deeper than {_DEEPEST} structs"
+            self.refuse(name, f"lies deeper than {_DEEPEST} structs")
         elif not isinstance(value, np.ndarray):
-            self.unreadable[name] = "must be a full vector of numbers, got a sparse one or another kind"
+            self.refuse(name, "must be a full vector of numbers, got a sparse one or another kind")
         elif type(value).__name__ in ("MatlabOpaque", "MatlabFunction"):
-            self.unreadable[name] = _OBJECT
+            self.refuse(name, _OBJECT)
         elif {"Name", "Data"} <= set(value.dtype.names or ()):  # ControlDesk
             for number, element in enumerate(value.ravel(order="F"), 1):
                 called = f"{name}({number}).Data" if value.size > 1 else f"{name}.Data"
                 self.titles[called] = "".join(map(str, np.ravel(element["Name"])))
                 if "Unit" in value.dtype.names:
                     self.texts[f"{called}_unit"] = "".join(map(str, np.ravel(element["Unit"])))
-                self._visit_variable(called, element["Data"], depth + 1)
+                self.visit(called, element["Data"], depth + 1)
         elif value.dtype.names is not None:
             for field in value.dtype.names:
                 called = f"{name}.{field}"
                 elements = value[field].ravel(order="F")
                 if value.size == 1:
-                    self._visit_variable(called, elements[0], depth + 1)
+                    self.visit(called, elements[0], depth + 1)
                 elif value.size and all(isinstance(x, np.ndarray) and _is_number(x) for x in elements):
-                    self.vectors[called], self.lengths[called] = partial(_join_numbers, elements), value.size
+                    self.vectors[called] = partial(_join_numbers, elements), value.size
                 else:
-                    self.unreadable[called] = _NO_NUMBERS
+                    self.refuse(called, _NO_NUMBERS)
         elif value.dtype.kind in "US":
             if value.size == 1:
                 self.texts[name] = str(value.flat[0])
@@ -163,62 +168,89 @@ class MatSource(Source):
             cells = [np.asarray(cell) for cell in value.flat]
             if all(cell.dtype.kind in "US" for cell in cells):
                 self.lists[name] = [str(cell.flat[0]) if cell.size else "" for cell in cells]
-            elif any(type(cell).__name__ == "MatlabOpaque" for cell in value.flat):
-                self.unreadable[name] = _OBJECT
             else:
-                self.unreadable[name] = _CELLS
+                is_object = any(type(cell).__name__ == "MatlabOpaque" for cell in value.flat)
+                self.refuse(name, _OBJECT if is_object else _CELLS)
         elif value.size == 0:
-            self.unreadable[name] = "is empty"
+            self.refuse(name, "is empty")
         else:
-            self._add_variable(name, value.shape, lambda at: np.asarray(value[at]))
+            self.add(name, value.shape, lambda at: np.asarray(value[at]))
 
-    # v7.3
+
+class _Hdf5(_Variables):
+    """Variables of an HDF5 file; of MATLAB's if a point separates the parts of their names."""
+
+    def __init__(self, path: Path, kind: str, dot: str) -> None:
+        super().__init__(path, dot)
+        self.kind, self.is_matlab = kind, dot == "."
+        self.seen: set[Any] = set()
+
+    def read_file(self) -> Source:
+        with self._open() as file:
+            self._visit_group("", file, 0)
+        return self.source("variable" if self.is_matlab else "data set")
 
     @contextmanager
-    def _open_hdf5(self) -> Iterator[Any]:
-        h5py = import_library("h5py", "MATLAB v7.3 (.mat)", "h5py")
-        with explain_damage(self.path, "MATLAB v7.3"), h5py.File(self.path, "r") as file:
+    def _open(self) -> Iterator[Any]:
+        h5py = import_library("h5py", f"{self.kind} ({self.path.suffix})", "h5py")
+        with explain_damage(self.path, self.kind), h5py.File(self.path, "r") as file:
             yield file
 
-    def _visit_node(self, name: str, node: Any, depth: int) -> None:
+    def _visit_group(self, name: str, group: Any, depth: int) -> None:
         import h5py
 
-        if "MATLAB_object_decode" in node.attrs:
-            self.unreadable[name] = _OBJECT
-        elif isinstance(node, h5py.Dataset):
-            self._visit_dataset(name, node)
-        elif isinstance(node, h5py.Group) and depth > _DEEPEST:
-            self.unreadable[name] = f"lies deeper than {_DEEPEST} structs"
-        elif isinstance(node, h5py.Group):
-            for key in node:
-                called = f"{name}.{key}" if name else key
-                if key.startswith("#"):
+        if depth > _DEEPEST:
+            self.refuse(name, f"lies deeper than {_DEEPEST} structs")
+        elif group.id not in self.seen:  # a group that holds itself
+            self.seen.add(group.id)
+            self._add_attributes(name, group)
+            for key in group:
+                called, link = f"{name}{self.dot}{key}" if name else key, group.get(key, getlink=True)
+                if key.startswith("#") and self.is_matlab:
                     continue  # MATLAB's store of cells and objects
-                if isinstance(node.get(key, getlink=True), h5py.HardLink):
-                    self._visit_node(called, node[key], depth + 1)
-                else:
-                    self.unreadable[called] = "is a link, which is not followed"
+                if not isinstance(link, h5py.HardLink):
+                    self.refuse(called, "is a link, which is not followed")
+                elif "MATLAB_object_decode" in (node := group[key]).attrs:
+                    self.refuse(called, _OBJECT)
+                elif isinstance(node, h5py.Group):
+                    self._visit_group(called, node, depth + 1)
+                elif isinstance(node, h5py.Dataset):
+                    self._visit_dataset(called, node)
+
+    def _add_attributes(self, name: str, node: Any) -> None:
+        """Add what attributes state: numbers, and the unit."""
+        for key in () if self.is_matlab else node.attrs:
+            value = np.asarray(node.attrs[key])
+            if value.size == 1 and value.dtype.kind in "iuf":
+                self.scalars.setdefault(name, {})[key] = float(value.item())
+            elif key.lower() in ("unit", "units") and value.size == 1:
+                text = value.item()
+                self.texts[f"{name}_unit"] = (
+                    text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
+                )
 
     def _visit_dataset(self, name: str, data: Any) -> None:
         import h5py
 
-        def read_part(at: Any) -> NDArray[Any]:
-            with self._open_hdf5() as file:
-                return np.asarray(file[place][() if at is ... else at[::-1]])
+        def read_part(at: Any, field: str | None = None) -> NDArray[Any]:
+            with self._open() as file:
+                node = file[place] if field is None else file[place].fields(field)
+                return np.asarray(node[() if at is ... else at[::-1] if self.is_matlab else at])
 
         def join_elements() -> NDArray[Any]:
-            with self._open_hdf5() as file:
+            with self._open() as file:
                 elements = [file[reference] for reference in file[place][()].ravel()]
                 if not all(map(_is_number, elements)):
-                    raise ValueError(f"{self.file}: variable {name!r} {_NO_NUMBERS}")
+                    raise ValueError(f"{self.path.name}: variable {name!r} {_NO_NUMBERS}")
                 return _join_numbers(elements)
 
         place, kind = data.name, data.attrs.get("MATLAB_class", b"")
         kind = kind.decode() if isinstance(kind, bytes) else str(kind)
         is_reference = h5py.check_ref_dtype(data.dtype) is not None
         check_claim(self.path, data.size * data.dtype.itemsize if data.shape is not None else 0)
+        self._add_attributes(name, data)
         if data.shape is None or data.size == 0 or data.attrs.get("MATLAB_empty", 0):
-            self.unreadable[name] = "is empty"
+            self.refuse(name, "is empty")
         elif kind == "char":
             if data.size < 1000:
                 self.texts[name] = _decode_text(data)
@@ -227,14 +259,17 @@ class MatSource(Source):
             if cells and all(cell.attrs.get("MATLAB_class") == b"char" for cell in cells):
                 self.lists[name] = [_decode_text(cell) for cell in cells]
             else:
-                self.unreadable[name] = _CELLS
+                self.refuse(name, _CELLS)
         elif is_reference:
-            self.vectors[name], self.lengths[name] = join_elements, data.size
+            self.vectors[name] = join_elements, data.size
+        elif data.dtype.names is not None:  # a table
+            for field in data.dtype.names:
+                self.add(f"{name}{self.dot}{field}", data.shape, partial(read_part, field=field))
         elif data.dtype.kind in "iufb":
-            # The axes are reversed: a column vector of n is stored as (1, n).
-            self._add_variable(name, tuple(data.shape[::-1]), read_part)
+            # MATLAB's axes are reversed: a column vector of n is stored as (1, n).
+            self.add(name, tuple(data.shape[::-1] if self.is_matlab else data.shape), read_part)
         else:
-            self.unreadable[name] = f"must hold real numbers, got {data.dtype}"
+            self.refuse(name, f"must hold real numbers, got {data.dtype}")
 
 
 def _is_number(element: Any) -> bool:
@@ -259,10 +294,8 @@ def _check_elements(path: Path) -> None:
     scipy makes an array of the claimed shape before it reads its content.
     """
     content = memoryview(path.read_bytes())
-    order = {b"IM": "<", b"MI": ">"}.get(bytes(content[126:128]))
-    if order is None:
-        raise ValueError(f"{path.name} is damaged: its header does not end with IM or MI")
-    for kind, element in _iterate_elements(path, order, content, start=128):
+    order = {b"IM": "<", b"MI": ">"}[bytes(content[126:128])]
+    for kind, element in _iterate_elements(order, content, start=128):
         if kind == _COMPRESSED:
             inflate = zlib.decompressobj()
             head = inflate.decompress(element, 8)
@@ -270,37 +303,33 @@ def _check_elements(path: Path) -> None:
             check_claim(path, claimed)
             variable = inflate.decompress(inflate.unconsumed_tail, claimed + 8)
             if len(variable) < claimed:
-                raise ValueError(f"{path.name} is damaged: a compressed element is shorter than it claims")
-            _check_matrix(path, order, memoryview(variable), 0)
+                raise ValueError("a compressed element is shorter than it claims")
+            _check_matrix(order, memoryview(variable), 0)
         elif kind == _MATRIX:
-            _check_matrix(path, order, element, 0)
+            _check_matrix(order, element, 0)
 
 
-def _check_matrix(path: Path, order: str, content: memoryview, depth: int) -> None:
+def _check_matrix(order: str, content: memoryview, depth: int) -> None:
     """Check the shapes of a matrix element and of those that it holds."""
     if depth > 2 * _DEEPEST:
-        raise ValueError(f"{path.name} nests its variables too deeply")
+        raise ValueError("variables are nested too deeply")
     kind = 0
-    for number, (element, part) in enumerate(_iterate_elements(path, order, content)):
+    for number, (element, part) in enumerate(_iterate_elements(order, content)):
         if number == 0:
             kind = part[0 if order == "<" else 3] if len(part) >= 4 else 0
             if kind > _LAST_CLASS:
-                raise ValueError(f"{path.name} is damaged: a variable is of class {kind}")
+                raise ValueError(f"a variable is of class {kind}")
         elif number == 1 and kind != 17:  # objects have no shape here
             shape = struct.unpack(f"{order}{len(part) // 4}i", part[: len(part) // 4 * 4])
             if any(length < 0 for length in shape) or (
                 kind != _SPARSE and math.prod(shape) > max(len(content), 8)
             ):
-                raise ValueError(
-                    f"{path.name} is damaged: a variable claims the shape {shape} in {len(content)} bytes"
-                )
+                raise ValueError(f"a variable claims the shape {shape} in {len(content)} bytes")
         elif element == _MATRIX:
-            _check_matrix(path, order, part, depth + 1)
+            _check_matrix(order, part, depth + 1)
 
 
-def _iterate_elements(
-    path: Path, order: str, content: memoryview, start: int = 0
-) -> Iterator[tuple[int, memoryview]]:
+def _iterate_elements(order: str, content: memoryview, start: int = 0) -> Iterator[tuple[int, memoryview]]:
     position = start
     while position + 8 <= len(content):
         first, n_bytes = struct.unpack_from(f"{order}II", content, position)
@@ -310,12 +339,8 @@ def _iterate_elements(
             continue
         position += 8
         if position + n_bytes > len(content):
-            left = len(content) - position
-            raise ValueError(
-                f"{path.name} is not whole: the element at byte {position - 8} has {n_bytes} bytes, "
-                f"{left} are left"
-            )
+            raise ValueError(f"the element at byte {position - 8} of {n_bytes} bytes is not whole")
         yield first, content[position : position + n_bytes]
         position += n_bytes + (0 if first == _COMPRESSED else -n_bytes % 8)
     if start and position < len(content):
-        raise ValueError(f"{path.name} is not whole: it ends within a tag")
+        raise ValueError("it ends within a tag")

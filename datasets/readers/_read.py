@@ -22,6 +22,7 @@ from cyclofeat.datasets.readers._columns import (
     DISC_ANGLE_NAMES,
     LABELS,
     PULSE_NAMES,
+    Channel,
     Float,
     ReadingOptions,
     Source,
@@ -31,12 +32,13 @@ from cyclofeat.datasets.readers._times import time_base, time_channels
 from cyclofeat.recordings import Recording
 from cyclofeat.signal.tachometer import angle_from_pulses, continuous_angle
 
-# Module and class for each kind of file, imported when one is read; or the class itself.
-SOURCES: dict[str, tuple[str, str] | Callable[..., Source]] = {
-    ".csv": ("_csv", "CsvSource"), ".csv.gz": ("_csv", "CsvSource"), ".npz": ("_npz", "NpzSource"),
-    ".tdms": ("_tdms", "TdmsSource"), ".mat": ("_matlab", "MatSource"),
-    ".parquet": ("_parquet", "ParquetSource"), ".wav": ("_wav", "WavSource"),
-    ".xlsx": ("_xlsx", "XlsxSource"),
+# Function for each kind of file that returns its channels, or its module and name, imported when needed.
+SOURCES: dict[str, tuple[str, str] | Callable[[Path, ReadingOptions], Source]] = {
+    ".csv": ("_csv", "open_text"), ".csv.gz": ("_csv", "open_text"), ".npz": ("_binary", "open_npz"),
+    ".tdms": ("_tdms", "open_tdms"), ".mat": ("_matlab", "open_matlab"), ".h5": ("_matlab", "open_hdf5"),
+    ".hdf5": ("_matlab", "open_hdf5"), ".mf4": ("_binary", "open_mdf"), ".unv": ("_binary", "open_universal"),
+    ".uff": ("_binary", "open_universal"), ".parquet": ("_binary", "open_parquet"),
+    ".wav": ("_binary", "open_wav"), ".xlsx": ("_csv", "open_xlsx"),
 }  # fmt: skip
 # Read as these where they are named; a folder's other text files are notes.
 _TEXT_FILES = {
@@ -45,9 +47,9 @@ _TEXT_FILES = {
 # How files of each kind begin.
 _SIGNATURES = (
     (b"PK\x03\x04", ".npz", ".xlsx"), (b"\xd0\xcf\x11\xe0", ".xls"),
-    (b"TDSm", ".tdms"), (b"TDSh", ".tdms_index"), (b"MATLAB ", ".mat"),
-    (b"\x89HDF\r\n\x1a\n", ".mat"), (b"PAR1", ".parquet"), (b"RIFF", ".wav"), (b"RIFX", ".wav"),
-    (b"RF64", ".wav"), (b"\x1f\x8b", ".csv.gz"), (b"%PDF", ".pdf"),
+    (b"TDSm", ".tdms"), (b"TDSh", ".tdms_index"), (b"MATLAB ", ".mat"), (b"MDF ", ".mf4"),
+    (b"\x89HDF\r\n\x1a\n", ".mat", ".h5", ".hdf5"), (b"PAR1", ".parquet"), (b"RIFF", ".wav"),
+    (b"RIFX", ".wav"), (b"RF64", ".wav"), (b"\x1f\x8b", ".csv.gz"), (b"%PDF", ".pdf"),
 )  # fmt: skip
 # In reverse the lobes pass, and are loaded, the other way round; or the sensor was mounted so.
 _TURNED = "was turned round, since it fell: positions of lobes are relative, and may count the other way"
@@ -57,34 +59,23 @@ _OPTIONS = frozenset(field.name for field in fields(ReadingOptions))
 
 
 def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
-    """Read one record of torque or motor current from a CSV, NPZ, TDMS, MATLAB, Parquet, Excel or WAV file.
+    """Read one record of torque or motor current from a file of text, numbers or measurement software.
 
-    The recording's ``meta`` and :func:`describe` state what was assumed (unit, decimal comma, sampling rate
-    from a time column). One channel is read at a time: TDMS, MATLAB v7.3, Parquet and WAV files may be larger
-    than memory.
+    The recording's ``meta`` and :func:`describe` state what was assumed. One channel is read at a time: TDMS,
+    HDF5, Parquet and WAV files may be larger than memory.
 
     Parameters
     ----------
     path : path
-        File whose name says its kind. Units may stand behind a channel's name (``torque [Nm]``,
-        ``torque_nm``) where the file has no place of its own for them.
-
-        ``.csv``, ``.txt``, ``.asc``, ``.dat``, ``.lvm``, ``.log``, ``.tsv``, ``.csv.gz`` or ``.txt.gz``: one
-        row per sample; where the table begins and how it is written is found. ``.xlsx``: the same in a
-        sheet, columns named ``sheet/column`` where several sheets hold data.
-
-        ``.npz``: arrays ``torque`` (n,) in Nm (or ``input_torque`` in Nm, ``motor_current`` in A),
-        ``sampling_rate`` () in Hz, optionally ``angle`` (n,) in rad, and the labels that
-        :func:`write_recording` writes. Pickled objects are never loaded.
-
-        ``.tdms``: channels ``group/channel``, scaled as the file says. ``.mat``: numeric vectors, columns
-        ``name(:,1)``, fields ``struct.field``. ``.parquet``: columns. ``.wav``: channels from 0; whole
-        numbers need ``scale``. TDMS, MATLAB v7.3, Parquet and Excel need libraries of the extra ``io``.
+        File whose name says its kind: ``.csv``, ``.txt``, ``.asc``, ``.dat``, ``.lvm``, ``.log``, ``.tsv``
+        (also packed, ``.csv.gz``), ``.xlsx``, ``.npz``, ``.tdms``, ``.mat``, ``.h5``, ``.hdf5``, ``.mf4``,
+        ``.unv``, ``.uff``, ``.parquet`` or ``.wav``. Units may stand behind a name (``torque [Nm]``,
+        ``torque_nm``). Channels of groups, structs and sheets are ``group/channel``, ``struct.field``,
+        ``sheet/column``; columns of a matrix are ``name(:,1)``.
     channel : str or int, optional
         Channel (name, or index from 0 where the file has an order) that holds the quantity. Default: the one
-        called "torque", "output_torque", "Drehmoment" and the like ("torque_in", "Motordrehmoment",
-        "motor_current", "Motorstrom" for other quantities), else the one in the quantity's unit, else the
-        only one besides time and angle.
+        called "torque", "Drehmoment" and the like ("torque_in", "motor_current", "Motorstrom" for other
+        quantities), else the one in the quantity's unit, else the only one besides time and angle.
     quantity : {"output_torque", "input_torque", "motor_current"}, optional
         Quantity to read. Default: what the file's labels state, else the output torque; a channel whose name
         states another quantity is then an error.
@@ -92,34 +83,31 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
         Samples per second, in Hz. Needed where the file does not state it, or contradicts itself; it precedes
         all that the file states, and ``meta["time_notes"]`` says what it overrides.
     time_channel : str, int or False, optional
-        Channel of the time, from which the rate follows; its jitter and gaps are checked. Default: those of
-        the channel's own group and length called "time", "t", "timestamp", "Zeit" and the like; False or
-        "none" leaves times out. Numbers, or dates (ISO 8601).
+        Channel of the times, numbers or dates, from which the rate follows. Default: those of the channel's
+        own group and length called "time", "t", "Zeit" and the like; False or "none" leaves times out.
     time_unit : {"s", "ms", "us", "ns", "min", "h", "d"}, optional
         Unit of the times. Default: what the file states, else s, which must then give a rate between 200 Hz
         and 10 MHz.
+    gaps : {"refuse", "cut"}, default "refuse"
+        Gaps in the times, and segments of another rate, are an error; or the record is cut there, and the
+        longest stretch returned (:func:`read_folder` returns all).
     angle_channel : str, int or False, optional
-        Channel of the angle. Default: the one called "angle", "input_angle", "disc_angle", "Winkel" and the
-        like; False leaves it out.
+        Channel of the angle. Default: the one called "angle", "disc_angle", "Winkel" and the like; False
+        leaves it out.
     angle_unit : {"rad", "deg", "rev"}, optional
-        Unit of the angle; needed where the file does not state it. Only NPZ files are taken to be in rad. An
-        angle that starts again at each turn, or rises in an encoder's steps, is made continuous. Where the
-        input's angle falls, as of a machine in reverse, its sign is changed, and it is not absolute.
-    pulses_per_turn : int, optional
-        The angle's channel holds so many pulses in each turn of the shaft (1: an index). Its default is then
-        the one called "pulses", "tacho", "index" and the like.
+        Unit of the angle; needed where the file does not state it, other than NPZ. An angle that starts again
+        at each turn, or rises in an encoder's steps, is made continuous. Where the input's angle falls, its
+        sign is changed, and it is not absolute.
+    pulses_per_turn, counts_per_turn : int, optional
+        The angle's channel holds so many pulses (1: an index), or counts of an encoder, in each turn of the
+        shaft. Its default is then the one called "tacho", "index" or "position", "encoder" and the like.
     scale : float, optional
         Nm per unit of the channel, for files in another unit than Nm, kNm, mNm, Ncm or Nmm. Of a motor
         current in A or mA, its torque constant, after which the samples are in Nm; of one in another unit, A
         per unit. A motor current in % or p.u. (of the rated one) needs none.
-    counts_per_turn : int, optional
-        The angle's channel holds an encoder's counts, so many in each turn. Its default is then the one
-        called "position", "encoder", "counts" and the like.
-    delimiter : {",", ";", "\\t", " "}, optional
-        Separator of a text's columns. Default: the one that separates most numbers.
-    decimal : {",", "."}, optional
-        Mark of a text's decimals; the other one then separates thousands. Default: comma where numbers hold
-        one that separates no columns.
+    delimiter, decimal : str, optional
+        Separator (comma, semicolon, tab, space) and decimal mark (comma, point) of a text; the other mark
+        then separates thousands. Default: as most numbers are written.
     table_line : int, optional
         Line of a text, from 1, in which its columns are named, or its samples begin. Default: found.
     **labels
@@ -132,14 +120,10 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
 
     Raises
     ------
-    FileNotFoundError
-        If there is no such file.
-    ImportError
-        If the library that reads this kind of file is not installed.
-    TypeError
-        If a parameter is of the wrong type or unknown.
-    ValueError
-        If the file is not as described; the message says what is wrong and what would be right.
+    FileNotFoundError, ImportError
+        If there is no such file; if the library that reads this kind of file is not installed.
+    TypeError, ValueError
+        If a parameter is wrong, or the file not as described; the message says what would be right.
 
     Examples
     --------
@@ -151,6 +135,11 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
     >>> recording.torque.tolist(), recording.sampling_rate
     ([21.9, 22.1, 22.0], 2000.0)
     """
+    return max(read_stretches(path, **options), key=lambda recording: recording.n_samples)
+
+
+def read_stretches(path: str | os.PathLike[str], **options: Any) -> list[Recording]:
+    """Return all stretches into which :func:`read_recording` cuts a file: one, unless gaps are cut."""
     path = file_path(path)
     labels = {name: value for name, value in options.items() if name not in _OPTIONS}
     unknown = labels.keys() - set(LABELS)
@@ -160,16 +149,31 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
         )
     reading = ReadingOptions(**{name: options[name] for name in options.keys() & _OPTIONS})
     source = _open_source(path, reading)
-    parameters = _recording_parameters(source, reading)
-    if "angle" not in parameters:  # then the file's labels of the angle are void
-        parameters = {key: value for key, value in parameters.items() if not key.startswith("angle")}
+    parameters, angle, stretches = _read_parameters(source, reading)
     meta = parameters.pop("meta", {}) | dict(labels.pop("meta", None) or {})
     if labels.get("worn_lobes") is not None:
         parameters.pop("defect_count", None)  # the file's count belongs to the file's lobes
     elif labels.get("defect_count") is not None:
         parameters.pop("worn_lobes", None)
-    given = parameters | labels
-    angle = given.get("angle")
+    given, torque = parameters | labels, parameters["torque"]
+    edges = [*(start for start, _ in stretches), torque.size]
+    long = [(a, b, rate) for (a, rate), b in zip(stretches, edges[1:], strict=True) if b - a > 1]
+    recordings = []
+    for number, (begin, end, rate) in enumerate(long, 1):
+        samples = torque if end - begin == torque.size else torque[begin:end]
+        part = given | {"torque": samples, "meta": dict(meta)}
+        part["meta"] |= {"part": f"{number} of {len(long)}, from sample {begin}"} if len(long) > 1 else {}
+        part |= {"sampling_rate": rate} if "sampling_rate" not in labels else {}
+        if angle is not None:
+            part["angle"], angle_meta = _read_angle(source, angle[0], angle[1][begin:end], reading)
+            part["meta"] |= angle_meta
+        recordings.append(_make_recording(path, part))
+    return recordings
+
+
+def _make_recording(path: Path, given: dict[str, Any]) -> Recording:
+    """Return the recording of these parameters; a falling angle is turned, an unlikely unit is an error."""
+    angle, meta = given.get("angle"), given["meta"]
     if angle is not None and given.get("angle_of", "input") == "input" and angle[-1] < angle[0]:
         given |= {"angle": -angle, "angle_is_absolute": False}
         first = f"{meta['angle_from']} and " if "angle_from" in meta else ""
@@ -177,7 +181,7 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
     for name in {"torque", "angle"} & given.keys():
         given[name].flags.writeable = False  # so that it is not copied
     try:
-        recording = Recording(**given, meta=meta)
+        recording = Recording(**given)
     except TypeError as error:
         raise TypeError(f"{path.name}: {error}") from None
     except ValueError as error:
@@ -208,7 +212,7 @@ def list_channels(path: str | os.PathLike[str], **options: Any) -> dict[str, str
     """
     reading = ReadingOptions(**{name: options[name] for name in options.keys() & _OPTIONS})
     source = _open_source(file_path(path), reading)
-    return dict(zip(source.names, source.units, strict=True))
+    return {channel.name: channel.unit for channel in source.channels}
 
 
 def write_recording(path: str | os.PathLike[str], recording: Recording) -> None:
@@ -240,9 +244,9 @@ def write_recording(path: str | os.PathLike[str], recording: Recording) -> None:
     check_type("recording", recording, Recording)
     if path.is_dir():
         raise ValueError(f"{path} is a directory; give a file name")
-    from cyclofeat.datasets.readers import _csv, _npz
+    from cyclofeat.datasets.readers import _binary, _csv
 
-    write = {".csv": _csv.write_csv, ".npz": _npz.write_npz}.get(path.suffix.lower())
+    write = {".csv": _csv.write_csv, ".npz": _binary.write_npz}.get(path.suffix.lower())
     if write is None:
         raise ValueError(f"{path.name}: unknown kind of file {path.suffix!r}; .csv and .npz can be written")
     labels = labels_to_write(recording)
@@ -285,17 +289,20 @@ def _open_source(path: Path, reading: ReadingOptions) -> Source:
     kind = SOURCES[suffix]
     if isinstance(kind, tuple):
         kind = getattr(import_module(f"cyclofeat.datasets.readers.{kind[0]}"), kind[1])
-    if suffix.startswith((".csv", ".xlsx")):
-        return kind(path, reading.of_table)
-    for name, value in reading.of_table.items():
-        raise ValueError(f"{name} is for CSV files, got {value!r} for {path.name}")
-    return kind(path)
+    if not suffix.startswith((".csv", ".xlsx")):
+        for name in ("delimiter", "decimal", "table_line"):
+            if (value := getattr(reading, name)) is not None:
+                raise ValueError(f"{name} is for CSV files, got {value!r} for {path.name}")
+    return kind(path, reading)
 
 
-def _recording_parameters(source: Source, reading: ReadingOptions) -> dict[str, Any]:
-    times: set[int | None] = set(time_channels(source))
+def _read_parameters(
+    source: Source, reading: ReadingOptions
+) -> tuple[dict[str, Any], tuple[Channel, Float] | None, list[tuple[int, float]]]:
+    """Return parameters of the recording, the angle's channel with its values, and the time base."""
+    others: set[Channel | None] = set(time_channels(source))
     if reading.time_channel is not None and not reading.without_times:
-        times.add(source.find_channel("time_channel", reading.time_channel, set()))
+        others |= {source.find_channel("time_channel", reading.time_channel)}
     angle = None
     if reading.angle_channel is not False:
         by_pulses, by_counts = reading.pulses_per_turn is not None, reading.counts_per_turn is not None
@@ -304,9 +311,9 @@ def _recording_parameters(source: Source, reading: ReadingOptions) -> dict[str, 
         if (by_pulses or by_counts) and angle is None:
             raise ValueError(
                 f"{source.file}: angle_channel= must be given, to say which {source.noun} holds the "
-                f"{'pulses' if by_pulses else 'counts'}: {source.channel_names()}"
+                f"{'pulses' if by_pulses else 'counts'}: {source.list_names()}"
             )
-    labels = source.other_labels if source.labels is None else source.labels
+    labels = dict(source.other_labels if source.labels is None else source.labels)
     stated = labels.get("quantity")
     if stated is not None and reading.quantity not in (None, stated):
         raise ValueError(
@@ -314,39 +321,39 @@ def _recording_parameters(source: Source, reading: ReadingOptions) -> dict[str, 
         )
     sought = reading.quantity or stated
     quantity = sought or QUANTITIES[0]
-    torque = source.find_torque(reading.channel, times | {angle}, sought)
-    source.check_torque(torque, reading.scale)
+    torque = source.find_torque(reading.channel, {*others, angle}, sought)
     factor, unit = source.unit_factor(torque, reading.scale, quantity)
     # The rate first: it is known without reading a long record.
-    rate, rate_meta = time_base(source, torque, reading)
-    parameters: dict[str, Any] = {"torque": source.column_values(torque) * factor, "quantity": quantity}
-    angle_meta: dict[str, Any] = {}
-    if angle is not None:
-        parameters["angle"], angle_meta = _read_angle(source, angle, reading)
-        parameters["angle_of"] = "disc" if source.bases[angle] in DISC_ANGLE_NAMES else "input"
-    scaled = {"unit": unit} if unit not in (None, QUANTITY_UNITS[quantity]) else {}
-    if source.labels is not None:
-        angle_meta.pop("angle_unit_assumed", None)  # by its layout it is in rad
+    stretches, meta = time_base(source, torque, reading)
+    samples = source.column_values(torque)
+    samples = samples if factor == 1 else samples * factor
+    meta |= {"unit": unit} if unit not in (None, QUANTITY_UNITS[quantity]) else {}
+    if source.labels is None:
+        meta |= {"file": source.file, "channel": torque.name, "unit_assumed": unit is None} | torque.meta
+        meta |= {"scale": factor} if factor != 1 else {}
+        meta |= labels.get("meta", {})
+    else:
         if reading.sampling_rate is None:
-            rate_meta.pop("rate_from")
-        meta = labels.get("meta", {}) | scaled | angle_meta | rate_meta
-        return parameters | labels | {"sampling_rate": rate} | ({"meta": meta} if meta else {})
-    meta = {"file": source.file, "channel": source.names[torque], "unit_assumed": unit is None} | scaled
-    meta |= angle_meta | rate_meta | source.channel_meta(torque)
-    meta |= {"scale": factor} if factor != 1 else {}
-    meta |= labels.get("meta", {})
-    return parameters | {"sampling_rate": rate} | labels | {"meta": meta}
+            meta.pop("rate_from")
+        meta = labels.get("meta", {}) | meta
+    parameters = {"torque": samples, "quantity": quantity} | labels | {"meta": meta}
+    if angle is None:  # then the file's labels of the angle are void
+        return {key: x for key, x in parameters.items() if not key.startswith("angle")}, None, stretches
+    parameters.setdefault("angle_of", "disc" if angle.base in DISC_ANGLE_NAMES else "input")
+    return parameters, (angle, source.column_values(angle)), stretches
 
 
-def _read_angle(source: Source, index: int, reading: ReadingOptions) -> tuple[Float, dict[str, Any]]:
-    """Return the angle in rad by a channel, and what was done for it."""
-    values = source.column_values(index)
+def _read_angle(
+    source: Source, channel: Channel, values: Float, reading: ReadingOptions
+) -> tuple[Float, dict[str, Any]]:
+    """Return the angle in rad by values of a channel, and what was done for it."""
     factor, assumed = 1.0, False
     if reading.counts_per_turn is not None:
         factor = 2 * math.pi / reading.counts_per_turn
     elif reading.pulses_per_turn is None:
-        factor, assumed = source.angle_factor(index, reading.angle_unit)
-    meta: dict[str, Any] = {"angle_unit_assumed": True} if assumed else {}
+        factor, assumed = source.angle_factor(channel, reading.angle_unit)
+    # By the layout of written files it is in rad.
+    meta: dict[str, Any] = {"angle_unit_assumed": True} if assumed and source.labels is None else {}
     try:
         if reading.pulses_per_turn is not None:
             return angle_from_pulses(values, reading.pulses_per_turn), {"angle_from": "follows from pulses"}
@@ -354,7 +361,6 @@ def _read_angle(source: Source, index: int, reading: ReadingOptions) -> tuple[Fl
         angle = continuous_angle(given)
     except ValueError as error:
         raise ValueError(
-            f"{source.file}: {source.noun} {source.names[index]!r}: {error} (angle_channel=False leaves the "
-            "angle out)"
+            f"{source.call(channel)}: {error} (angle_channel=False leaves the angle out)"
         ) from None
     return angle, meta if angle is given else meta | {"angle_from": "was made continuous"}

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import re
+from array import array
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +18,7 @@ from cyclofeat.datasets.readers._columns import (
     PULSE_NAMES,
     UNITS,
     UNITS_OF,
+    ReadingOptions,
     clean_unit,
     is_time_name,
     is_usual,
@@ -48,7 +51,7 @@ class Table:
     delimiter: str
     first: int
     names: list[str] | None
-    units: list[str | None] | None
+    units: list[str | None]
     width: int
     widest: int  # that a row may be: comments may follow
     numeric: frozenset[int]
@@ -73,14 +76,11 @@ def split_row(line: str, delimiter: str, file: str = "") -> list[str]:
         raise ValueError(f"{file} cannot be read as CSV ({error})") from None
 
 
-def find_table(lines: list[str], file: str, stated: dict[str, Any]) -> Table:
-    """Find the table in the first lines of a file.
-
-    ``stated`` may hold ``delimiter``, ``decimal`` and ``table_line``, the line of the names from 1.
-    """
+def find_table(lines: list[str], file: str, reading: ReadingOptions) -> Table:
+    """Find the table in the first lines of a file."""
     hint = re.fullmatch(r'\s*"?sep=(.)"?\s*', lines[0]) if lines else None
-    begin = max((stated.get("table_line") or 1) - 1, 1 if hint else 0)
-    delimiter = stated.get("delimiter") or (hint[1] if hint else None)
+    begin = max((reading.table_line or 1) - 1, 1 if hint else 0)
+    delimiter = reading.delimiter or (hint[1] if hint else None)
     filled = [i for i in range(begin, len(lines)) if lines[i].strip() and not lines[i].startswith("#")]
     if not filled:
         raise ValueError(f"{file} holds no row of data" + f" from line {begin + 1}" * bool(begin))
@@ -88,7 +88,7 @@ def find_table(lines: list[str], file: str, stated: dict[str, Any]) -> Table:
     # Comma after the others, with which it is a decimal comma; one column if nothing separates several.
     for mark in [delimiter] if delimiter else ["\t", ";", ",", " ", ""]:
         rows = [split_row(line, mark or ";", file)[: _MOST_COLUMNS + 1] for line in lines]
-        score, table = _table_of(rows, lines, filled, mark or ";", stated)
+        score, table = _table_of(rows, lines, filled, mark or ";", reading)
         several = table is not None and (delimiter is not None or table.width > 1)
         if table is not None and ((several and score > best_score + 1e-9) or (best is None and not mark)):
             best, best_score = table, score
@@ -106,7 +106,7 @@ def find_table(lines: list[str], file: str, stated: dict[str, Any]) -> Table:
 
 
 def _table_of(
-    rows: list[list[str]], lines: list[str], filled: list[int], delimiter: str, stated: dict[str, Any]
+    rows: list[list[str]], lines: list[str], filled: list[int], delimiter: str, reading: ReadingOptions
 ) -> tuple[float, Table | None]:
     """Return the table of rows that one delimiter separates, with the share of numbers in its cells."""
     kinds = {i: [_kind_of(cell) for cell in rows[i]] for i in filled}
@@ -133,9 +133,9 @@ def _table_of(
         return 0.0, None
     score = sum(numbers) / max(1, sum(filled_cells))
     heads = _head_rows(rows, lines, [i for i in filled if i < first], width, delimiter)
-    if not heads and delimiter == "," and not stated.get("delimiter") and filled[0] < first:
+    if not heads and delimiter == "," and not reading.delimiter and filled[0] < first:
         return 0.0, None  # the names above have fewer commas: these are decimal commas
-    names, units, at = _names_of(heads, numeric, stated)
+    names, units, at = _names_of(heads, numeric, reading)
     # A number between names and samples is a wrong sample.
     wrong = [i for i, _ in heads if at < i and any(kinds[i][j] in "nt" for j in numeric)]
     first = min([first, *wrong])
@@ -145,16 +145,17 @@ def _table_of(
     widest = max(width, len(rows[at])) if heads and delimiter != " " else width
     comma = any("," in rows[i][j] and kinds[i][j] == "n" for i in samples if i >= first for j in numeric)
     table = Table(
-        delimiter=delimiter, first=first, names=names, units=units, width=width, widest=widest,
+        delimiter=delimiter, first=first, names=names, units=units or [None] * width,
+        width=width, widest=widest,
         numeric=frozenset(j for j in numeric if "n" in kinds_of[j]),
-        decimal=stated.get("decimal") or ("," if comma else "."),
+        decimal=reading.decimal or ("," if comma else "."),
         rates=_head_rates(rows, lines, first, 0 in numeric),
     )  # fmt: skip
     return score, table
 
 
 def _names_of(
-    heads: list[tuple[int, list[str]]], numeric: set[int], stated: dict[str, Any]
+    heads: list[tuple[int, list[str]]], numeric: set[int], reading: ReadingOptions
 ) -> tuple[list[str] | None, list[str | None] | None, int]:
     """Return the names and units of the columns from the rows above them, and the line of the names."""
     if not heads:
@@ -163,7 +164,7 @@ def _names_of(
     likely = [k for k, (_, cells) in enumerate(heads) if any(map(_is_known_name, cells))]
     likely = [k for k in likely if k >= is_units] or likely
     listed = [k for k, (_, cells) in enumerate(heads) if cells[0].lower() == "name" and 0 in numeric]
-    chosen = len(heads) - 1 if stated.get("table_line") else [*listed, *likely, int(is_units)][0]
+    chosen = len(heads) - 1 if reading.table_line else [*listed, *likely, int(is_units)][0]
     at, names = heads[chosen]
     if listed:  # TwinCAT: pairs of times and values, with lines of properties below the names
         del heads[:chosen]
@@ -232,13 +233,13 @@ def _head_rates(
     return [(rate, where) for where, rate in rates.items()]
 
 
-def parse_clock(cells: list[str]) -> NDArray[Any] | None:
+def parse_clock(cells: Iterable[str]) -> NDArray[Any] | None:
     """Return the times since the first of cells that hold times of day, with or without dates; None if not.
 
     A date that changes, or a time that falls by hours, is the next day.
     """
-    seconds, day, date, before = np.empty(len(cells), np.int64), 0, None, None
-    for index, cell in enumerate(cells):
+    seconds, day, date, before = array("q"), 0, None, None
+    for cell in cells:
         match = _CLOCK.fullmatch(cell)
         if match is None:
             return None
@@ -252,5 +253,5 @@ def parse_clock(cells: list[str]) -> NDArray[Any] | None:
         if before is not None and (match["date"] != date if match["date"] else before - time > _HALF_DAY):
             day += 86_400 * 10**9
         date, before = match["date"], time
-        seconds[index] = day + time
-    return seconds.view("m8[ns]")
+        seconds.append(day + time)
+    return np.frombuffer(seconds, "m8[ns]")

@@ -8,6 +8,7 @@ import re
 import struct
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,8 @@ from numpy.typing import NDArray
 from cyclofeat.datasets.readers._columns import (
     CURRENT_UNITS,
     TORQUE_UNITS,
+    Channel,
+    ReadingOptions,
     Source,
     clean_unit,
     explain_damage,
@@ -29,8 +32,6 @@ _LEAD_IN = 28
 _BIG_ENDIAN, _INTERLEAVED, _DAQMX = 1 << 6, 1 << 5, 1 << 7
 # A channel's path in the description of a segment, or the increment of the channel last named (a double).
 _INCREMENT = re.compile(rb"(/'(?:[^']|'')*'/'(?:[^']|'')*')|wf_increment(?s:[\x0a\x00]{4})(.{8})", re.DOTALL)
-_UNKNOWN_LENGTH = 2**64 - 1  # of the last segment, where the recording program died
-_VERSIONS = (4712, 4713)
 # npTDMS reads interleaved data whole segments at a time unless asked for parts: this many bytes each.
 _BLOCK = 2**23
 # Scales that npTDMS computes. For any other it logs a line and hands over raw counts.
@@ -41,134 +42,135 @@ _SCALES = {
 _UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "unit", "Unit")
 
 
-class TdmsSource(Source):
-    """Channels of a TDMS file, named ``group/channel``; read in parts, so that one may lie in a huge file.
+def open_tdms(path: Path, _: ReadingOptions) -> Source:
+    """Return the channels of a TDMS file, named ``group/channel``; each is read in parts from a huge file.
 
     The index file that may lie beside it is not used: it may be of another recording.
     """
-
-    def __init__(self, path: Path) -> None:
-        self.interleaved, self.steps = _check_segments(path)
-        with _open_tdms(path) as file:
-            channels = [channel for group in file.groups() for channel in group.channels()]
-            self.keys = [(channel.group_name, channel.name) for channel in channels]
-            self.paths = [channel.path for channel in channels]
-            self.lengths = [len(channel) for channel in channels]
-            self.kinds: list[np.dtype[Any] | None] = []
-            for channel in channels:
-                try:
-                    self.kinds.append(np.dtype(channel.dtype))
-                except Exception:  # it has no type, or a scale that cannot be computed: reading it says why
-                    self.kinds.append(None)
-            self.scopes = [
-                (dict(channel.properties), dict(file[channel.group_name].properties), dict(file.properties))
-                for channel in channels
-            ]
-            self.daqmx = [bool(channel.scaler_data_types) for channel in channels]
-        units = [
-            next((str(properties[key]) for key in _UNIT_PROPERTIES if properties.get(key)), None)
-            for properties, *_ in self.scopes
+    interleaved, increments = _check_segments(path)
+    with _open_tdms(path) as file:
+        channels = [
+            _describe_channel(path, file, channel, interleaved, increments.get(channel.path, []))
+            for group in file.groups()
+            for channel in group.channels()
         ]
-        super().__init__(
-            path, [f"{group}/{name}" for group, name in self.keys], units, [name for _, name in self.keys]
+    return Source(path.name, channels)
+
+
+def _describe_channel(
+    path: Path, file: Any, channel: Any, interleaved: bool, increments: list[tuple[int, int, float]]
+) -> Channel:
+    name, properties = f"{channel.group_name}/{channel.name}", dict(channel.properties)
+    scopes = (properties, dict(file[channel.group_name].properties), dict(file.properties))
+    try:
+        dtype: np.dtype[Any] | None = np.dtype(channel.dtype)
+    except Exception:  # it has no type, or a scale that cannot be computed: reading it says why
+        dtype = None
+    kind = "" if dtype is None else dtype.kind
+    unit = next((str(properties[key]) for key in _UNIT_PROPERTIES if properties.get(key)), None)
+
+    # The innermost scope with scales applies.
+    scales = next(filter(_n_scales, (s for s in scopes if s.get("NI_Scaling_Status") != "scaled")), {})
+    kinds = [scales.get(f"NI_Scale[{number}]_Scale_Type") for number in range(_n_scales(scales))]
+    daqmx = bool(channel.scaler_data_types)
+    unknown = [(n, k) for n, k in enumerate(kinds) if not (k in _SCALES or (k is None and daqmx))]
+    error, raw = "", ""
+    if unknown:
+        error = (
+            f"has a scale that cannot be computed (NI_Scale[{unknown[0][0]}]: {unknown[0][1]!r}); known are "
+            f"{', '.join(sorted(_SCALES))}. Save it scaled: raw counts are not read in its place"
         )
+    elif (kind and kind in "iu" and clean_unit(unit) not in TORQUE_UNITS | CURRENT_UNITS) or (
+        properties.get("NI_Scaling_Status") == "unscaled" and not _n_scales(properties)
+    ):
+        raw = f"raw counts ({dtype}), and the file states no scale; give scale= (Nm per count)"
 
-    def is_usable(self, index: int) -> bool:
-        kind = self.kinds[index]
-        return self.lengths[index] > 0 and kind is not None and kind.kind in "iuf"
+    stated = {}
+    step_unit = clean_unit(str(properties.get("wf_xunit_string", ""))) or "s"
+    for number, _, step in increments:
+        of_segment = f" of segment {number}" if len(increments) > 1 else ""
+        stated[f"property 'wf_increment'{of_segment}"] = named_rate("dt", step, step_unit)
+    for scope, where in zip(scopes, ("", " of the group", " of the file"), strict=True):
+        for key, value in scope.items():
+            if isinstance(value, (int, float, np.number)) and key != "wf_increment":
+                stated[f"property {key!r}{where}"] = named_rate(key, float(value))
+    start_time = properties.get("wf_start_time")
+    return Channel(
+        name,
+        partial(_read_samples, path, name, (channel.group_name, channel.name), dtype, interleaved, error),
+        unit,
+        channel.name,
+        length=len(channel),
+        usable=len(channel) > 0 and bool(kind) and kind in "iuf",
+        rates=[(rate, where) for where, rate in stated.items() if rate is not None],
+        meta={} if start_time is None else {"start_time": str(start_time)},
+        raw=raw,
+        segments=partial(_segment_starts, path, channel.path, increments, step_unit)
+        if len(increments) > 1
+        else None,
+    )
 
-    def length(self, index: int) -> int | None:
-        return self.lengths[index]
 
-    def stated_rates(self, torque: int) -> list[tuple[float, str]]:
-        unit = clean_unit(str(self.scopes[torque][0].get("wf_xunit_string", ""))) or "s"
-        steps = self.steps.get(self.paths[torque], {})
-        stated = {}
-        for step, segment in steps.items():
-            of_segment = f" of segment {segment}" if len(steps) > 1 else ""
-            stated[f"property 'wf_increment'{of_segment}"] = named_rate("dt", step, unit)
-        for scope, where in zip(self.scopes[torque], ("", " of the group", " of the file"), strict=True):
-            for name, value in scope.items():
-                if isinstance(value, (int, float, np.number)) and name != "wf_increment":
-                    stated[f"property {name!r}{where}"] = named_rate(name, float(value))
-        return [(rate, where) for where, rate in stated.items() if rate is not None]
-
-    def channel_meta(self, torque: int) -> dict[str, Any]:
-        start = self.scopes[torque][0].get("wf_start_time")
-        return {} if start is None else {"start_time": str(start)}
-
-    def check_torque(self, torque: int, scale: float | None) -> None:
-        self._check_scales(torque)
-        kind = self.kinds[torque]
-        scaled = self.units[torque] in TORQUE_UNITS | CURRENT_UNITS
-        counts = kind is not None and kind.kind in "iu" and not scaled
-        properties = self.scopes[torque][0]
-        unscaled = properties.get("NI_Scaling_Status") == "unscaled" and not _n_scales(properties)
-        if (counts or unscaled) and scale is None:
-            raise ValueError(
-                f"{self.file}: channel {self.names[torque]!r} holds raw counts ({kind}), and the file states "
-                "no scale; give scale= (Nm per count)"
-            )
-
-    def _check_scales(self, index: int) -> None:
-        unscaled = (scope for scope in self.scopes[index] if scope.get("NI_Scaling_Status") != "scaled")
-        scope = next(filter(_n_scales, unscaled), {})  # the innermost one with scales applies
-        for number in range(_n_scales(scope)):
-            kind = scope.get(f"NI_Scale[{number}]_Scale_Type")
-            if not (kind in _SCALES or (kind is None and self.daqmx[index])):
-                raise ValueError(
-                    f"{self.file}: channel {self.names[index]!r} has a scale that cannot be computed "
-                    f"(NI_Scale[{number}]: {kind!r}); known are {', '.join(sorted(_SCALES))}. Save it "
-                    "scaled: raw counts are not read in its place"
-                )
-
-    def raw_values(self, index: int) -> NDArray[Any]:
-        self._check_scales(index)
-        group, name = self.keys[index]
-        n_values, dtype = self.lengths[index], self.kinds[index]
-        called = f"{self.file}: channel {self.names[index]!r}"
+def _read_samples(
+    path: Path, name: str, key: tuple[str, str], dtype: np.dtype[Any] | None, interleaved: bool, error: str
+) -> NDArray[Any]:
+    called, size = f"{path.name}: channel {name!r}", path.stat().st_size
+    if error:
+        raise ValueError(f"{called} {error}")
+    with _open_tdms(path) as file:
+        channel = file[key[0]][key[1]]
+        n_values, done = len(channel), 0
         if n_values and (dtype is None or dtype.kind not in "iufM"):
             raise ValueError(f"{called} must hold real numbers, got {dtype or 'another type'}")
-        size = self.path.stat().st_size
         if n_values > size:  # no sample takes less than a byte
-            raise ValueError(f"{self.file} is damaged: it claims {n_values} samples in {size} bytes")
-        with _open_tdms(self.path) as file:
-            channel = file[group][name]
-            values: NDArray[Any] = np.empty(
-                n_values, dtype if dtype is not None and dtype.kind == "M" else np.float64
-            )
-            if self.interleaved:
-                rows = max(1, _BLOCK * n_values // max(size, 1))
-                starts = range(0, n_values, rows)
-                parts = (channel.read_data(start, min(rows, n_values - start)) for start in starts)
-            else:
-                parts = (chunk[:] for chunk in channel.data_chunks())
-            done = 0
-            for part in parts:
-                if done + len(part) > n_values:
-                    break
-                values[done : done + len(part)] = part
-                done += len(part)
-        if done != n_values:
-            raise ValueError(f"{called} is not whole: {done} of {n_values} samples are there")
-        return values
+            raise ValueError(f"{path.name} is damaged: it claims {n_values} samples in {size} bytes")
+        values: NDArray[Any] = np.empty(n_values, dtype if dtype is not None and dtype.kind == "M" else float)
+        parts = (chunk[:] for chunk in channel.data_chunks())
+        if interleaved:
+            rows = max(1, _BLOCK * n_values // max(size, 1))
+            starts = range(0, n_values, rows)
+            parts = (channel.read_data(start, min(rows, n_values - start)) for start in starts)
+        for part in parts:
+            if done + len(part) > n_values:
+                break
+            values[done : done + len(part)] = part
+            done += len(part)
+    if done != n_values:
+        raise ValueError(f"{called} is not whole: {done} of {n_values} samples are there")
+    return values
+
+
+def _segment_starts(
+    path: Path, channel: str, increments: list[tuple[int, int, float]], unit: str
+) -> list[tuple[int, float]]:
+    """Return the first sample and the rate of each segment with another increment."""
+    starts = [0]
+    for _, position, _ in increments[1:]:
+        with _open_tdms(path, position) as file:
+            lengths = {each.path: len(each) for group in file.groups() for each in group.channels()}
+        starts.append(lengths.get(channel, 0))
+    rates = [named_rate("dt", step, unit) or 0.0 for _, _, step in increments]
+    return list(zip(starts, rates, strict=True))
 
 
 class _Bounded(io.BufferedReader):
-    """File that never reads more bytes than it has: a damaged length must not fill the memory."""
+    """File that never reads beyond an end: a damaged length must not fill the memory."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, end: int | None) -> None:
         super().__init__(io.FileIO(path))
-        self.size = path.stat().st_size
+        self.end = path.stat().st_size if end is None else end
 
     def read(self, size: int | None = -1, /) -> bytes:
-        rest = max(0, self.size - self.tell())
+        rest = max(0, self.end - self.tell())
         return super().read(rest if size is None or size < 0 else min(size, rest))
+
+    def seek(self, offset: int, whence: int = 0, /) -> int:
+        return super().seek(self.end + offset) if whence == 2 else super().seek(offset, whence)
 
 
 @contextmanager
-def _open_tdms(path: Path) -> Iterator[Any]:
-    """Open the file with npTDMS; its log messages about lost data become errors."""
+def _open_tdms(path: Path, end: int | None = None) -> Iterator[Any]:
+    """Open the file with npTDMS, up to an end; its log messages about lost data become errors."""
     nptdms = import_library("nptdms", ".tdms", "npTDMS")
     loggers = list(import_module("nptdms.log").log_manager.loggers.values())
     lost: list[str] = []
@@ -182,7 +184,11 @@ def _open_tdms(path: Path) -> Iterator[Any]:
     for logger in loggers:
         logger.addFilter(keep_losses)
     try:
-        with _Bounded(path) as stream, explain_damage(path, "TDMS"), nptdms.TdmsFile.open(stream) as file:
+        with (
+            _Bounded(path, end) as stream,
+            explain_damage(path, "TDMS"),
+            nptdms.TdmsFile.open(stream) as file,
+        ):
             yield file
     finally:
         for logger in loggers:
@@ -191,53 +197,51 @@ def _open_tdms(path: Path) -> Iterator[Any]:
         raise ValueError(f"{path.name} is damaged: {lost[0]}")
 
 
-def _check_segments(path: Path) -> tuple[bool, dict[str, dict[float, int]]]:
+def _check_segments(path: Path) -> tuple[bool, dict[str, list[tuple[int, int, float]]]]:
     """Check the lead-ins of all segments, and read the increments of waveforms from them.
 
-    Return True if any segment holds interleaved data, and for each channel's path its increments with the
-    first segment (from 1) that has samples at each; npTDMS keeps only the last increment. It
-    reads what it can of a damaged file; a record that lost its end must not pass for a whole one.
+    Return True if any segment holds interleaved data, and for each channel's path its increments where they
+    change, with the number of the segment (from 1) and its first byte; npTDMS keeps only the last increment.
+    It reads what it can of a damaged file; a record that lost its end must not pass for a whole one.
     """
     size = path.stat().st_size
     position, interleaved, number = 0, False, 0
     current: dict[str, float] = {}
-    steps: dict[str, dict[float, int]] = {}
+    increments: dict[str, list[tuple[int, int, float]]] = {}
     with path.open("rb") as file:
         while position < size:
             file.seek(position)
-            lead_in = file.read(_LEAD_IN)
+            lead_in, number = file.read(_LEAD_IN), number + 1
             where = f"the segment at byte {position}"
             if lead_in[:4] != b"TDSm":
                 problem = f"is damaged: {where}" if position else "is no TDMS file: it"
                 raise ValueError(f"{path.name} {problem} does not begin with 'TDSm'")
-            if len(lead_in) < _LEAD_IN:
-                raise ValueError(f"{path.name} is not whole: {where} ends within its lead-in")
+            lead_in = lead_in.ljust(_LEAD_IN, b"\xff")  # one that was cut has no end
             (mask,) = struct.unpack("<l", lead_in[4:8])
             order = ">" if mask & _BIG_ENDIAN else "<"
             version, following, data = struct.unpack(f"{order}lQQ", lead_in[8:])
-            if version not in _VERSIONS:
-                raise ValueError(
-                    f"{path.name}: {where} is of TDMS version {version}, known are {_VERSIONS[0]} and "
-                    f"{_VERSIONS[1]}"
-                )
             end = position + _LEAD_IN + following
-            if following == _UNKNOWN_LENGTH or end > size:
+            if end > size:
                 raise ValueError(
                     f"{path.name} is not whole: {where} has no end (was the recording broken off?)"
                 )
+            if version not in (4712, 4713):
+                raise ValueError(f"{path.name}: {where} is of TDMS version {version}, not 4712 or 4713")
             if data > following:
                 raise ValueError(f"{path.name} is damaged: {where} has its data after its end")
             interleaved |= bool(mask & (_INTERLEAVED | _DAQMX))
-            owner, number = "", number + 1
+            owner = ""
             for match in _INCREMENT.finditer(file.read(data)):
                 owner = match[1].decode("utf-8", "replace") if match[1] else owner
                 if match[2]:
                     current[owner] = struct.unpack(f"{order}d", match[2])[0]
             if following > data:
                 for owner, step in current.items():
-                    steps.setdefault(owner, {}).setdefault(step, number)
+                    changes = increments.setdefault(owner, [])
+                    if not changes or changes[-1][2] != step:
+                        changes.append((number, position, step))
             position = end
-    return interleaved, steps
+    return interleaved, increments
 
 
 def _n_scales(properties: Mapping[str, Any]) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from cyclofeat._base.quantities import number_of
 from cyclofeat.datasets.readers._columns import (
     RATE_UNITS,
     TIME_UNITS,
+    Channel,
     Float,
     ReadingOptions,
     Source,
@@ -75,124 +77,132 @@ def named_rate(name: str, value: float, unit: str | None = None) -> float | None
     return None
 
 
-def time_channels(source: Source) -> list[int]:
+def time_channels(source: Source) -> list[Channel]:
     """Return the channels that hold times by their names."""
-    return [index for index, base in enumerate(source.bases) if is_time_name(base)]
+    return [channel for channel in source.channels if is_time_name(channel.base)]
 
 
-def time_base(source: Source, torque: int, reading: ReadingOptions) -> tuple[float, dict[str, Any]]:
-    """Return the sampling rate of a channel in Hz, and for ``meta`` what it follows from.
+def time_base(
+    source: Source, torque: Channel, reading: ReadingOptions
+) -> tuple[list[tuple[int, float]], dict[str, Any]]:
+    """Return the first sample and the rate in Hz of each stretch of a channel, and ``meta`` of the rate.
 
-    All statements of the file about the channel must agree, unless ``reading`` chooses one.
+    All statements of the file about the channel must agree, unless ``reading`` chooses one. There is one
+    stretch, unless ``reading`` cuts the record at gaps and at segments of another rate.
     """
-    given, asked = reading.sampling_rate, reading.time_channel
-    stated = [Statement(rate, where) for rate, where in source.stated_rates(torque)]
+    given, asked, cut = reading.sampling_rate, reading.time_channel, reading.gaps == "cut"
+    starts = torque.segments() if cut and torque.segments else [(0, 0.0)]
+    if len(starts) > 1 and given is None:
+        return starts, {"rate_from": "the segments"}
+    stated = [Statement(rate, where) for rate, where in torque.rates]
     if source.labels is not None:
         stated = [Statement(source.labels["sampling_rate"], "header")]
     times: list[Statement] = []
     meta: dict[str, Any] = {}
     notes: list[str] = []
     foreign = ""
-    for index in _candidates(source, torque, reading):
-        name = f"time {source.noun} {source.names[index]!r}"
-        if source.length(index) != source.length(torque):
+    for channel in _candidates(source, torque, reading):
+        name = f"time {source.noun} {channel.name!r}"
+        if channel.length != torque.length:
             foreign = (
-                f"{name} has {source.length(index)} times, {source.noun} {source.names[torque]!r} "
-                f"{source.length(torque)} samples: it belongs to another one"
+                f"{name} has {channel.length} times, {source.noun} {torque.name!r} {torque.length} samples: "
+                "it belongs to another one"
             )
             if asked is not None and given is None:
                 raise ValueError(f"{source.file}: {foreign}")
             continue
         try:
-            times.append(_times_statement(source, index, reading, stated, meta, notes))
-        except TimeError as error:
-            if given is None and (error.gaps or not stated):
-                raise
-            meta |= {"gaps": error.gaps} if error.gaps else {}
-            notes.append(str(error).partition("; ")[0].removeprefix(f"{source.file}: "))
-            if error.usual:
-                times.append(Statement(error.usual, name))
+            times.append(_times_statement(source, channel, reading, stated, meta, notes))
         except ValueError as error:
-            if given is None and (asked is not None or not stated):
+            gaps, usual = (error.gaps, error.usual) if isinstance(error, TimeError) else ([], 0.0)
+            if given is None and (gaps or asked is not None or not stated) and not (gaps and cut):
                 raise
+            if gaps:
+                meta["gaps"] = gaps[:_MOST_GAPS]
+                starts = [(0, 0.0), *((place, 0.0) for place, _ in gaps)] if cut else starts
             notes.append(str(error).partition("; ")[0].removeprefix(f"{source.file}: "))
+            if usual:
+                times.append(Statement(usual, name))
     statements = times if asked is not None and times else [*stated, *times]
     if given is not None:
         rate, taken, chosen = float(given), [Statement(float(given), "argument")], "sampling rate given"
     elif not statements:
         raise ValueError(
             f"{source.file}: no sampling rate{': ' * bool(foreign)}{foreign}; give sampling_rate= (Hz), or "
-            f"time_channel= for {source.a_noun} of times; {source.plural} are {source.channel_names()}"
+            f"time_channel= for a {source.noun} of times; {source.noun}s are {source.list_names()}"
         )
     else:
         rate, chosen = statements[0].rate, "time channel chosen"
         taken = [statement for statement in statements if statement.agrees(rate)]
         if len(taken) < len(statements):
-            listed = ", ".join(f"{one.source} says {one.rate:.6g} Hz" for one in statements)
-            choices = [f"sampling_rate = {one.rate:.10g}" for one in statements]
-            choices += [one.choice for one in statements if one.choice]
-            raise ValueError(
-                f"{source.file}: the sampling rate is contradicted: {listed}; give "
-                f"{' or '.join(dict.fromkeys(choices))}"
-            )
+            choices = ["gaps='cut' (for each segment by itself)"] if torque.segments else []
+            raise ValueError(f"{source.file}: {_contradiction(statements, choices)}")
     for other in (*stated, *times):
         if not other.agrees(rate):
             notes.append(
                 f"the {chosen}, {rate:.6g} Hz, overrides {other.source}, which says {other.rate:.6g} Hz"
             )
-    meta["rate_from"] = " and ".join(one.source for one in taken)
-    return rate, meta | ({"time_notes": notes} if notes else {})
+    meta["rate_from"] = " and ".join(statement.source for statement in taken)
+    return [(start, rate) for start, _ in starts], meta | ({"time_notes": notes} if notes else {})
 
 
-def _candidates(source: Source, torque: int, reading: ReadingOptions) -> Sequence[int]:
+def _contradiction(statements: Sequence[Statement], choices: Sequence[str]) -> str:
+    """Return the message of statements that disagree, with the options that choose one."""
+    listed = ", ".join(f"{statement.source} says {statement.rate:.6g} Hz" for statement in statements)
+    rates = [f"sampling_rate = {statement.rate:.10g}" for statement in statements]
+    choices = [*rates, *(statement.choice for statement in statements if statement.choice), *choices]
+    return f"the sampling rate is contradicted: {listed}; give {' or '.join(dict.fromkeys(choices))}"
+
+
+def _candidates(source: Source, torque: Channel, reading: ReadingOptions) -> Sequence[Channel]:
     """Return the channels whose times may be those of the torque, of its own group if that has any."""
     if reading.without_times or source.labels is not None:
         return []
     if reading.time_channel is not None:
-        index = source.find_channel("time_channel", reading.time_channel, set())
-        assert index is not None
-        return [index]
-    channels = [index for index in time_channels(source) if index != torque]
-    near = [index for index in channels if source.group_of(index) == source.group_of(torque)]
-    fitting = [index for index in near or channels if source.length(index) == source.length(torque)]
+        channel = source.find_channel("time_channel", reading.time_channel)
+        assert channel is not None
+        return [channel]
+    channels = [channel for channel in time_channels(source) if channel is not torque]
+    near = [channel for channel in channels if channel.group == torque.group]
+    fitting = [channel for channel in near or channels if channel.length == torque.length]
     return fitting or channels[:1]
 
 
 def _times_statement(
     source: Source,
-    index: int,
+    channel: Channel,
     reading: ReadingOptions,
     stated: list[Statement],
     meta: dict[str, Any],
     notes: list[str],
 ) -> Statement:
     """Return the rate that a channel of times states; ``meta`` and ``notes`` get what is known of them."""
-    name = f"time {source.noun} {source.names[index]!r}"
-    values = source.time_values(index)
-    stated_unit, origin = reading.time_unit or source.units[index], ""
+    name = f"time {source.noun} {channel.name!r}"
+    values = channel.read()
+    stated_unit, origin, assumed = reading.time_unit or channel.unit, "", False
     if values.dtype.kind in "mM":
         if values.size < 2 or np.any(np.isnat(values)):
             raise ValueError(f"{source.file}: {name} has times missing")
         seconds = (values - values[0]) / np.timedelta64(1, "s")
     else:
-        unit = stated_unit or "s"
+        values, unit = source.check_values(channel, values), stated_unit or "s"
         if stated_unit is None:
             for low, high, guess, words in _EPOCHS:
                 days = guess == "d" and not 0 < abs(values[-1] - values[0]) / values.size < 1e-6
                 if low <= abs(values[0]) < high and not days:
                     unit, origin = guess, f" ({words})"
+            assumed = not origin
         if unit not in TIME_UNITS:
             raise ValueError(
                 f"{source.file}: {name} must be in {', '.join(TIME_UNITS)}, got {unit!r}; give time_unit="
             )
         seconds = values - values[0]  # dates in ns would lose the digits that matter
         seconds *= TIME_UNITS[unit]
-    assumed = values.dtype.kind not in "mM" and stated_unit is None and not origin
     del values  # each is as long as the record
-    rate, jitter = _even_rate(f"{source.file}: {name}", seconds, source)
+    rate, jitter = _even_rate(f"{source.file}: {name}", seconds, channel)
     if assumed and not _SENSIBLE[0] <= rate < _SENSIBLE[1]:
         by_unit = {unit: rate / factor for unit, factor in TIME_UNITS.items()}
-        same = [unit for unit in by_unit for one in stated if one.agrees(by_unit[unit])]
+        same = [unit for unit in by_unit for statement in stated if statement.agrees(by_unit[unit])]
         if not same:
             sensible = [unit for unit in by_unit if _SENSIBLE[0] <= by_unit[unit] < _SENSIBLE[1]]
             units = [f"time_unit={unit!r} ({by_unit[unit]:.6g} Hz)" for unit in sensible]
@@ -206,45 +216,56 @@ def _times_statement(
         notes.append(f"the file states no unit of {name}: s assumed")
     if jitter > _REPORTED_JITTER:
         meta["time_jitter"] = round(jitter, 3)
-    return Statement(rate, name + origin, f"time_channel={source.names[index]!r}")
+    return Statement(rate, name + origin, f"time_channel={channel.name!r}")
 
 
-def _even_rate(called: str, seconds: Float, source: Source) -> tuple[float, float]:
+def _even_rate(called: str, seconds: Float, channel: Channel) -> tuple[float, float]:
     """Rate of an evenly spaced column of times from 0 in Hz, and its largest jitter in samples."""
-    count = seconds.size - 1
-    if not seconds[-1] > seconds[0]:
-        by = f"{seconds[-1] - seconds[0]:g} s"
-        raise TimeError(f"{called} must rise, from its first to its last sample it goes by {by}; {_EVEN}")
-    if np.any(falls := seconds[1:] < seconds[:-1]):
-        where = int(np.argmax(falls)) + 1
-        by = f"{seconds[where - 1] - seconds[where]:.3g} s at {source.sample_place(where)}"
+    span, falls = seconds[-1] - seconds[0], seconds[1:] < seconds[:-1]
+    rate, jitter, worst = _fit_rate(seconds) if span > 0 else (0.0, math.inf, 0)
+    if falls.any() or jitter > _MOST_JITTER:
+        steps = np.diff(seconds)
+        usual = float(np.median(steps))
+        breaks = np.flatnonzero((steps > 1.5 * usual) | (steps < 0)) + 1
+        if usual > 0 and 0 < len(breaks) <= max(1, steps.size // 100):
+            edges = [0, *breaks, seconds.size]
+            first, end = max(pairwise(edges), key=lambda ends: ends[1] - ends[0])
+            usual = _fit_rate(seconds[first:end])[0] if end - first > 1 else 1 / usual
+            if all(_fit_rate(seconds[a:b], usual)[1] <= _MOST_JITTER for a, b in pairwise(edges)):
+                gaps = [[int(k), max(0, round(steps[k - 1] * usual) - 1)] for k in breaks]
+                place, longest = max(gaps, key=lambda gap: gap[1])
+                words = f"the longest of {number_of(longest, 'sample')}" if longest else "times restart"
+                raise TimeError(
+                    f"{called} is not evenly spaced: {number_of(len(gaps), 'gap')} at a usual {usual:.6g} Hz"
+                    f", {words} before {channel.place(place)}; to read the samples as if none were missing, "
+                    f"give sampling_rate = {usual:.6g}, or gaps='cut' to read what lies between the gaps",
+                    usual,
+                    gaps,
+                )
+    if falls.any() or not span > 0:
+        where = int(np.argmin(np.diff(seconds))) + 1
+        by = f"{seconds[where - 1] - seconds[where]:.3g} s at {channel.place(where)}"
         raise TimeError(f"{called} must rise, it falls by {by}; {_EVEN}")
-    rate = count / float(seconds[-1] - seconds[0])
+    if jitter > _MOST_JITTER:
+        raise TimeError(
+            f"{called} is not evenly spaced: at {channel.place(worst)} it is {jitter:.2g} samples away from "
+            f"{rate:.6g} Hz (samples missing, a clock that jitters, or times rounded too coarsely); {_EVEN}",
+            rate,
+        )
+    return rate, jitter
+
+
+def _fit_rate(seconds: Float, rate: float | None = None) -> tuple[float, float, int]:
+    """Return the rate of times in Hz, their largest jitter in samples, and the sample that has it."""
+    count = seconds.size - 1
+    if rate is None:
+        rate = count / float(seconds[-1] - seconds[0])
     off = np.arange(seconds.size, dtype=np.float64)  # in place: each array is as long as the record
     off /= -rate
     off += seconds
+    off -= seconds[0]
     off *= rate
     np.abs(off, out=off)
     worst = int(np.argmax(off))
-    if off[worst] > _MOST_JITTER:
-        steps = np.diff(seconds)
-        usual = float(np.median(steps))
-        gaps = np.flatnonzero(steps > 1.5 * usual) if usual > 0 else np.empty(0, np.int64)
-        if 0 < gaps.size <= max(1, steps.size // 100):
-            missing = [[int(gap) + 1, max(1, round(steps[gap] / usual) - 1)] for gap in gaps]
-            place, longest = max(missing, key=lambda gap: gap[1])
-            raise TimeError(
-                f"{called} is not evenly spaced: {number_of(gaps.size, 'gap')} at a usual {1 / usual:.6g} "
-                f"Hz, the longest of {number_of(longest, 'sample')} before {source.sample_place(place)}; to "
-                f"read the samples as if none were missing, give sampling_rate = {1 / usual:.6g}",
-                1 / usual,
-                missing[:_MOST_GAPS],
-            )
-        raise TimeError(
-            f"{called} is not evenly spaced: at {source.sample_place(worst)} it is {off[worst]:.2g} samples "
-            f"away from {rate:.6g} Hz (samples missing, a clock that jitters, or times rounded too "
-            f"coarsely); {_EVEN}",
-            rate,
-        )
     # Rounded times give 25600.0003 Hz: a whole number of Hz within the column's scatter is taken.
-    return whole_rate(rate, 2 * float(off[worst]) / count + 1e-9), float(off[worst])
+    return whole_rate(rate, 2 * float(off[worst]) / max(count, 1) + 1e-9), float(off[worst]), worst

@@ -153,9 +153,7 @@ def test_without_a_manifest_all_files_are_read_by_name(tmp_path):
     with pytest.raises(FileNotFoundError, match="no such folder"):
         read_folder(tmp_path / "missing")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(
-        ValueError, match=r"holds no .csv, .csv.gz, .npz, .tdms, .mat, .parquet, .wav or .xlsx recordings"
-    ):
+    with pytest.raises(ValueError, match=r"holds no .csv, .csv.gz, .npz, .* .wav or .xlsx recordings"):
         read_folder(tmp_path / "empty")
     with pytest.raises(ValueError, match="is no folder; use read_recording"):
         read_folder(tmp_path / "a.csv")

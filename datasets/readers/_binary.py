@@ -1,0 +1,317 @@
+"""Readers of NPZ, Parquet, WAV, MDF and universal files, and the writer of NPZ files."""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+import warnings
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
+from pathlib import Path
+from typing import IO, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat._base.quantities import QUANTITY_UNITS
+from cyclofeat.datasets.readers._columns import (
+    FORMAT_KEY,
+    LABELS,
+    VERSION,
+    WORN,
+    Channel,
+    ReadingOptions,
+    Source,
+    check_claim,
+    check_rate,
+    check_unpacked,
+    explain_damage,
+    import_library,
+    labels_of_file,
+    samples_name,
+)
+from cyclofeat.datasets.readers._times import named_rate
+from cyclofeat.recordings import Recording
+
+_Header: TypeAlias = tuple[str, tuple[int, ...], np.dtype[Any]]  # name in the archive, shape and dtype
+_RESERVED = {*LABELS, WORN, FORMAT_KEY, "sampling_rate", "angle_unit"}  # of an NPZ file: no channels
+
+
+def open_npz(path: Path, _: ReadingOptions) -> Source:
+    """Return the arrays of an NPZ file, read from disk when they are asked for.
+
+    By the layout, an array ``torque`` or ``input_torque`` is in Nm, ``motor_current`` in A, ``angle`` in rad
+    and ``sampling_rate`` in Hz; a name may state another unit (``angle_deg``), and so may a text array
+    ``angle_unit``.
+    """
+    with _open_archive(path) as archive:
+        headers = _check_sizes(path, archive)
+        small = {name: _read_array(archive, headers[name]) for name in _RESERVED & headers.keys()}
+    rates = []
+    if (rate := small.get("sampling_rate")) is not None:
+        where = f"{path.name}: array 'sampling_rate'"
+        if rate.size != 1 or rate.dtype.kind not in "iuf":
+            raise ValueError(f"{where} must be one number in Hz, got {rate!r}")
+        check_rate(rate.item(), where)
+        rates.append((float(rate.item()), "array 'sampling_rate'"))
+    labels = {key: small[key].tolist() for key in (*LABELS, WORN) if key in small}
+    if "meta" in labels:
+        text, labels["meta"] = labels["meta"], None
+        with suppress(TypeError, ValueError):
+            labels["meta"] = json.loads(text)
+        if not isinstance(labels["meta"], dict):
+            raise ValueError(f"{path.name}: array 'meta' must be a JSON object as text, got {text!r}")
+    version = small[FORMAT_KEY].tolist() if FORMAT_KEY in small else None
+    labels = labels_of_file(path.name, labels, version)
+    angle_unit = str(small["angle_unit"].tolist()) if "angle_unit" in small else None
+    if angle_unit not in (None, "rad", "deg"):
+        raise ValueError(f"{path.name}: array 'angle_unit' must be 'rad' or 'deg', got {angle_unit!r}")
+    if version is not None and not rates:
+        raise ValueError(f"{path.name}: no sampling rate: add an array 'sampling_rate'")
+    channels = []
+    for name in headers.keys() - _RESERVED:
+        shape, dtype = headers[name][1:]
+        usable = len(shape) == 1 and dtype.kind in "iuf"
+        read = partial(_read_member, path, headers[name])
+        channel = Channel(name, read, length=math.prod(shape), usable=usable, rates=rates)
+        if name == "torque":
+            channel.unit = "Nm"
+        elif name in QUANTITY_UNITS:
+            channel.unit = channel.unit or labels.get("meta", {}).get("unit", QUANTITY_UNITS[name])
+        elif channel.base.endswith("angle"):
+            channel.unit = channel.unit or angle_unit
+        channels.append(channel)
+    channels.sort(key=lambda channel: [*headers].index(channel.name))
+    own = None if version is None else labels | {"sampling_rate": rates[0][0]}
+    return Source(
+        path.name, channels, "array", by_index=False, labels=own, other_labels=labels, angle_unit="rad"
+    )
+
+
+def load_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """All arrays of an NPZ file. Pickled ones are refused: they are code."""
+    with _open_archive(path) as archive:
+        headers = _check_sizes(path, archive)
+        return {name: _read_array(archive, header) for name, header in headers.items()}
+
+
+@contextmanager
+def _open_archive(path: Path) -> Iterator[zipfile.ZipFile]:
+    with explain_damage(path, "NPZ"), path.open("rb") as file:
+        if file.read(6) == b"\x93NUMPY":
+            raise ValueError(f"{path.name} is a single array, not an NPZ archive; save it with numpy.savez")
+        with zipfile.ZipFile(file) as archive:
+            yield archive
+
+
+def _check_sizes(path: Path, archive: zipfile.ZipFile) -> dict[str, _Header]:
+    """Return the headers; raise ``ValueError`` for arrays too large to unpack, or pickled."""
+    headers = {}
+    unpacked = {info.filename: info.file_size for info in archive.infolist()}
+
+    def check_sum() -> None:
+        name, size = max(unpacked.items(), key=lambda item: item[1], default=("", 0))
+        of_it = f", {size / 1e9:.3g} GB of it array {name.removesuffix('.npy')!r}"
+        check_unpacked(path, sum(unpacked.values()), of_it)
+
+    check_sum()  # before any header: that may be as long
+    for member in unpacked:
+        name = member.removesuffix(".npy")
+        with archive.open(member) as file:
+            version = np.lib.format.read_magic(file)
+            if version not in ((1, 0), (2, 0)):
+                raise ValueError(
+                    f"{path.name}: array {name!r} is of format {version}, which holds no plain numbers"
+                )
+            read_header = getattr(np.lib.format, f"read_array_header_{version[0]}_0")
+            shape, _, dtype = read_header(file)
+        if dtype.hasobject:
+            raise ValueError(
+                f"{path.name} holds pickled objects, which are never loaded; save plain numeric arrays"
+            )
+        headers[name] = member, shape, dtype
+        n_bytes = dtype.itemsize * math.prod(shape)
+        check_claim(path, n_bytes)
+        if n_bytes > unpacked[member]:
+            raise ValueError(f"{path.name} is damaged: array {name!r} claims more bytes than there are")
+        unpacked[member] = np.dtype(np.float64).itemsize * math.prod(shape)  # as channels are read
+    check_sum()
+    return headers
+
+
+def _read_member(path: Path, header: _Header) -> NDArray[Any]:
+    with _open_archive(path) as archive:
+        return _read_array(archive, header)
+
+
+def _read_array(archive: zipfile.ZipFile, header: _Header) -> NDArray[Any]:
+    with archive.open(header[0]) as file:
+        array = np.lib.format.read_array(file, allow_pickle=False)
+        file.read(1)  # to the end, where the checksum is compared
+        return np.asarray(array)
+
+
+def write_npz(file: IO[bytes], recording: Recording, labels: dict[str, Any]) -> None:
+    """Write a recording and its labels as plain arrays."""
+    arrays: dict[str, NDArray[Any]] = {samples_name(recording): recording.torque}
+    if recording.angle is not None:
+        arrays["angle"] = recording.angle
+    for key, value in labels.items():
+        # An empty list of lobes would become float.
+        arrays[key] = np.asarray(
+            json.dumps(value) if key == "meta" else value, np.int64 if key == WORN else None
+        )
+    arrays[FORMAT_KEY] = np.asarray(VERSION)
+    np.savez(file, **arrays)  # type: ignore[arg-type]
+
+
+def open_parquet(path: Path, _: ReadingOptions) -> Source:
+    """Return the columns of a Parquet file; units from the columns' metadata (``unit``) or names."""
+    with _open_parquet(path) as file:
+        schema, n_rows = file.schema_arrow, int(file.metadata.num_rows)
+    rates, rate = [], (schema.metadata or {}).get(b"sampling_rate")
+    if rate is not None:
+        with suppress(ValueError):
+            rate = float(rate)
+        check_rate(rate, f"{path.name}: metadata 'sampling_rate'")
+        rates = [(rate, "metadata 'sampling_rate'")]
+
+    def read_column(name: str, kind: str, usable: bool) -> NDArray[Any]:
+        called = f"{path.name}: column {name!r}"
+        is_time = kind.startswith(("timestamp", "duration"))
+        if not (usable or is_time):
+            raise ValueError(f"{called} must hold real numbers, got {kind}")
+        if (times := schema.names.count(name)) > 1:
+            raise ValueError(f"{called} is there {times} times; names must be distinct")
+        check_claim(path, 8 * n_rows)
+        with _open_parquet(path) as file:
+            column = file.read(columns=[name]).column(0)
+            if column.null_count:
+                row = column.is_null().index(True).as_py() + 1
+                raise ValueError(f"{called} holds nothing in row {row}; it must hold a number")
+            return column.to_numpy() if is_time else np.asarray(column.to_numpy(), np.float64)
+
+    channels = []
+    for field in schema:
+        kind, unit = str(field.type), (field.metadata or {}).get(b"unit")
+        usable = kind.startswith(("int", "uint", "float", "double", "halffloat", "decimal"))
+        read = partial(read_column, field.name, kind, usable)
+        channel = Channel(field.name, read, unit and unit.decode(), usable=usable, rates=rates)
+        channel.place = lambda sample: f"row {sample + 1}"
+        channels.append(channel)
+    return Source(path.name, channels, "column")
+
+
+@contextmanager
+def _open_parquet(path: Path) -> Iterator[Any]:
+    parquet = import_library("pyarrow.parquet", ".parquet", "pyarrow")
+    with explain_damage(path, "Parquet"), parquet.ParquetFile(path, memory_map=True) as file:
+        yield file
+
+
+def open_wav(path: Path, _: ReadingOptions) -> Source:
+    """Return the channels of a WAV file, counted from 0.
+
+    Whole numbers are shares of full scale (-1 to 1) and need a scale in Nm; floating-point samples are taken
+    as they are.
+    """
+    from scipy.io import wavfile
+
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(12)
+    if head[:4] not in (b"RIFF", b"RIFX", b"RF64") or head[8:] != b"WAVE":
+        raise ValueError(f"{path.name} is no WAV file: it does not begin with RIFF and WAVE")
+    (claimed,) = struct.unpack(">I" if head[:4] == b"RIFX" else "<I", head[4:8])
+    if head[:4] != b"RF64" and claimed + 8 > size:
+        raise ValueError(f"{path.name} is not whole: its header says {claimed + 8} bytes, {size} are there")
+    with explain_damage(path, "WAV"), warnings.catch_warnings():
+        warnings.simplefilter("error", wavfile.WavFileWarning)
+        # Chunks of other programs do not matter.
+        warnings.filterwarnings("ignore", "Chunk .non-data. not understood", wavfile.WavFileWarning)
+        try:
+            rate, samples = wavfile.read(path, mmap=True)
+        except ValueError:  # 24-bit samples cannot be mapped
+            rate, samples = wavfile.read(path)
+    if not rate > 0:
+        raise ValueError(f"{path.name}: its header states a rate of {rate!r} Hz")
+    raw, table = "", samples[:, None] if samples.ndim == 1 else samples
+    if samples.dtype.kind != "f":
+        raw = f"shares of full scale ({samples.dtype}); give scale= (Nm at full scale)"
+
+    def read_samples(index: int) -> NDArray[Any]:
+        values = table[:, index]
+        if not raw:
+            return np.array(values)
+        zero = 128 if values.dtype == np.uint8 else 0
+        return np.asarray((values - float(zero)) / (zero or -float(np.iinfo(values.dtype).min)))
+
+    rates = [(float(rate), "header")]
+    channels = [
+        Channel(str(index), partial(read_samples, index), rates=rates, raw=raw)
+        for index in range(table.shape[1])
+    ]
+    return Source(path.name, channels, named=False)
+
+
+def open_mdf(path: Path, _: ReadingOptions) -> Source:
+    """Return the channels of an ASAM MDF file, ``group/channel`` where it has several groups."""
+
+    @contextmanager
+    def open_file() -> Iterator[Any]:
+        asammdf = import_library("asammdf", ".mf4", "asammdf")
+        with explain_damage(path, "MDF"), asammdf.MDF(path) as file:
+            yield file
+
+    def read_samples(group: int, index: int) -> NDArray[Any]:
+        with open_file() as file:
+            return np.asarray(file.get(group=group, index=index, samples_only=True)[0])
+
+    channels = []
+    with open_file() as file:
+        for number, group in enumerate(file.groups):
+            title = str(getattr(group.channel_group, "acq_name", "") or number)
+            for index, channel in enumerate(group.channels):
+                is_time = index == file.masters_db.get(number)
+                name = "time" if is_time else str(channel.name)
+                channels.append(
+                    Channel(
+                        f"{title}/{name}" if len(file.groups) > 1 else name,
+                        partial(read_samples, number, index),
+                        str(channel.unit or "") or ("s" if is_time else None),
+                        name,
+                        str(number),
+                        int(group.channel_group.cycles_nr),
+                        meta={"start_time": str(file.start_time)},
+                    )
+                )
+    return Source(path.name, channels)
+
+
+def open_universal(path: Path, _: ReadingOptions) -> Source:
+    """Return the records of a universal file: its data sets of type 58, by their first line."""
+    pyuff = import_library("pyuff", path.suffix, "pyuff")
+    channels: list[Channel] = []
+    with explain_damage(path, "a universal file"):
+        file = pyuff.UFF(str(path))
+        sets = [number for number, kind in enumerate(file.get_set_types()) if kind == 58]
+        for number in sets:
+            head = file.read_sets(number)
+            values, name = np.asarray(head["data"]), str(head["id1"]).strip()
+            name = f"record {len(channels) + 1}" if name.upper() in ("", "NONE") else name
+            rate = (
+                named_rate("dt", float(head["abscissa_inc"]), "s") if head["abscissa_spacing"] == 1 else None
+            )
+            rates = [] if rate is None else [(rate, f"abscissa of record {len(channels) + 1}")]
+            unit = str(head["ordinate_axis_units_lab"]).strip()
+            unit = "" if unit.upper() == "NONE" else unit
+            usable = values.dtype.kind == "f" and head["func_type"] == 1
+            channels.append(
+                Channel(
+                    name, partial(np.asarray, values), unit, length=values.size, usable=usable, rates=rates
+                )
+            )
+    return Source(path.name, channels, "record")
