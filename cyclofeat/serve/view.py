@@ -115,6 +115,7 @@ def _describe_job(job: Job) -> dict[str, Any]:
     command_line = shlex.join(["cyclofeat", job.order.command, *job.order.arguments])
     described: dict[str, Any] = {
         "number": job.number,
+        "command": job.order.command,
         "title": job.order.title,
         "state": job.state,
         "state_text": words[job.state],
@@ -170,7 +171,7 @@ def _status_text(session: Session, recordings: list[dict[str, Any]]) -> str:
     ended = ""
     if jobs:
         job = jobs[-1]
-        rows = [_describe_count(row) for row in job.result] if job.order.command == "count" else []
+        rows = [_describe_count(row) for row in job.result if "file" in row and job.order.command == "count"]
         counts = [
             f"{row['name']}: {'refused' if row['refused'] else row['count']}"
             for row in rows

@@ -83,13 +83,13 @@ def test_from_a_tdms_file_to_a_count_by_keyboard(browser, live, files):
     tab_to(browser, "files")
     browser.choose(files / "Prüfstand 7.tdms")
     # two channels: the page says so in the words of the command, and offers both
-    browser.wait_for(text_of("recordings"), lambda text: "several channels fit" in text, 60)
+    browser.wait_for(text_of("recordings"), lambda text: "several channels fit" in text, 120)
     tab_to(browser, "channel")
     browser.press("ArrowDown")
-    browser.wait_for(text_of("recordings"), lambda text: "rig/left (Nm)" in text, 60)
+    browser.wait_for(text_of("recordings"), lambda text: "rig/left (Nm)" in text, 120)
     tab_to(browser, "count")
     browser.press("Enter")
-    browser.wait_for(STATUS, lambda text: "Prüfstand 7.tdms: 3 worn lobes" in text, 60)
+    browser.wait_for(STATUS, lambda text: "Prüfstand 7.tdms: 3 worn lobes" in text, 120)
     assert browser.run("document.activeElement.id") == "count"  # the reader is not thrown elsewhere
     assert "3 worn lobes" in browser.run(text_of("jobs"))
     assert browser.run("document.getElementById('status').getAttribute('aria-live')") == "polite"
@@ -109,10 +109,10 @@ def test_recordings_are_compared_on_a_narrow_dark_screen(browser, live, files, t
     browser.wait_for(STATUS, lambda text: "choose recordings" in text)
     hostile = files / "<img src=x onerror=alert(1)>.csv"
     browser.drop("#drop", files / "Prüfstand 7.tdms", hostile)
-    browser.wait_for(text_of("recordings"), lambda text: "500 RPM" in text, 60)
+    browser.wait_for(text_of("recordings"), lambda text: "500 RPM" in text, 120)
     browser.run("document.getElementById('count').click()")
     # one has no channel of a usual name: the other is counted all the same
-    browser.wait_for(STATUS, lambda text: "1 of 2 recordings counted" in text, 60)
+    browser.wait_for(STATUS, lambda text: "1 of 2 recordings counted" in text, 120)
     assert browser.run("document.querySelectorAll('img').length") == 0
     assert browser.run("document.documentElement.scrollWidth") <= 400
     # tables are blocks of lines here: no error and no note is cut off at the edge
@@ -174,7 +174,7 @@ def test_a_gap_is_found_by_keyboard_and_its_report_downloaded(browser, live, tmp
     browser.said.clear()  # the page before may have asked for its server, which is gone
     tab_to(browser, "folder")
     browser.choose(measured)
-    browser.wait_for(text_of("recordings"), lambda text: "r1.npz" in text and "690 RPM" in text, 60)
+    browser.wait_for(text_of("recordings"), lambda text: "r1.npz" in text and "690 RPM" in text, 120)
     tab_to(browser, "gap-summary")
     browser.press("Enter")
     tab_to(browser, "gap")

@@ -6,6 +6,7 @@ const shown = {}; // HTML of each part, by its id
 const inspected = new Set(); // recordings for which an inspection was asked
 let uploading = false;
 let timer;
+let repeated; // newest job whose error was shown at its button
 
 function show(id, html) {
   if (shown[id] === html) return;
@@ -15,6 +16,7 @@ function show(id, html) {
   const before = [...place.querySelectorAll("[id]")].map((one) => [one.id, one.checked, one.open]);
   const focused = place.contains(document.activeElement) ? document.activeElement.id : "";
   place.innerHTML = html; // escaped by the server's templates
+  nameFields(place);
   if (value) place.value = value;
   if (place.tagName === "SELECT" && place.selectedIndex < 0) place.selectedIndex = 0;
   for (const [name, checked, open] of before) {
@@ -24,6 +26,38 @@ function show(id, html) {
     if (open) one.open = true;
   }
   if (focused && at(focused)) at(focused).focus();
+}
+
+/** Text with the label of a field in place of its option, as "--speed". */
+function labelled(text) {
+  const message = text.replace(/argument (?=--)/g, "").replace(/; see cyclofeat \w+ --help/g, "");
+  return message.replace(/--[a-z][a-z-]*[a-z]/g, (option) => {
+    const small = [...document.querySelectorAll("#options small")]
+      .find((one) => one.textContent.split(/[,;]/)[0] === option);
+    if (!small) return option;
+    const field = small.closest("label");
+    const label = field ? field.firstChild.data : small.parentElement.querySelector("label").textContent;
+    return `“${label.replace(/\s+/g, " ").trim()}”`;
+  });
+}
+
+/** Name fields in the messages of a part, but not in its command lines. */
+function nameFields(part) {
+  const texts = document.createTreeWalker(part, NodeFilter.SHOW_TEXT);
+  while (texts.nextNode()) {
+    const { data, parentElement } = texts.currentNode;
+    if (data.includes("--") && !parentElement.closest("pre")) texts.currentNode.data = labelled(data);
+  }
+}
+
+/** Show the error of the newest job at its button too, until the next request. */
+function repeatError() {
+  const newest = document.querySelector("#jobs .job");
+  const error = newest && newest.querySelector(":scope > p.wrong");
+  const place = error && at(`problem-${newest.dataset.job}`);
+  if (!place || repeated === newest.getAttribute("aria-labelledby")) return;
+  repeated = newest.getAttribute("aria-labelledby");
+  place.textContent = error.textContent;
 }
 
 function say(text) {
@@ -37,13 +71,13 @@ async function ask(method, path, body) {
   return said;
 }
 
-/** Do something that the server may refuse, and show why. */
-async function attempt(work) {
-  at("problem").textContent = "";
+/** Do something that the server may refuse, and show why: at the button of a command, if it has a place there. */
+async function attempt(work, command) {
+  document.querySelectorAll(".problem").forEach((one) => (one.textContent = ""));
   try {
     await work();
   } catch (error) {
-    at("problem").textContent = error.message;
+    (at(`problem-${command}`) || at("problem")).textContent = labelled(error.message);
   }
   await refresh();
 }
@@ -54,8 +88,9 @@ async function refresh() {
   try {
     const state = await ask("GET", "state");
     for (const [id, html] of Object.entries(state.html)) show(id, html);
+    repeatError();
     if (!uploading) {
-      say(state.status);
+      say(labelled(state.status));
       inspect(state.uninspected);
     }
     if (state.busy) wait = 500;
@@ -82,7 +117,7 @@ function start(command, recordings) {
     const counts = field.name && (!only || only === command) && (field.type !== "checkbox" || field.checked);
     if (counts && field.value) options[field.name] = field.value;
   }
-  return attempt(() => ask("POST", "jobs", JSON.stringify({ command, recordings, options })));
+  return attempt(() => ask("POST", "jobs", JSON.stringify({ command, recordings, options })), command);
 }
 
 // -- uploads
