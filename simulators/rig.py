@@ -16,7 +16,7 @@ import numpy as np
 from scipy.stats import rayleigh, uniform
 
 from cyclofeat._base import displays
-from cyclofeat._base.checks import check_type, is_number, one_of, positive, repr_of
+from cyclofeat._base.checks import check_type, is_number, number_pair, one_of, positive, repr_of
 from cyclofeat._base.displays import html_card
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import QUANTITIES
@@ -46,6 +46,7 @@ Made = TypeVar("Made")
 # Children of a run's seed. Those of an effect begin with the bytes of its name, which are larger numbers.
 DEFECTS, _START, _VARIANT = 1, 2, 3
 _GEARBOX = "gearbox."
+_RECORDED_AT = ("speeds_rpm", "loads_nm")
 FORMAT = "cyclofeat rig"
 _NOTE = (
     "SI units: m, kg, kg m2, s, rad/s, Nm, Nm/rad, Pa; keys in _nm are Nm, in _hz Hz. effects is a list like "
@@ -81,6 +82,8 @@ class Rig:
         with some probability, exclude each other, or have correlated sizes. Default: none.
     simulator : Simulator, optional
         User's simulator. The gearbox then states speed, load and number of lobes.
+    speeds_rpm, loads_nm : pair of float, optional
+        Lowest and highest speed and load at which the rig was recorded, which training covers.
 
     Raises
     ------
@@ -112,9 +115,17 @@ class Rig:
     name: str = "rig"
     variants: tuple[tuple[Effect, ...], ...] = ()
     simulator: Simulator | None = None
+    speeds_rpm: tuple[float, float] | None = None
+    loads_nm: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         check_type("gearbox", self.gearbox, CycloidalGearbox)
+        for name in _RECORDED_AT:
+            if getattr(self, name) is not None:
+                low, high = ends = number_pair(name, getattr(self, name))
+                if not 0 < low <= high:
+                    raise ValueError(f"{name} must be a pair (low, high) with 0 < low <= high, got {ends}")
+                object.__setattr__(self, name, ends)
         if not isinstance(self.name, str):
             raise TypeError(f"name must be text, got {self.name!r}")
         if not self.name or not self.name.isprintable():
@@ -639,6 +650,7 @@ class Rig:
         }
         if self.simulator is not None:
             content["simulator"] = self.simulator.to_dict()
+        content |= {name: list(ends) for name in _RECORDED_AT if (ends := getattr(self, name)) is not None}
         if self.variants:
             content["variants"] = [[effect.to_dict() for effect in variant] for variant in self.variants]
         return content
@@ -696,7 +708,7 @@ class Rig:
             If a key or value is wrong; the message names it.
         """
         given = dict(_check_object("the file", content))
-        reject_unknown(given, ["format", "note", "name", "gearbox", "effects", "variants", "simulator"])
+        reject_unknown(given, ["format", "note", *(item.name for item in dataclasses.fields(cls))])
         note, form = given.pop("note", ""), given.pop("format", FORMAT)
         if not isinstance(note, str):
             raise TypeError(f"note must be text, got {repr_of(note)}")
@@ -735,7 +747,8 @@ class Rig:
         ``"effect"``, then its parameters (:func:`cyclofeat.simulators.known_effects`). A parameter is a
         number, a range ``[low, high]``, or a distribution of scipy by its name and arguments,
         ``{"distribution": "norm", "loc": 0.2, "scale": 0.05}``. ``"variants"`` is a list of such lists of
-        effects, of which each assembly has one. All keys may be left out. ``"note"`` is free text.
+        effects, of which each assembly has one; ``"speeds_rpm"`` and ``"loads_nm"`` are pairs, the lowest and
+        the highest at which the rig was recorded. All keys may be left out. ``"note"`` is free text.
 
         Parameters
         ----------

@@ -18,15 +18,19 @@ from cyclofeat.simulators import Gain, Hum, PinErrors, Rig
 FIRST, SECOND = Condition(500.0, 22.0), Condition(400.0, 12.0, -1)
 
 EFFECTS = (
-    FoundEffect("hum", 0.999, "present", (Size("amplitude_nm", "Nm", 1.987, 1.91, 2.06),)),
-    FoundEffect("pin_errors", 0.96, "present", (Size("rms", "m", 1.2e-5, 2e-6, 5e-5),)),
-    FoundEffect("gain", 0.61, "unresolved", (Size("factor", "1", 1.05, 1.01, 1.09),), ("offset",)),
-    FoundEffect("offset", 0.36, "unresolved", (), ("gain",)),
-    FoundEffect("clearance", 0.3, "unresolved", (Size("clearance", "m", 1e-5, math.nan, math.nan),)),
+    FoundEffect("hum", 0.999, "missing", (Size("amplitude_nm", "Nm", 1.987, 1.91, 2.06),)),
+    FoundEffect("pin_errors", 0.96, "missing", (Size("rms", "m", 1.2e-5, 2e-6, 5e-5),)),
+    FoundEffect("gain", 0.61, "probably missing", (Size("factor", "1", 1.05, 1.01, 1.09),), ("offset",)),
+    FoundEffect("offset", 0.36, "undecided", (), ("gain",)),
+    FoundEffect("clearance", 0.3, "undecided", (Size("clearance", "m", 1e-5, math.nan, math.nan),)),
     FoundEffect(
-        "run_out", 0.12, "unresolved", visible=0.01, visible_from=VisibleFrom("runout", "m", math.nan, 2.5e-5)
+        "run_out",
+        0.12,
+        "too small to matter",
+        visible=0.01,
+        visible_from=VisibleFrom("runout", "m", math.nan, 2.5e-5),
     ),
-    FoundEffect("noise", 0.02, "absent"),
+    FoundEffect("noise", 0.02, "not missing"),
 )
 
 REMAINDER = Remainder(
@@ -79,7 +83,7 @@ def answered(located: Any, **changes: Any) -> GapResult:
         "named": (Hum(1.987), PinErrors(1.2e-5), Gain(1.05)),
         "remainder": Remainder(0.31, unexplained=False),
         "next_measurements": (
-            NextMeasurement("a record at 44 Nm", ("gain", "offset"), 0.83),
+            NextMeasurement("a record at 44 Nm", ("gain", "offset")),
             NextMeasurement("dead weights on the meter", ("gain", "offset")),
         ),
         "overlays": tuple(

@@ -44,7 +44,7 @@ elif manner == "fail":
     print(json.dumps([{"file": "a.csv", "error": "a.csv is empty"}]))
     sys.exit(2)
 else:
-    gap = {"verdict": "unresolved", "effects": [], "named": [], "remainder": None}  # of a gap
+    gap = {"text": ["nothing"]}
     print(json.dumps([{"file": "a.csv", "error": "stands in", "words": words} | gap]))
 """
 PROGRAM = (sys.executable, "-c", _COMMAND)

@@ -91,7 +91,7 @@ class Answer:
         for name, one in self.effects.items():
             p = one["probability"]
             said = PRESENT if p >= _SURE else ABSENT if p <= _SURELY_NOT else UNRESOLVED
-            found.setdefault(group_of(name), set()).add(one.get("answer", said))
+            found.setdefault(group_of(name), set()).add(said)
         return {
             group: PRESENT if PRESENT in said else ABSENT if said == {ABSENT} else UNRESOLVED
             for group, said in found.items()

@@ -19,7 +19,6 @@ from benchmarks.hidden_effects._sets import definitions
 from benchmarks.hidden_effects._visible import effects_of
 from cyclofeat.gap import Comparison, Condition, EffectPosterior, GapSettings, find_gap
 from cyclofeat.gap.measured import MeasuredRig
-from cyclofeat.gap.posterior.answers import answer_of
 from cyclofeat.gap.proof.prove import Alternative, prove_all
 from cyclofeat.gap.simulations import Memory
 from cyclofeat.gap.summaries.turns import MeasuredTurns
@@ -74,7 +73,7 @@ def names_of(posterior: EffectPosterior, sessions: Sequence[Session]) -> list[di
                 middle = ends[len(ends) // 2]
                 sizes[name][parameter] = {"value": middle, "low": ends[0], "high": ends[-1]}
         effects = [
-            {"id": name, "probability": p, "answer": answer_of(p), "visible": seen, "sizes": sizes[name]}
+            {"id": name, "probability": p, "visible": seen, "sizes": sizes[name]}
             for name, p, seen in zip(posterior.names_, p_of.tolist(), seen_of.tolist(), strict=True)
             if np.isfinite(p)
         ]

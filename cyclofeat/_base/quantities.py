@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 
@@ -35,6 +36,13 @@ def number_of(n: int, thing: str) -> str:
     return f"{n} {thing}" if n == 1 else f"{n} {thing}s"
 
 
+def some_of(things: Iterable[str], most: int = 4) -> str:
+    """Return ``a, b, c, d and 3 more``."""
+    listed = list(things)
+    more = f" and {len(listed) - most} more" if len(listed) > most else ""
+    return ", ".join(listed[:most]) + more
+
+
 def join_errors(errors: Sequence[str], most: int = 10) -> str:
     """Return the first errors in one line, and how many more there are."""
     more = f"; and {len(errors) - most} more" if len(errors) > most else ""
@@ -60,3 +68,28 @@ def beyond_text(below: float, above: float, text: Callable[[float], str] = "{:.3
 def unit_text(unit: str) -> str:
     """Return the unit behind a space; nothing for the unit of a pure number, ``"1"``."""
     return "" if unit == "1" else f" {unit}"
+
+
+def probability_text(probability: float) -> str:
+    """Return a probability as text; "> 0.99" if it rounds to 1."""
+    return "> 0.99" if probability >= 0.995 else f"{probability:.2f}"
+
+
+def quantity_parts(values: Sequence[float], unit: str) -> tuple[list[str], str]:
+    """Return values of one unit as texts, in millionths if all are small, and the unit as people write it."""
+    for plain, largest, millionth in (("m", 1e-3, "\N{MICRO SIGN}m"), ("1", 2e-3, "ppm")):
+        if unit == plain and all(not abs(value) >= largest for value in values):
+            values, unit = [1e6 * value for value in values], millionth
+    texts = []
+    for value in values:  # three significant digits; large numbers without powers of ten
+        digits = f"{value:.3g}"
+        texts.append("infinite" if math.isinf(value) else digits)
+        if 1e3 <= abs(value) < 1e7:
+            texts[-1] = f"{float(digits):.0f}"
+    return texts, re.sub(r"(?<=[a-z])2", "\N{SUPERSCRIPT TWO}", unit)
+
+
+def quantity_text(values: Sequence[float], unit: str) -> str:
+    """Return one value, or a range, with its unit."""
+    texts, shown = quantity_parts(values, unit)
+    return " to ".join(texts) + unit_text(shown)

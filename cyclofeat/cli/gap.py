@@ -6,10 +6,9 @@ import argparse
 import contextlib
 import dataclasses
 import importlib.util
-import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cyclofeat._base.checks import different_names
 from cyclofeat._base.progress import Progress, Steps
@@ -23,14 +22,14 @@ from cyclofeat.cli._options import (
     add_seed,
     add_target,
     check_folder,
+    note,
     read_all,
     whole_number,
 )
 from cyclofeat.cli._rigs import add_effects
-from cyclofeat.plotting.gap_words import VERDICTS, cell_name, effect_name, mean_difference_words, p_words
 
 if TYPE_CHECKING:
-    from cyclofeat.gap import Condition, EffectPosterior, GapResult, World
+    from cyclofeat.gap import Condition, EffectPosterior, World
     from cyclofeat.recordings import Recording
     from cyclofeat.simulators import Rig
 
@@ -38,7 +37,6 @@ PACKAGED = "packaged"  # word for the posterior that comes with the package
 _RECORDINGS, _RIGS = 12, 240
 _MACHINES = 4000  # about an hour of two cores
 _EPOCHS_ON = 12  # of networks that go on: with more they fit single rigs
-_N_REMAINING = 3
 
 
 def add_check(parser: argparse.ArgumentParser) -> None:
@@ -62,8 +60,8 @@ def add_check(parser: argparse.ArgumentParser) -> None:
     add_idle(parser, "--recordings", beside=["MEASURED"])
     add_idle(parser, "--recordings", "--rigs", without=["--check"])
     add_idle(
-        parser, "--hold-out", "--out", "--save-simulator", "--simulated", "--alpha", "--one-assembly",
-        "--cache", beside=["--check"],
+        parser, "--hold-out", "--out", "--save-simulator", "--train", "--simulated", "--alpha",
+        "--one-assembly", "--cache", beside=["--check"],
     )  # fmt: skip
 
 
@@ -107,9 +105,7 @@ def run_check(arguments: argparse.Namespace, posterior: EffectPosterior) -> Prin
     if result.wrong:
         wrong = ", ".join(f"{name} ({n})" for name, n in result.wrong.items())
         lines.append(f"named although absent: {wrong}")
-    lines += [
-        f"would help: {next_one.what} ({next_one.gain:.2g} bits)" for next_one in result.next_measurements
-    ]
+    lines += [f"would help: {measurement.what}" for measurement in result.next_measurements]
     return Printed("\n".join(lines), result.to_dict())
 
 
@@ -133,7 +129,7 @@ def add_preparation(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     add_idle(parser, "--machines", "--effects", without=["--prepare"])
     add_idle(
-        parser, "--hold-out", "--out", "--save-simulator", "--simulated", "--alpha",
+        parser, "--hold-out", "--out", "--save-simulator", "--train", "--simulated", "--alpha",
         "--one-assembly", "--check", beside=["--prepare"],
     )  # fmt: skip
 
@@ -204,60 +200,6 @@ def world_of(arguments: argparse.Namespace, model: Rig) -> World:
     return dataclasses.replace(world, effects=effects, most=min(world.most, len(effects)))
 
 
-def gap_lines(result: GapResult) -> list[str]:
-    """Return the lines of a result, the answer first."""
-    lines = [f"{VERDICTS[result.verdict]} (p = {result.p:.2g}, adjusted over all comparisons)"]
-    named = {effect.effect_id for effect in result.named}
-    listed = set(named)
-    for effect in result.effects:
-        if effect.effect in named or effect.answer == "present":
-            look_alikes = [name for name in effect.ties if name not in named]
-            word = "missing" if effect.answer == "present" else "probably missing"
-            names = ", or ".join(
-                ", ".join(f"{each.effect} ({each.probability:.0%})" for each in group)
-                for group in ([effect], [*map(result.effect, look_alikes)])
-                if group
-            )
-            lines.append(f"{word}: {names}: {effect_name(effect.effect)}")
-            lines += [f"  {size}" for size in effect.sizes]
-            listed.update(look_alikes)
-    rest = [e for e in result.effects if e.answer == "unresolved" and e.effect not in listed]
-    undecided = [f"{e.effect} ({e.probability:.0%})" for e in rest if not e.small]
-    if undecided:
-        lines.append(f"open: {', '.join(undecided)}")
-    small = [f"{e.effect} ({e.probability:.0%}, {e.visible_from})" for e in rest if e.small]
-    if small:
-        lines.append(f"open, but too small to be seen; would be seen with: {', '.join(small)}")
-    remainder = result.remainder
-    if remainder is None:
-        pass
-    elif remainder.cause == "chance":
-        lines.append(f"left unexplained: nothing ({p_words(remainder.p)})")
-    elif remainder.p_open is not None and not remainder.unexplained:
-        lines.append(
-            f"left unexplained: differences that open effects may explain ({p_words(remainder.p_open)}; "
-            f"without them {p_words(remainder.p)}); sizes are not confirmed by simulation"
-        )
-    else:
-        lines.append(f"left unexplained ({p_words(remainder.p)}):")
-        for row in remainder.rows[:_N_REMAINING]:
-            lines.append(f"  {cell_name(row)}: {mean_difference_words(row.difference, row.unit)}")
-        lines.append(
-            "something is missing that no effect considered explains: sizes are not confirmed by simulation"
-        )
-    for measurement in result.next_measurements[:1]:
-        apart = f", to tell apart {', '.join(measurement.separates)}" if measurement.separates else ""
-        lines.append(f"measure next: {measurement.what}{apart}")
-    for proof in result.proof:
-        closed = proof.result
-        text = "too little disagreement to state how far it shrank"
-        if not math.isnan(closed.grr):
-            within = f" ({closed.low:.0%} to {closed.high:.0%})" if closed.low <= closed.high else ""
-            text = f"{closed.grr:.0%} of the gap closed{within}"
-        lines.append(f"held out{f' at {proof.condition.text}' if proof.condition else ''}: {text}")
-    return lines + [f"note: {warning}" for warning in result.warnings]
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "measured",
@@ -287,6 +229,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser, "--save-simulator", metavar="FILE",
         help="corrected model to write, .json, with the effects and sizes that the recordings leave possible",
     )  # fmt: skip
+    add_target(
+        parser, "--train", "model", metavar="FILE",
+        help="train a counter on the corrected model, write it, and try it on all recordings beside the "
+        "packaged one (about four minutes on two cores)",
+    )  # fmt: skip
     add_check(parser)
     add_preparation(parser)
     parser.add_argument(
@@ -308,6 +255,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser, "--simulator", "--posterior", "--hold-out", "--save-simulator", "--one-assembly", "--cache",
         "--jobs", beside=["--simulated"],
     )  # fmt: skip
+    add_idle(parser, "--train", without=["--save-simulator"])
     add_idle(parser, "--effects-from", without=["--simulator", "--posterior"])
     add_idle(parser, "--quantity", without=["MEASURED", "--prepare"])
     add_idle(parser, *(option for option in READING if option != "--quantity"), without=["MEASURED"])
@@ -352,17 +300,62 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
             "recordings": f"{len(recordings)}",
             "simulated recordings": f"{len(simulated)} of {arguments.simulated}",
         }
-    yield Printed("\n".join(gap_lines(result)), result.to_dict())
+    yield Printed(str(result), result.to_dict())
     if arguments.save_simulator is not None:
+        settings["corrected model"] = arguments.save_simulator
         (result.posterior_rig or result.rig).to_json(arguments.save_simulator)
         yield Printed(f"corrected model: {arguments.save_simulator}", {})
+        if result.named and arguments.train is None:
+            yield Printed(f"next: cyclofeat train --rig {arguments.save_simulator} --out counter.skops", {})
+    counters: list[dict[str, Any]] = []
+    if arguments.train is not None:
+        counters = try_counters(arguments, recordings)
+        lines = [
+            f"{row['counter']}: {row['n']} recordings, "
+            + ("" if row["right"] is None else f"{row['right']} right, ")
+            + f"{row['refused']} refused"
+            for row in counters
+        ]
+        yield Printed("\n".join(lines), {"counters": counters})
     if arguments.out is not None:
         from cyclofeat.report import write_gap_report
 
         sources = [recording.source for recording in recordings]
         with Progress("cyclofeat gap: writing the report"):
-            write_gap_report(result, arguments.out, sources=sources, settings=settings)
+            write_gap_report(result, arguments.out, sources=sources, settings=settings, counters=counters)
         yield Printed(f"report: {arguments.out}", {})
+
+
+def try_counters(arguments: argparse.Namespace, recordings: list[Recording]) -> list[dict[str, Any]]:
+    """Train a counter on the corrected model, and count the recordings with it and with the packaged one."""
+    from cyclofeat.cli import train
+    from cyclofeat.models import load_default_model, load_model
+
+    parser = argparse.ArgumentParser()
+    train.add_arguments(parser)
+    rate = min(25_600.0, *(recording.sampling_rate for recording in recordings))
+    most = max(7, *(recording.defect_count or 0 for recording in recordings))
+    options = {
+        "--rig": arguments.save_simulator, "--out": arguments.train, "--sampling-rate": rate,
+        "--max-count": most, "--seed": arguments.random_state, "--jobs": arguments.n_jobs,
+        "--quantity": recordings[0].quantity,
+    }  # fmt: skip
+    note("training a counter on the corrected model: about four minutes on two cores")
+    train.run(parser.parse_args([str(word) for option in options.items() for word in option]))
+    models = {
+        "trained on the corrected model": load_model(arguments.train),
+        "packaged counter": load_default_model(recordings[0].quantity),
+    }
+    known = all(recording.defect_count is not None for recording in recordings)
+    rows = []
+    for name, model in models.items():
+        counts = [model.count(recording) for recording in recordings]
+        pairs = list(zip(counts, recordings, strict=True))
+        right = [not c.refused and c.defect_count == recording.defect_count for c, recording in pairs]
+        refused = sum(count.refused for count in counts)
+        n = len(counts)
+        rows.append({"counter": name, "n": n, "right": sum(right) if known else None, "refused": refused})
+    return rows
 
 
 def _posterior_of_model(arguments: argparse.Namespace) -> EffectPosterior:
@@ -375,7 +368,8 @@ def _posterior_of_model(arguments: argparse.Namespace) -> EffectPosterior:
     learned, model = posterior.world.rig, Rig.from_json(arguments.simulator)
     # Speed and load are those of the recordings; a name is no property.
     set_points = {name: getattr(learned.gearbox, name) for name in ("input_speed", "load_torque")}
-    if model.replace(gearbox=model.gearbox.replace(**set_points), name=learned.name) != learned:
+    same = {name: getattr(learned, name) for name in ("name", "speeds_rpm", "loads_nm")}
+    if model.replace(gearbox=model.gearbox.replace(**set_points), **same) != learned:
         packaged = arguments.posterior in (None, PACKAGED)
         raise ValueError(
             f"{'the packaged posterior' if packaged else arguments.posterior} was learned from another "

@@ -34,8 +34,9 @@ _SIMULATION = (
 # The rig states the rest.
 _OF_FILES = tuple(option for option in READING if option not in ("--quantity", "--sampling-rate"))
 
-# Simulated speeds and loads reach from the nominal ones over this to the nominal ones times this.
-_RANGE = 1.25
+# Simulated speeds and loads reach from the nominal ones over the first to the nominal ones times it; from the
+# lowest to the highest at which the rig was recorded, the second.
+_RANGE, _RECORDED_RANGE = 1.25, 1.1
 # Output turns of a simulated assembly; early wear hardly shows in one turn.
 _TURNS, _TURNS_FOR_WEAR = 2, 5
 # Largest share by which a motor turns less under load than at its nominal speed.
@@ -65,11 +66,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--speeds", type=range_of("RPM"), metavar="LOW:HIGH",
         help="input speeds of the simulated assemblies in RPM, such as 100:1500 (default: 0.8 to 1.25 times "
-        "the rig's)",
+        "the rig's, or those at which it was recorded)",
     )  # fmt: skip
     parser.add_argument(
         "--loads", dest="load_nm", type=range_of("Nm"), metavar="LOW:HIGH",
-        help="loads of the simulated assemblies in Nm, such as 3:40 (default: 0.8 to 1.25 times the rig's)",
+        help="loads of the simulated assemblies in Nm, such as 3:40 (default: 0.8 to 1.25 times the rig's, "
+        "or those at which it was recorded)",
     )  # fmt: skip
     parser.add_argument("--max-count", type=int, default=7, help="largest number of worn lobes (default 7)")
     parser.add_argument(
@@ -223,7 +225,7 @@ def _simulated_recordings(arguments: argparse.Namespace) -> tuple[list[Recording
     sampling_rate = 25_600.0 if arguments.sampling_rate is None else arguments.sampling_rate
     gearbox = rig.gearbox
     whole("max_count", arguments.max_count, 1, gearbox.n_lobes)
-    speeds = arguments.speeds or _range_around(60 * gearbox.input_speed_hz)
+    speeds = arguments.speeds or _range_around(60 * gearbox.input_speed_hz, rig.speeds_rpm)
     # Or an error before the work.
     samples_per_turn_at(sampling_rate, speeds[1] / 60, gearbox.n_lobes, arguments.samples_per_turn)
     quantity = arguments.quantity or "output_torque"
@@ -236,7 +238,7 @@ def _simulated_recordings(arguments: argparse.Namespace) -> tuple[list[Recording
             rig=rig,
             lobes=arguments.lobes,
             speed_rpm=speeds,
-            load_nm=arguments.load_nm or _range_around(gearbox.load_torque),
+            load_nm=arguments.load_nm or _range_around(gearbox.load_torque, rig.loads_nm),
             wear_um=arguments.wear_um or arguments.mixed_wear,
             radial_share=1.0 if arguments.mixed_wear is None else _RADIAL_SHARE,
             output_turns=turns,
@@ -247,7 +249,8 @@ def _simulated_recordings(arguments: argparse.Namespace) -> tuple[list[Recording
             quantity=quantity,
             kernel=arguments.kernel,
             # Half the time of the midpoint rule; its error is far below the noise of any torque meter.
-            solver=Solver(integrator="adams_bashforth"),
+            # What a corrected model draws was fitted with this step, and no option sets another.
+            solver=Solver(integrator="adams_bashforth", check_friction=False),
             progress=progress,
             # Only what the windows need: whole recordings would fill the memory.
             keep=lobe_windower(gearbox.n_lobes, arguments.samples_per_turn).at_lowest_rate,
@@ -255,5 +258,7 @@ def _simulated_recordings(arguments: argparse.Namespace) -> tuple[list[Recording
     return recordings, rig.name
 
 
-def _range_around(nominal: float) -> tuple[float, float]:
-    return nominal / _RANGE, nominal * _RANGE
+def _range_around(nominal: float, recorded: tuple[float, float] | None) -> tuple[float, float]:
+    if recorded is None:
+        return nominal / _RANGE, nominal * _RANGE
+    return recorded[0] / _RECORDED_RANGE, recorded[1] * _RECORDED_RANGE

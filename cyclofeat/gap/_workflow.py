@@ -8,28 +8,32 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import entropy
 
 from cyclofeat._base.checks import is_number
 from cyclofeat.gap.comparison import GapSettings
 from cyclofeat.gap.confirm.confirm import Confirmation, confirm_effects, draw_effects
-from cyclofeat.gap.confirm.next_measurement import simulate_possible_rigs
+from cyclofeat.gap.confirm.next_measurement import rank_measurements
+from cyclofeat.gap.confirm.sessions import MOST_RECORDINGS, limit_recordings, simulate_sessions, with_sizes
 from cyclofeat.gap.measured import SAME_LOAD, SAME_SPEED, Condition, MeasuredRig, set_points
 from cyclofeat.gap.overlays import Overlay, summarise_overlays
-from cyclofeat.gap.posterior.answers import ABSENT, answer_of, named_effects
+from cyclofeat.gap.posterior.answers import ABSENT, named_effects, state_of
 from cyclofeat.gap.posterior.effect_posterior import EffectPosterior, load_posterior
 from cyclofeat.gap.proof.prove import Proof, prove_all
-from cyclofeat.gap.result import FoundEffect, GapResult, Remainder, RemainderRow, Size, VisibleFrom
+from cyclofeat.gap.result import LEFT, FoundEffect, GapResult, Remainder, RemainderRow, Size, VisibleFrom
 from cyclofeat.gap.where.conditions import locate_all, where_of
 from cyclofeat.gap.where.locate import LocatedGap
 from cyclofeat.gap.world.rigs import Session
 from cyclofeat.gap.world.world import World
 from cyclofeat.recordings import Recording
 from cyclofeat.recordings.recording import common_n_lobes
-from cyclofeat.simulators import Rig
+from cyclofeat.simulators import Effect, Rig
 from cyclofeat.simulators.effects.library import look_alikes
 
 _ROWS = 12
 _VARIANTS = 200  # a probability is off by up to 0.07
+_POSSIBLE = 0.02  # an effect is possible if its probability lies between this and 1 - this
+_DRAWS, _RIGS_PER_MACHINE = 32, 4  # of possible rigs
 
 
 def find_gap(
@@ -68,11 +72,10 @@ def find_gap(
     -----
     1. Where: recordings and model are compared at each condition.
     2. What: the posterior states the probability of each effect.
-    3. What is possible: rigs drawn from this posterior are simulated, with further recordings, which tells
-       what to measure next.
+    3. What is possible: rigs drawn from this posterior are simulated.
     4. How large: sessions with the effects that are more probable than not (of look-alikes that share their
        probability, the most probable one) are simulated and their sizes fitted. If chance does not explain
-       what they leave, the sizes stay those of the posterior; open effects may explain it, or no effect does.
+       what they leave, undecided effects may explain it, or no effect does.
     5. How sure: sets of effects with sizes are drawn from all that the recordings leave possible.
     6. How much better: the corrected model is judged on recordings held out.
     """
@@ -91,41 +94,79 @@ def find_gap(
     say("comparing measurement and model")
     located = locate_all(rig, world, settings)
     say("simulating rigs that the recordings leave possible")
-    possible = simulate_possible_rigs(posterior, session, random_state=settings.seed, n_jobs=settings.n_jobs)
+    possible = _simulate_possible(posterior, session, settings)
     named = named_effects(presence)
     confirmed = confirm_effects(
-        posterior, session, named, possible=possible.sessions,
+        posterior, session, named, possible=possible,
         random_state=settings.seed, n_jobs=settings.n_jobs, progress=say,
     )  # fmt: skip
     # Of any condition: its speed and load are replaced.
-    comparison, gearbox = located[0].comparison, world.rig.gearbox
-    corrected = comparison.corrected_rig(confirmed.effects).replace(gearbox=gearbox)
+    comparison = located[0].comparison
+    at = {
+        "gearbox": world.rig.gearbox,
+        "speeds_rpm": _ends(condition.speed_rpm for condition in rig.conditions),
+        "loads_nm": _ends(condition.load_nm for condition in rig.conditions),
+    }
+    corrected = comparison.corrected_rig(confirmed.effects).replace(**at)
     variants = draw_effects(posterior, session, confirmed, _VARIANTS, random_state=settings.seed)
     remainder = _make_remainder(world, confirmed)
     proof: tuple[Proof, ...] = ()
     if held is not None and named:
         say("judging on recordings held out")
         proof = prove_all(rig, held, corrected, world, settings)
-    warnings = [*rig.warnings, *rig.doubts]
-    if confirmed.accepted and not confirmed.fitted:
-        warnings.append(
-            "sizes are those of the posterior: with fitted ones, simulated recordings are less like the "
-            "measured"
-        )
+    effects, note = _effect_rows(posterior, session, presence, confirmed), ""
+    if named and remainder.cause != "chance":
+        left = LEFT[remainder.cause]
+        note = f"sizes may be off by more than their ranges: the corrected model leaves {left}"
+    elif not confirmed.fitted:
+        note = "sizes are a first estimate: recordings simulated with fitted ones are less like the measured"
+    undecided = {
+        row.effect: float(entropy([row.probability, 1 - row.probability], base=2))
+        for row in effects
+        if row.state in ("probably missing", "undecided")
+    }
     return GapResult(
         where=tuple(where_of(gap, pictures=settings.pictures) for gap in located),
         rig=corrected,
         quantity=rig.quantity,
-        posterior_rig=comparison.corrected_rig(variants=variants).replace(gearbox=gearbox),
-        effects=_effect_rows(posterior, session, presence, confirmed),
+        posterior_rig=comparison.corrected_rig(variants=variants).replace(**at),
+        effects=effects,
         named=confirmed.effects,
         remainder=remainder,
-        next_measurements=possible.next_measurements(posterior),
+        size_note=note,
+        next_measurements=rank_measurements(undecided, session, world),
         overlays=_simulate_overlays(located, settings, corrected),
         proof=proof,
-        warnings=tuple(warnings),
+        warnings=(*([note] if note else ()), *rig.warnings, *rig.doubts),
         seconds=time.monotonic() - began,
     )
+
+
+def _ends(values: Iterable[float]) -> tuple[float, float]:
+    distinct = sorted(map(abs, values))
+    return distinct[0], distinct[-1]
+
+
+def _simulate_possible(
+    posterior: EffectPosterior, session: Session, settings: GapSettings
+) -> Sequence[Session]:
+    """Simulate sessions of rigs that have each effect as often as it is probable; none if all are decided."""
+    world, session = posterior.world, limit_recordings(session, MOST_RECORDINGS)
+    presence = np.nan_to_num(posterior.predict_proba([session])[0])
+    if not np.any((presence > _POSSIBLE) & (presence < 1 - _POSSIBLE)):
+        return ()
+    middles, spreads = posterior.size_distribution(session, world.size_names)
+
+    def draw(random: np.random.Generator) -> tuple[Effect, ...]:
+        present = dict(zip(world.names, random.random(presence.size) < presence, strict=True))
+        drawn = [present[name.partition(".")[0]] for name in world.size_names]
+        effects = [effect for effect in world.effects or () if present[effect.effect_id]]
+        return with_sizes(effects, random.normal(middles[drawn], spreads[drawn]))
+
+    return simulate_sessions(
+        world, session, draw, _DRAWS, n_rigs_per_machine=_RIGS_PER_MACHINE,
+        random_state=settings.seed, n_jobs=settings.n_jobs,
+    ).sessions  # fmt: skip
 
 
 def _effect_rows(
@@ -134,7 +175,7 @@ def _effect_rows(
     """Return what is known of each effect, the most probable first."""
     quantiles = {name: (row[0], row[2], row[-1]) for name, row in posterior.sizes(session).items()}
     quantiles |= dict(zip(confirmed.names, confirmed.quantiles, strict=True))
-    limits = posterior.visible_from()
+    limits, named = posterior.visible_from(), [effect.effect_id for effect in confirmed.effects]
     visible = dict(zip(posterior.names_, posterior.predict_visible([session])[0].tolist(), strict=True))
     rows = []
     for effect in posterior.world.effects or ():
@@ -154,8 +195,8 @@ def _effect_rows(
         ties = tuple(other for other in others if presence.get(other, 0.0) > ABSENT)
         rows.append(
             FoundEffect(
-                name, p, answer_of(p), tuple(sizes), ties if p > ABSENT else (),
-                visible[name], seen_from,
+                name, p, state_of(p, visible[name], named=name in named), tuple(sizes),
+                ties if p > ABSENT else (), visible[name], seen_from,
             )
         )  # fmt: skip
     return tuple(sorted(rows, key=lambda row: -row.probability))
@@ -168,8 +209,8 @@ def _make_remainder(world: World, confirmed: Confirmation) -> Remainder:
         RemainderRow(**vars(cells[k]), difference=float(confirmed.difference[k]), z=float(test.z[k]))
         for k in np.argsort(-np.abs(test.z[: len(cells)]))[:_ROWS]
     ]
-    p_open = None if confirmed.accepted or not np.isfinite(test.p_open) else test.p_open
-    return Remainder(test.p, not (confirmed.accepted or confirmed.open), tuple(rows), p_open)
+    p_undecided = None if confirmed.accepted or not np.isfinite(test.p_open) else test.p_open
+    return Remainder(test.p, not (confirmed.accepted or confirmed.open), tuple(rows), p_undecided)
 
 
 def _simulate_overlays(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cyclofeat._base import displays
 from cyclofeat._base.checks import check_type, seed_number, whole
 from cyclofeat._base.displays import data_frame, html_card
-from cyclofeat.gap.confirm.next_measurement import FurtherRecordings
+from cyclofeat.gap.confirm.next_measurement import rank_measurements
 from cyclofeat.gap.confirm.sessions import simulate_prior
 from cyclofeat.gap.measured import Condition, MeasuredRig
 from cyclofeat.gap.posterior.answers import NAMED, detection_limit, strengths_of, visible_ends
@@ -34,8 +34,6 @@ Flags = NDArray[np.bool_]
 ProgressCall = Callable[[int, int], object]
 
 _FORMAT = "cyclofeat gap check 1"
-_FOR_NEXT = 5  # one rig of so many more has further recordings
-_SURE = 2.0  # standard errors by which these must help
 _HALF, _MOST = 0.5, 0.9
 _CONFUSED = 0.1  # rise of another effect's probability
 _FEWEST, _MOST_NAMES = 3, 3  # rigs in which an effect is missed, and names that it is confused with
@@ -91,7 +89,7 @@ class GapCheck(EffectRows[CheckedEffect]):
     wrong : dict from str to int
         How often an effect was named that was absent, the most frequent first; without those that never were.
     next_measurements : tuple of NextMeasurement
-        Further recordings that would help, the most useful first.
+        Measurements that would help to find what is missed, the most useful first.
     seconds : float
         Computing time.
     """
@@ -146,7 +144,7 @@ class GapCheck(EffectRows[CheckedEffect]):
             "the same but for look-alikes": f"{self.score.sets_right_with_ties:.0%}",
             "names that are right": f"{self.score.precision:.0%}",
             "found in less than half": ", ".join(rarely),
-            "would help": "; ".join(f"{row.what} ({row.gain:.2g} bits)" for row in self.next_measurements),
+            "would help": "; ".join(row.what for row in self.next_measurements),
         }
         names = [row.effect for row in asked]
         text = "Share of the rigs with an effect in which it is found, effect by effect"
@@ -213,32 +211,23 @@ def check_recordings(
     world = posterior.world
     template = _session_template(tuple(recordings), world)
     posterior.predict_proba([template])  # conditions that it has not learned fail at once
-    n_next = -(-n_rigs // _FOR_NEXT)
-
-    def count_from(n: int) -> ProgressCall | None:
-        return None if progress is None else lambda done, _: progress(n + done, n_rigs + n_next)
-
-    rigs = simulate_prior(world, template, n_rigs, random_state=state, n_jobs=n_jobs, progress=count_from(0))
+    rigs = simulate_prior(world, template, n_rigs, random_state=state, n_jobs=n_jobs, progress=progress)
     counts, tachometer = template.counts is not None, template.speeds_rpm is not None
     score = score_posterior(posterior, rigs, counts=counts, tachometer=tachometer)
     p = score.probabilities
     wrong = np.sum((p > NAMED) & ~rigs.present, axis=0)
     counted = sorted(zip(wrong.tolist(), world.names, strict=True), key=lambda one: -one[0])
-    # Recordings with which the posterior gives more probability to what is true of the rigs.
-    further = FurtherRecordings(template, world)
-    rigs_for_next = simulate_prior(
-        world, further.session, n_next, random_state=state + 1, n_jobs=n_jobs, progress=count_from(n_rigs)
+    effects = tuple(
+        _check_effect(k, p, rigs, world) for k in np.flatnonzero(np.isfinite(p).all(axis=0)).tolist()
     )
-    complete = rigs_for_next.of(np.flatnonzero(np.isfinite(rigs_for_next.values[:, :, 0]).all(axis=1)))
-    sessions = [complete.session(k, counts=counts, tachometer=tachometer) for k in range(len(complete))]
     return GapCheck(
         conditions=tuple(Condition(at[0], at[1], int(at[2])) for at in template.conditions.tolist()),
-        effects=tuple(
-            _check_effect(k, p, rigs, world) for k in np.flatnonzero(np.isfinite(p).all(axis=0)).tolist()
-        ),
+        effects=effects,
         score=score,
         wrong={name: n for n, name in counted if n},
-        next_measurements=further.rank(posterior, sessions, complete.present, n_errors=_SURE),
+        next_measurements=rank_measurements(
+            {row.effect: 1 - row.recall for row in effects if row.n}, template, world
+        ),
         seconds=time.monotonic() - began,
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeVar, get_args
@@ -11,14 +12,22 @@ import numpy as np
 
 from cyclofeat._base import checks, displays, draw_plot
 from cyclofeat._base.displays import data_frame, html_card
-from cyclofeat._base.quantities import beyond_text, number_of, unit_text
+from cyclofeat._base.gap_words import cell_name, mean_difference_words, p_words
+from cyclofeat._base.quantities import (
+    beyond_text,
+    number_of,
+    probability_text,
+    quantity_parts,
+    quantity_text,
+    some_of,
+)
 from cyclofeat.gap.measured import Condition
 from cyclofeat.gap.overlays import Overlay
-from cyclofeat.gap.posterior.answers import UNSEEN
+from cyclofeat.gap.posterior.answers import State
 from cyclofeat.gap.proof.prove import Proof
 from cyclofeat.gap.summaries.summarise import Cell
 from cyclofeat.gap.where.conditions import Where
-from cyclofeat.simulators import Effect, Rig
+from cyclofeat.simulators import Effect, Rig, known_effects
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,7 +35,17 @@ if TYPE_CHECKING:
 
 FORMAT = "cyclofeat gap 2"
 Table = Literal["effects", "sizes", "remainder", "next_measurements", "where", "proof"]
-_LEFT = {"chance": "nothing", "open effects": "what may be open effects", "unknown": "something"}
+LEFT = {
+    "chance": "nothing that chance does not explain",
+    "undecided effects": "differences that undecided effects may explain",
+    "unknown": "differences that no effect considered explains",
+}
+_VERDICTS = {
+    "disagree": "Model and recordings disagree",
+    "equivalent": "Model and recordings agree within the margins",
+    "unresolved": "No single difference is clear: more recordings may show one",
+}
+_N_REMAINING = 3  # differences that a text lists
 
 
 @dataclass(frozen=True)
@@ -39,8 +58,20 @@ class Size:
     low: float  # ends of its interval of 90 %
     high: float
 
+    @property
+    def label(self) -> str:
+        """Name in words, without the unit: ``amplitude``."""
+        return re.sub("_(nm|hz|s)$", "", self.name).replace("_", " ")
+
+    @property
+    def parts(self) -> tuple[str, str, str]:
+        """Texts of value, interval (empty where it is not known) and unit."""
+        (value, low, high), unit = quantity_parts([self.value, self.low, self.high], self.unit)
+        known = not math.isnan(self.low) and not math.isnan(self.high)
+        return value, f"({low} to {high})" if known else "", "" if unit == "1" else unit
+
     def __str__(self) -> str:
-        return f"{self.name} = {self.value:.3g} ({self.low:.3g} to {self.high:.3g}){unit_text(self.unit)}"
+        return " ".join(filter(None, (self.label, *self.parts)))
 
 
 @dataclass(frozen=True)
@@ -61,12 +92,12 @@ class VisibleFrom:
     above: float
 
     def __str__(self) -> str:
-        return f"{self.name} {beyond_text(self.below, self.above)}{unit_text(self.unit)}"
+        return beyond_text(self.below, self.above, lambda end: quantity_text([end], self.unit))
 
 
 @dataclass(frozen=True)
 class FoundEffect:
-    """Answer about one effect, present or not: its probability of being missing in the model.
+    """Answer about one effect: its probability of being missing in the model, and the word for it.
 
     Attributes
     ----------
@@ -74,7 +105,9 @@ class FoundEffect:
         Name of the effect.
     probability : float
         That it is missing.
-    answer : {"present", "absent", "unresolved"}
+    state : {"missing", "probably missing", "undecided", "too small to matter", "not missing"}
+        From 0.95 on, from 0.5 on (of look-alikes, together), or between; undecided, but too small to be seen;
+        up to 0.05.
     sizes : tuple of Size
         Its parameters, if it is missing; empty where they were not learned.
     ties : tuple of str
@@ -87,16 +120,22 @@ class FoundEffect:
 
     effect: str
     probability: float
-    answer: str
+    state: State
     sizes: tuple[Size, ...] = ()
     ties: tuple[str, ...] = ()
     visible: float = math.nan
     visible_from: VisibleFrom | None = None
 
     @property
-    def small(self) -> bool:
-        """True if the effect is open but would be too small to be seen."""
-        return self.answer == "unresolved" and self.visible <= UNSEEN
+    def name(self) -> str:
+        """Name in plain words: ``Mains hum in the torque signal``."""
+        effect = known_effects().get(self.effect)
+        if effect is None:
+            return self.effect.replace("_", " ")
+        return effect.summary.partition(":")[0].partition(",")[0].removesuffix(".")
+
+    def __str__(self) -> str:
+        return f"{self.effect} ({probability_text(self.probability)})"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,25 +155,25 @@ class Remainder:
     p : float
         Chance of a remainder this large if the corrected model were right.
     unexplained : bool
-        Whether neither chance nor effects that are open explain it.
+        Whether neither chance nor undecided effects explain it.
     rows : tuple of RemainderRow
         The clearest first.
-    p_open : float or None
-        Chance of it if each open effect were there as often as it is probable; None where chance alone
-        explains it, or no effect is open.
+    p_undecided : float or None
+        Chance of it if each undecided effect were there as often as it is probable; None where chance alone
+        explains it, or no effect is undecided.
     """
 
     p: float
     unexplained: bool
     rows: tuple[RemainderRow, ...] = field(default=(), repr=False)
-    p_open: float | None = None
+    p_undecided: float | None = None
 
     @property
-    def cause(self) -> Literal["chance", "open effects", "unknown"]:
+    def cause(self) -> Literal["chance", "undecided effects", "unknown"]:
         """Explanation of the remainder."""
         if self.unexplained:
             return "unknown"
-        return "chance" if self.p_open is None else "open effects"
+        return "chance" if self.p_undecided is None else "undecided effects"
 
 
 @dataclass(frozen=True)
@@ -142,8 +181,10 @@ class NextMeasurement:
     """Recordings to make next."""
 
     what: str
-    separates: tuple[str, ...] = ()  # effects that they would tell apart
-    gain: float | None = None  # expected information in bits; None where it was not computed
+    decides: tuple[str, ...] = ()  # effects about which they would decide
+
+    def __str__(self) -> str:
+        return self.what + (f", to decide about {some_of(self.decides)}" if self.decides else "")
 
 
 class _OfEffect(Protocol):
@@ -191,9 +232,11 @@ class GapResult(EffectRows[FoundEffect]):
     named : tuple of Effect
         Those that were added, with their sizes.
     remainder : Remainder or None
-        What the corrected model leaves. Where it leaves something unexplained, an effect is missing that is
-        not in ``effects``, and the sizes are not confirmed by simulation. None where effects were not asked
-        for.
+        What the corrected model leaves; None where effects were not asked for. Where it leaves something
+        unexplained, an effect is missing that is not in ``effects``.
+    size_note : str
+        Reason for which sizes may be off by more than their intervals, also among the warnings; empty
+        without one.
     next_measurements : tuple of NextMeasurement
         The most useful first.
     overlays : tuple of Overlay
@@ -212,6 +255,7 @@ class GapResult(EffectRows[FoundEffect]):
     effects: tuple[FoundEffect, ...] = field(default=(), repr=False)
     named: tuple[Effect, ...] = ()
     remainder: Remainder | None = None
+    size_note: str = ""
     next_measurements: tuple[NextMeasurement, ...] = ()
     overlays: tuple[Overlay, ...] = field(default=(), repr=False)
     proof: tuple[Proof, ...] = field(default=(), repr=False)
@@ -231,6 +275,94 @@ class GapResult(EffectRows[FoundEffect]):
             return "disagree"
         return "equivalent" if verdicts == {"equivalent"} else "unresolved"
 
+    def of_state(self, *states: State) -> tuple[FoundEffect, ...]:
+        """Return the effects of some states, the most probable first.
+
+        Look-alikes of a missing effect stand beside it, and are left out.
+
+        Parameters
+        ----------
+        *states : str
+            As in :class:`FoundEffect`.
+
+        Returns
+        -------
+        tuple of FoundEffect
+        """
+        named = [self.effect(effect.effect_id) for effect in self.named]
+        beside = {tie for row in named for tie in self.look_alikes(row)}
+        return tuple(row for row in self.effects if row.state in states and row.effect not in beside)
+
+    def look_alikes(self, row: FoundEffect) -> tuple[str, ...]:
+        """Return the look-alikes of an effect that are not named themselves.
+
+        Parameters
+        ----------
+        row : FoundEffect
+
+        Returns
+        -------
+        tuple of str
+        """
+        beside = {asked.effect for asked in self.effects} - {effect.effect_id for effect in self.named}
+        return tuple(tie for tie in row.ties if tie in beside)
+
+    @property
+    def headline(self) -> str:
+        """The answer in one sentence: ``2 effects are missing in the model, 1 is probably missing``."""
+        unknown = self.remainder is not None and self.remainder.unexplained
+        missing, likely = (len(self.of_state(state)) for state in get_args(State)[:2])
+        if not missing + likely:
+            text = _VERDICTS[self.verdict]
+            if self.verdict == "disagree" and self.effects:
+                text += f", and {'no effect considered explains it' if unknown else 'no effect is decided'}"
+            return text
+        parts = [
+            f"{number_of(n, 'effect') if first else n} {'is' if n == 1 else 'are'} {state}{where}"
+            for n, state, where, first in (
+                (missing, "missing", " in the model", True), (likely, "probably missing", "", not missing),
+            )
+            if n
+        ]  # fmt: skip
+        return ", ".join([*parts, "something unknown is missing too"][: len(parts) + unknown])
+
+    @property
+    def undecided_text(self) -> str:
+        """What is undecided, and what would decide it, in one line; empty if nothing is."""
+        rows = self.of_state("undecided")
+        if not rows:
+            return ""
+        names, text = {row.effect for row in rows}, f"{number_of(len(rows), 'effect')} undecided"
+        helpful = [row.what for row in self.next_measurements if names & {*row.decides}]
+        return text + (f"; most would be decided by {helpful[0]}" if helpful else "")
+
+    def __str__(self) -> str:
+        """Return the answer as ``cyclofeat gap`` prints it."""
+        lines = [f"{self.headline} (p = {self.p:.2g}, adjusted over all comparisons)"]
+        for row in self.of_state("missing", "probably missing"):
+            beside = [str(self.effect(tie)) for tie in self.look_alikes(row)]
+            others = f", or {', '.join(beside)}" if beside else ""
+            lines.append(f"{row.state}: {row}{others}: {row.name}")
+            lines += [f"  {'; '.join(map(str, row.sizes))}"] if row.sizes else []
+        lines += [f"  note: {self.size_note}"] if self.size_note else []
+        if self.undecided_text:
+            lines.append(f"{self.undecided_text}: {some_of(map(str, self.of_state('undecided')))}")
+        small = [f"{row.effect} (seen {row.visible_from})" for row in self.of_state("too small to matter")]
+        lines += [f"too small to matter: {', '.join(small)}"] if small else []
+        if self.remainder is not None:
+            lines.append(f"left unexplained: {LEFT[self.remainder.cause]} ({p_words(self.remainder.p)})")
+            for left in self.remainder.rows[: _N_REMAINING * self.remainder.unexplained]:
+                lines.append(f"  {cell_name(left)}: {mean_difference_words(left.difference, left.unit)}")
+        lines += [f"measure next: {measurement}" for measurement in self.next_measurements[:1]]
+        for proof in self.proof:
+            closed, text = proof.result, "too little disagreement to state how far it shrank"
+            if not math.isnan(closed.grr):
+                within = f" ({closed.low:.0%} to {closed.high:.0%})" if closed.low <= closed.high else ""
+                text = f"{closed.grr:.0%} of the gap closed{within}"
+            lines.append(f"held out{f' at {proof.condition.text}' if proof.condition else ''}: {text}")
+        notes = dict.fromkeys(note for note in self.warnings if note != self.size_note)
+        return "\n".join([*lines, *(f"note: {note}" for note in notes)])
+
     def to_dict(self) -> dict[str, Any]:
         """Return plain values that JSON can hold, as ``cyclofeat gap --json`` prints them.
 
@@ -241,12 +373,14 @@ class GapResult(EffectRows[FoundEffect]):
         # fmt: off
         plain = {
             "format": FORMAT,
+            "text": str(self).splitlines(),
+            "headline": self.headline,
             "verdict": self.verdict,
             "p": self.p,
             "quantity": self.quantity,
             "effects": [
                 {
-                    "id": row.effect, "probability": round(row.probability, 6), "answer": row.answer,
+                    "id": row.effect, "probability": round(row.probability, 6), "state": row.state,
                     "sizes": {size.pop("name"): size for size in map(asdict, row.sizes)},
                     "ties": list(row.ties), "visible": row.visible,
                     "visible_from": None if row.visible_from is None else asdict(row.visible_from),
@@ -254,6 +388,7 @@ class GapResult(EffectRows[FoundEffect]):
                 for row in self.effects
             ],
             "named": [effect.effect_id for effect in self.named],
+            "size_note": self.size_note,
             "remainder": None if self.remainder is None else asdict(self.remainder),
             "next_measurements": [asdict(one) for one in self.next_measurements],
             "conditions": [
@@ -335,17 +470,18 @@ class GapResult(EffectRows[FoundEffect]):
         return draw_plot(self, kind, ax, **options)
 
     def _repr_html_(self) -> str:
-        rows = {
+        rows: dict[str, object] = {
             "conditions": "; ".join(where.condition.text for where in self.where),
             "recordings": sum(where.n_recordings for where in self.where),
             "recordings against model": f"{self.verdict} (p = {self.p:.2g})",
         }
-        for effect in self.named:
-            row = self.effect(effect.effect_id)
-            numbers = [f"probability {row.probability:.3g}", *map(str, row.sizes)]
-            rows[f"missing: {row.effect}"] = "; ".join(numbers)
+        for row in self.of_state("missing", "probably missing"):
+            rows[f"{row.state}: {row.effect}"] = "; ".join(
+                [f"probability {probability_text(row.probability)}", *map(str, row.sizes)]
+            )
+        rows["undecided"] = self.undecided_text
         if self.remainder is not None:
-            rows["left unexplained"] = f"{_LEFT[self.remainder.cause]} (p = {self.remainder.p:.2g})"
+            rows["left unexplained"] = f"{LEFT[self.remainder.cause]} ({p_words(self.remainder.p)})"
         for proof in self.proof:
             at = "" if proof.condition is None else f" at {proof.condition.text}"
             rows[f"gap closed{at}"] = f"{proof.result.grr:.0%}"
@@ -367,8 +503,7 @@ class GapResult(EffectRows[FoundEffect]):
             text += "" if overlay.corrected is None else ", corrected model (thin)"
             curves.append(displays.draw_curves(drawn, text))
         return html_card(
-            f"Gap: {number_of(len(self.named), 'effect')} named" if self.effects else f"Gap: {self.verdict}",
-            rows, pictures=curves, notes=self.warnings,
+            self.headline, rows, pictures=curves, notes=self.warnings,
             code='result.to_frame("sizes")' if self.named else 'result.to_frame("where")',
         )  # fmt: skip
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 import numpy as np
 
 from cyclofeat._base.checks import one_of
+from cyclofeat._base.gap_words import difference_words, family_name, p_words, row_words, short_name
 from cyclofeat.plotting.drawing import (
     Display,
     Float,
@@ -17,7 +18,6 @@ from cyclofeat.plotting.drawing import (
     plain_log_ticks,
     theme_colours,
 )
-from cyclofeat.plotting.gap_words import difference_words, family_name, p_words, row_words, short_name
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -49,8 +49,8 @@ class GapDisplay(Display):
     ----------
     where : cyclofeat.gap.Where
         Comparison of recordings with a model at one condition: one of ``where`` of a result.
-    label : str, default="measured"
-        Name of the recordings; give ``"surrogate"`` or the like where nothing was measured.
+    label : str, default="recordings"
+        Name of the recordings, such as ``"measured"``.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class GapDisplay(Display):
     flags_: list[Artist]
     spread_flags_: list[Artist]
 
-    def __init__(self, where: Where, *, label: str = "measured") -> None:
+    def __init__(self, where: Where, *, label: str = "recordings") -> None:
         self.where = where
         self.label = str(label)
 
@@ -97,7 +97,7 @@ class GapDisplay(Display):
         *,
         phase: str = "lobe",
         condition: int = 0,
-        label: str = "measured",
+        label: str = "recordings",
     ) -> Self:
         """Draw the comparison with the model as it was, at one condition.
 
@@ -108,7 +108,7 @@ class GapDisplay(Display):
             See :meth:`plot`.
         condition : int, default=0
             Number of the condition.
-        label : str, default="measured"
+        label : str, default="recordings"
             See :class:`GapDisplay`.
 
         Returns

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 
+from cyclofeat._base.gap_words import COUNT_GROUPS, alternative_name
 from cyclofeat.plotting._gap import RECORDED
 from cyclofeat.plotting.drawing import (
     PlainDisplay,
@@ -16,7 +17,6 @@ from cyclofeat.plotting.drawing import (
     plain_log_ticks,
     theme_colours,
 )
-from cyclofeat.plotting.gap_words import COUNT_GROUPS, alternative_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,7 +43,7 @@ class GapOverlayDisplay(PlainDisplay):
     Parameters
     ----------
     overlay : cyclofeat.gap.Overlay
-    label : str, default="measured"
+    label : str, default="recordings"
         Name of the recordings.
 
     Examples
@@ -53,7 +53,7 @@ class GapOverlayDisplay(PlainDisplay):
 
     size = (8.0, 3.6)
 
-    def __init__(self, overlay: Overlay, *, label: str = "measured") -> None:
+    def __init__(self, overlay: Overlay, *, label: str = "recordings") -> None:
         self.overlay = overlay
         self.label = str(label)
 
@@ -65,7 +65,7 @@ class GapOverlayDisplay(PlainDisplay):
         ax: Axes | None = None,
         *,
         condition: int = 0,
-        label: str = "measured",
+        label: str = "recordings",
     ) -> Self:
         """Draw one overlay of a result.
 
@@ -77,7 +77,7 @@ class GapOverlayDisplay(PlainDisplay):
             Axes to draw on; default, new ones.
         condition : int, default=0
             Number of the condition.
-        label : str, default="measured"
+        label : str, default="recordings"
             Name of the recordings.
 
         Returns

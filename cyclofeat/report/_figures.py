@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.displays import thin_samples
+from cyclofeat._base.quantities import probability_text
 from cyclofeat.plotting import LobeMapDisplay, OrderDisplay, SpectrumDisplay, TorqueDisplay
 from cyclofeat.plotting.drawing import require_matplotlib
-from cyclofeat.report._page import count_text, probability_text
+from cyclofeat.report._page import count_text
 from cyclofeat.signal.lobes import lobe_frequency
 
 if TYPE_CHECKING:

@@ -10,17 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cyclofeat._base.quantities import in_words, number_of, unit_text
+from cyclofeat._base.gap_words import cell_name, difference_words, family_name, p_words
+from cyclofeat._base.quantities import in_words, number_of, some_of, unit_text
 from cyclofeat.plotting import GapDisplay, GapOverlayDisplay
-from cyclofeat.plotting.gap_words import cell_name, difference_words, effect_name, family_name, p_words
 from cyclofeat.report import _figures
 from cyclofeat.report._figures import Axis, Line, Plot
-from cyclofeat.report._gap_answer import (
-    describe_absent,
-    effect_rows,
-    summarise_reduction,
-    summarise_remainder,
-)
+from cyclofeat.report._gap_answer import effect_rows, summarise_reduction, summarise_remainder
 from cyclofeat.report._page import (
     check_page_path,
     describe_origin,
@@ -68,6 +63,7 @@ def write_gap_report(
     sources: Sequence[str | None] = (),
     settings: Mapping[str, Any] | None = None,
     title: str = "",
+    counters: Sequence[Mapping[str, Any]] = (),
 ) -> Path:
     """Write the page of a gap, an HTML file that needs nothing else, and return its path.
 
@@ -84,9 +80,12 @@ def write_gap_report(
         ``Recording.source`` of each recording. If one is ``"simulated"`` or ``"surrogate"``, the page says
         so and calls nothing of it measured.
     settings : mapping, optional
-        Settings that the page lists, label to value.
+        Settings that the page lists, label to value; ``"corrected model"`` names the file that holds it.
     title : str, optional
         Heading.
+    counters : sequence of mapping, optional
+        Counters that were tried on the recordings: ``counter`` (its name), ``n`` recordings, ``right`` ones
+        (None without labels), and ``refused``.
 
     Returns
     -------
@@ -97,7 +96,7 @@ def write_gap_report(
     >>> write_gap_report(result, "gap.html")  # doctest: +SKIP
     """
     target = check_page_path(path)
-    summary = summarise_gap(result, sources=sources, settings=settings, title=title)
+    summary = summarise_gap(result, sources=sources, settings=settings, title=title, counters=counters)
     return write_page(target, "gap.html", summary)
 
 
@@ -107,6 +106,7 @@ def summarise_gap(
     sources: Sequence[str | None] = (),
     settings: Mapping[str, Any] | None = None,
     title: str = "",
+    counters: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, Any]:
     """Summarise a gap for its template; parameters and errors are as for the page."""
     label, surrogate, origin = describe_origin(sources)
@@ -116,9 +116,7 @@ def summarise_gap(
         given.append(
             f"Only {number_of(n, 'recording')}: with fewer than {_FEW}, only large differences can be shown."
         )
-    answers = [result.effect(effect.effect_id).answer for effect in result.named]
-    rows = effect_rows(result)
-    shown = {name for row in rows for name in row["ids"]}
+    names = {row.effect: row.name for row in result.effects}
     first = result.where[0]
     settings = dict(settings or {})
     circumstances = {
@@ -130,30 +128,33 @@ def summarise_gap(
         "random state": first.random_state,
         "computing time": f"{result.seconds:.0f} s" if math.isfinite(result.seconds) else None,
     }
-    word = "measurement" if label == "measured" else "recordings"
     return {
-        "title": title or f"Model against {word}",
+        "title": title or "Model against recordings",
         "surrogate": surrogate,
         "origin": origin,
-        "recordings_word": word,
         "verdict": result.verdict,
         "p": keep_together(p_words(result.p)),
         "one_in": rounded_text(1 / max(result.p, 1e-9)),
         "n_recordings": n,
-        "n_missing": answers.count("present"),
-        "n_likely": len(answers) - answers.count("present"),
+        "headline": result.headline,
         "n_effects": len(result.effects),
-        "effects": rows,
-        "absent": [describe_absent(row) for row in result.effects if row.effect not in shown],
-        "warnings": list(dict.fromkeys(given)),
+        "effects": effect_rows(result, "missing", "probably missing"),
+        "size_note": result.size_note,
+        "undecided_text": result.undecided_text,
+        "undecided": effect_rows(result, "undecided"),
+        "small": effect_rows(result, "too small to matter"),
+        "absent": effect_rows(result, "not missing"),
+        "warnings": [text for text in dict.fromkeys(given) if text != result.size_note],
         "next": [
             {
                 "what": item.what[:1].upper() + item.what[1:],
-                "separates": ", ".join(effect_name(name) for name in item.separates),
-                "gain": "" if item.gain is None else f"{item.gain:.2g} bit",
+                "n": len(item.decides),
+                "decides": some_of(names.get(name, name) for name in item.decides),
             }
             for item in result.next_measurements
         ],
+        "rig_file": settings.get("corrected model"),
+        "counters": list(counters),
         "remainder": None if result.remainder is None else summarise_remainder(result.remainder),
         "overlays": _draw_overlays(result, label),
         "where": [_summarise_where(where, label) for where in result.where],

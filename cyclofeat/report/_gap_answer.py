@@ -3,86 +3,58 @@
 from __future__ import annotations
 
 import math
-import re
 from typing import TYPE_CHECKING, Any
 
-from cyclofeat._base.quantities import beyond_text
-from cyclofeat.plotting import GapReductionDisplay
-from cyclofeat.plotting.gap_words import (
+from cyclofeat._base.gap_words import (
     AFTER,
     COUNT_GROUPS,
     alternative_name,
     cell_name,
-    effect_name,
     family_name,
     mean_difference_words,
     p_words,
 )
+from cyclofeat.plotting import GapReductionDisplay
 from cyclofeat.report import _figures
 from cyclofeat.report._page import (
     keep_together,
     percent_text,
-    probability_text,
-    quantity_text,
     range_text,
     rounded_text,
 )
 
 if TYPE_CHECKING:
     from cyclofeat.gap import GapResult
+    from cyclofeat.gap.posterior.answers import State
     from cyclofeat.gap.proof.prove import Proof
-    from cyclofeat.gap.result import FoundEffect, Remainder
+    from cyclofeat.gap.result import Remainder
 
 
-def effect_rows(result: GapResult) -> list[dict[str, Any]]:
-    """List the effects that are missing or open, each with its look-alikes."""
-    named = {effect.effect_id for effect in result.named}
-    asked = {row.effect: row.probability for row in result.effects}
-    rows: list[dict[str, Any]] = []
-    seen: set[str] = set()
-    for row in result.effects:
-        may_be = row.answer == "present" or (row.answer == "unresolved" and not row.small)
-        if row.effect not in named and (not may_be or row.effect in seen):
-            continue
-        ties = [name for name in row.ties if name not in named]
-        seen |= {row.effect, *ties}
-        likely = "probably missing" if row.effect in named else "open"
+def effect_rows(result: GapResult, *states: State) -> list[dict[str, Any]]:
+    """List the effects of some states, each with its look-alikes."""
+    rows = []
+    for row in result.of_state(*states):
+        ties = [result.effect(name) for name in result.look_alikes(row)]
         rows.append({
             "id": row.effect,
-            "ids": [row.effect, *ties],
-            "name": effect_name(row.effect),
-            "answer": "missing" if row.answer == "present" else likely,
-            "named": row.effect in named,
+            "name": row.name,
+            "state": row.state,
             "probability": row.probability,
             "sizes": [
-                {
-                    "name": re.sub("_(nm|hz|s)$", "", size.name).replace("_", " "),
-                    "value": quantity_text([size.value], size.unit),
-                    "range": ""
-                    if math.isnan(size.low) or math.isnan(size.high)
-                    else quantity_text([size.low, size.high], size.unit),
-                }
+                {"name": size.label} | dict(zip(("value", "range", "unit"), size.parts, strict=True))
                 for size in row.sizes
             ],
-            "ties": [effect_name(name) for name in ties],
-            "together": min(row.probability + sum(asked.get(name, 0.0) for name in ties), 1.0),
+            "ties": [tie.name for tie in ties],
+            "together": min(row.probability + sum(tie.probability for tie in ties), 1.0),
+            "seen": "" if row.visible_from is None else str(row.visible_from),
         })  # fmt: skip
     return rows
-
-
-def describe_absent(row: FoundEffect) -> str:
-    """Return an effect that is not missing, its probability, and the size that would have been seen."""
-    text, seen = probability_text(row.probability), row.visible_from
-    if seen is not None:
-        text += f"; seen {beyond_text(seen.below, seen.above, lambda end: quantity_text([end], seen.unit))}"
-    return f"{effect_name(row.effect)} ({text})"
 
 
 def summarise_remainder(remainder: Remainder) -> dict[str, Any]:
     """Return the differences that a model leaves unexplained."""
     return {
         "p": keep_together(p_words(remainder.p)),
-        "p_open": None if remainder.p_open is None else keep_together(p_words(remainder.p_open)),
         "cause": remainder.cause,
         "rows": [
             {

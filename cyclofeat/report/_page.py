@@ -8,7 +8,6 @@ from __future__ import annotations
 import base64
 import hashlib
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from cyclofeat import __version__
 from cyclofeat._base import quantities
 from cyclofeat._base.files import check_parent, package_versions, write_whole
-from cyclofeat._base.quantities import number_of
+from cyclofeat._base.quantities import number_of, probability_text
 
 if TYPE_CHECKING:
     import os
@@ -109,11 +108,6 @@ def count_heading(count: int) -> str:
     return text[0].upper() + text[1:]
 
 
-def probability_text(probability: float) -> str:
-    """Return a probability as text; "> 0.99" if it rounds to 1."""
-    return "> 0.99" if probability >= 0.995 else f"{probability:.2f}"
-
-
 def percent_text(share: float) -> str:
     return keep_together(f"{100 * float(share):.0f} %") if math.isfinite(share) else "not defined"
 
@@ -122,21 +116,6 @@ def range_text(low: float, high: float) -> str:
     if not (math.isfinite(low) and math.isfinite(high)) or low == high:
         return ""
     return f"{100 * float(low):.0f} to {percent_text(high)}"
-
-
-def quantity_text(values: Sequence[float], unit: str) -> str:
-    """Return one value, or a range, with its unit."""
-    if unit == "m" and all(abs(value) < 1e-3 for value in values):
-        values, unit = [1e6 * value for value in values], "\N{MICRO SIGN}m"
-    unit = re.sub(r"(?<=[a-z])2", "\N{SUPERSCRIPT TWO}", unit)
-    texts = []
-    for value in values:  # three significant digits; large numbers without powers of ten
-        digits = f"{value:.3g}"
-        texts.append("infinite" if math.isinf(value) else digits)
-        if 1e3 <= abs(value) < 1e7:
-            texts[-1] = f"{float(digits):.0f}"
-    text = " to ".join(texts)
-    return text if unit == "1" else f"{text}\N{NO-BREAK SPACE}{unit}"
 
 
 def signed_text(value: float) -> str:

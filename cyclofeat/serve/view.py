@@ -13,7 +13,6 @@ from cyclofeat._base.quantities import number_of
 from cyclofeat.counting.evaluation.evaluation import score_text
 from cyclofeat.models import ModelFileError
 from cyclofeat.models.card import read_card
-from cyclofeat.plotting.gap_words import VERDICTS, effect_name
 from cyclofeat.report import template_environment
 from cyclofeat.serve.jobs import Job, Session
 
@@ -129,15 +128,7 @@ def _describe_job(job: Job) -> dict[str, Any]:
     if job.order.command == "count":
         described["counts"] = [_describe_count(row) for row in job.result if "file" in row]
     elif job.order.command == "gap" and job.state == "done":
-        # The answer in sentences; the page that the command writes says all of it.
-        result = job.result[0]
-        described["gap"] = [VERDICTS[result["verdict"]]]
-        for effect in result["effects"]:
-            if effect["id"] in result["named"] or effect["answer"] == "present":
-                sure = "missing" if effect["answer"] == "present" else "probably missing"
-                described["gap"].append(f"{sure}: {effect_name(effect['id'])} ({effect['probability']:.0%})")
-        if result["remainder"] and result["remainder"]["unexplained"]:
-            described["gap"].append("something is missing that no effect considered explains")
+        described["gap"] = job.result[0]["text"]
     return described
 
 

@@ -57,9 +57,9 @@ for effect in result.effects:
             f"{size.name} {size.value:.2g} ({size.low:.2g} to {size.high:.2g}) {size.unit}"
             for size in effect.sizes
         ]
-        print(f"{effect.effect:20} {effect.probability:4.0%} {effect.answer:10} {', '.join(sizes)}")
+        print(f"{effect.effect:20} {effect.probability:4.0%} {effect.state:19} {', '.join(sizes)}")
 print("something left unexplained:", result.remainder.unexplained)
-assert {"brake_rotor", "noise"} == {effect.effect for effect in result.effects if effect.answer == "present"}
+assert {"brake_rotor", "noise"} == {effect.effect for effect in result.effects if effect.state == "missing"}
 assert not result.remainder.unexplained
 
 # %%

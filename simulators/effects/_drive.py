@@ -109,7 +109,7 @@ class Drift(_AddedTorque):
     }
     settings: ClassVar = {"order": 2, "of": "load"}
     place: ClassVar[Any] = Of(load="load_and_speed", sensor="sensor")
-    separated_by = "the envelope of the mesh frequency"
+    separated_by = "the envelope of the mesh frequency, or a record with the motor off"
     shows_as = "slow torque"
     moves_mean = True
 

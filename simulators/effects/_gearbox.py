@@ -179,7 +179,7 @@ class Scale(Effect):
         speed={"factor": EffectParameter("1", 1e-3, 1e3, 1.0, norm(1.0, 0.01))},
     )
     separated_by: ClassVar[Any] = Of(
-        contact_stiffness="the slope of the torque-deflection loop with held output",
+        contact_stiffness="two loads, or the slope of the torque-deflection loop with held output",
         contact_damping="a tap test with the machine at rest",
         load="a dead-weight calibration, and the brake's own reading",
         speed="a tachometer",

@@ -119,7 +119,7 @@ class Gain(_MeterEffect):
     parameters: ClassVar = {
         "factor": EffectParameter("1", 1e-3, 1e3, 1.0, loguniform(0.9, 1.1), log=True, default=1.02)
     }
-    separated_by = "calibration with dead weights"
+    separated_by = "another load, or calibration with dead weights"
     shows_as = "mean torque"
 
     def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
@@ -133,7 +133,7 @@ class Offset(_MeterEffect):
     """
 
     parameters: ClassVar = {"offset_nm": EffectParameter("Nm", -1e3, 1e3, 0.0, norm(0.0, 0.5), default=0.5)}
-    separated_by = "the meter's reading without load, and both directions of rotation"
+    separated_by = "the meter's reading without load, another load, and both directions of rotation"
     shows_as = "mean torque"
 
     def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:

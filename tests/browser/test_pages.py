@@ -34,7 +34,7 @@ SAYS = {
     "count": ["3 worn lobes", "Evidence", "Strength of the lobe lines", "What the words mean"],
     "several": ["2 of 4", "Could not be counted", "refused", HOSTILE, "not counted"],
     "evaluation": ["Accuracy", "Confusion", "Calibration", "How the folds were made"],
-    "gap": ["The answer", "Model and recordings disagree", "Mains hum in the torque signal"],
+    "gap": ["2 effects are missing in the model", "cyclofeat train --rig", "Mains hum in the torque signal"],
     "animation": ["The gearbox turning", "2 worn lobes: 1, 5", "Cam points at lobe", "Simulated:"],
 }
 

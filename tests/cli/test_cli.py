@@ -244,13 +244,17 @@ def test_training_states_how_many_assemblies_have_radial_wear(capsys, tmp_path):
 @pytest.mark.slow
 def test_training_simulates_the_effects_of_a_rig(capsys, tmp_path):
     possible = [(TorqueMeterLowPass(900.0),), (TorqueMeterLowPass(2000.0),)]
-    Rig.r0().replace(name="mine", effects=[Offset(0.5)], variants=possible).to_json(tmp_path / "mine.json")
+    mine = Rig.r0().replace(name="mine", effects=[Offset(0.5)], variants=possible)
+    mine.replace(speeds_rpm=(330, 660), loads_nm=(11, 22)).to_json(tmp_path / "mine.json")
     code, out, err = run(
         capsys, "train", "--rig", tmp_path / "mine.json", "--assemblies", 2, "--max-count", 1,
         "--out", tmp_path / "m.joblib", "--jobs", 1,
     )  # fmt: skip
     assert code == 0, err
     assert "simulated assemblies of rig mine" in out
+    speeds, loads = re.findall(r"([\d.]+) to ([\d.]+)", out.partition("for recordings")[2])[:2]
+    assert 300 <= float(speeds[0]) < 500 < float(speeds[1]) <= 726  # a tenth beyond those of the recordings
+    assert 10 <= float(loads[0]) < 16 < float(loads[1]) <= 24.2
     Rig.r0().replace(effects=[TorqueMeterLowPass(2e4)]).to_json(tmp_path / "high.json")
     code, _, err = run(
         capsys, "train", "--rig", tmp_path / "high.json", "--assemblies", 1, "--out", tmp_path / "n.joblib"

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 
 import pytest
 from gap_answers import EFFECTS, REMAINDER, answered, compared, proof_of
 
-from cyclofeat.gap.result import FoundEffect, Size
-from cyclofeat.simulators import Hum
+from cyclofeat.gap.posterior.answers import state_of
+from cyclofeat.gap.result import FoundEffect, NextMeasurement, Size
+from cyclofeat.simulators import Gain, Hum
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +45,7 @@ def test_plain_values(result) -> None:
     assert plain["format"] == "cyclofeat gap 2"
     assert plain["named"] == ["hum", "pin_errors", "gain"]
     assert plain["effects"][2] == {
-        "id": "gain", "probability": 0.61, "answer": "unresolved", "ties": ["offset"],
+        "id": "gain", "probability": 0.61, "state": "probably missing", "ties": ["offset"],
         "sizes": {"factor": {"unit": "1", "value": 1.05, "low": 1.01, "high": 1.09}},
         "visible": None, "visible_from": None,
     }  # fmt: skip
@@ -54,6 +56,56 @@ def test_plain_values(result) -> None:
     assert plain["proof"][1]["direction"] == -1
     assert plain["remainder"]["unexplained"]
     assert [row["low_hz"] for row in plain["remainder"]["rows"]] == [562.0, None]
+
+
+def test_the_text_says_each_thing_once(result) -> None:
+    assert str(result).splitlines() == [
+        f"2 effects are missing in the model, 1 is probably missing (p = {result.p:.2g}, adjusted over all "
+        "comparisons)",
+        "missing: hum (> 0.99): Mains hum in the torque signal",
+        "  amplitude 1.99 (1.91 to 2.06) Nm",
+        "missing: pin_errors (0.96): Position errors of the pins",
+        "  rms 12 (2 to 50) µm",
+        "probably missing: gain (0.61), or offset (0.36): Gain of the torque meter",
+        "  factor 1.05 (1.01 to 1.09)",
+        "1 effect undecided: clearance (0.30)",
+        "too small to matter: run_out (seen above 25 µm)",
+        "left unexplained: nothing that chance does not explain (p = 0.31)",
+        "measure next: a record at 44 Nm, to decide about gain, offset",
+        "held out at 500 RPM, 22 Nm: 91% of the gap closed (86% to 95%)",
+        "held out at 400 RPM, 12 Nm, reverse: 97% of the gap closed (92% to 101%)",
+        "note: No tachometer.",
+        "note: One record was clipped.",
+    ]
+
+
+def test_what_is_left_and_what_is_not_known(result) -> None:
+    undefined, note = proof_of(compared(after=(math.nan,)), None), "sizes may be off"
+    decides = (NextMeasurement("a record at 44 Nm", ("clearance",)),)
+    changes = {"proof": (undefined,), "warnings": (note,), "size_note": note, "next_measurements": decides}
+    lines = str(dataclasses.replace(result, remainder=REMAINDER, **changes)).splitlines()
+    assert lines[0].startswith("2 effects are missing in the model, 1 is probably missing, something unknown")
+    assert lines[7:] == [
+        f"  note: {note}",
+        "1 effect undecided; most would be decided by a record at 44 Nm: clearance (0.30)",
+        "too small to matter: run_out (seen above 25 µm)",
+        "left unexplained: differences that no effect considered explains (p < 0.001)",
+        "  third octave at 631 Hz: 2.3 dB more",
+        "  values that repeat, end or stand still: share of the largest value: 0.4 lower",
+        "measure next: a record at 44 Nm, to decide about clearance",
+        "held out: too little disagreement to state how far it shrank",
+    ]
+
+
+def test_look_alikes_that_are_probable_only_together_are_told_once(result) -> None:
+    three = {"gain": 0.21, "offset": 0.21, "load_scale": 0.11}
+    effects = tuple(
+        FoundEffect(name, p, state_of(p, named=name == "gain"), (), tuple(three.keys() - {name}))
+        for name, p in three.items()
+    )
+    text = str(dataclasses.replace(result, effects=effects, named=(Gain(1.05),)))
+    assert "probably missing: gain (0.21), or " in text
+    assert "undecided" not in text
 
 
 def test_tables(result) -> None:
@@ -72,13 +124,19 @@ def test_tables(result) -> None:
 
 
 def test_html_is_escaped_and_short(result) -> None:
-    assert len(repr(result)) < 600
+    assert 8 <= len(str(result).splitlines()) <= 20
     text = result._repr_html_()
     assert text.count("<polyline") == 3
     assert text.count("No tachometer.") == 1
-    for part in ("0.999", "1.99 (1.91 to 2.06) Nm", "400 RPM, 12 Nm, reverse", "97%", "nothing (p = 0.31)"):
+    for part in (
+        "&gt; 0.99",
+        "1.99 (1.91 to 2.06) Nm",
+        "400 RPM, 12 Nm, reverse",
+        "97%",
+        "explain (p = 0.31)",
+    ):
         assert part in text, part
-    odd = FoundEffect("hum", 0.9, "present", (Size("<b>", "Nm", 1.0, 0.5, 2.0),))
+    odd = FoundEffect("hum", 0.9, "probably missing", (Size("<b>", "Nm", 1.0, 0.5, 2.0),))
     text = dataclasses.replace(
         result, effects=(odd,), named=(Hum(1.0),), proof=(proof_of(compared(after=(0.5,)), None),)
     )._repr_html_()

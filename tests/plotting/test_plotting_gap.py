@@ -13,12 +13,12 @@ from matplotlib import pyplot as plt
 from matplotlib.colors import to_rgb
 from numpy.testing import assert_allclose
 
+from cyclofeat._base.gap_words import cell_name, difference_words, row_words
 from cyclofeat.gap import Condition
 from cyclofeat.gap.proof.prove import ProofRow
 from cyclofeat.gap.summaries.summarise import Cell
 from cyclofeat.gap.where.conditions import Where, WhereRow, where_of
 from cyclofeat.plotting import GapDisplay, GapOverlayDisplay, GapReductionDisplay
-from cyclofeat.plotting.gap_words import cell_name, difference_words, row_words
 from cyclofeat.report._figures import theme_settings
 
 RATE, SPEED = 6400.0, 500 / 60
@@ -285,7 +285,7 @@ def test_curves_and_bands_are_those_of_the_overlay(kind):
 
 def test_without_a_corrected_model_there_are_two():
     display = GapOverlayDisplay(dataclasses.replace(overlay(), corrected=None)).plot()
-    assert [line.get_label() for line in display.ax_.get_lines()] == ["model", "measured"]
+    assert [line.get_label() for line in display.ax_.get_lines()] == ["model", "recordings"]
 
 
 def test_of_a_result_by_kind_and_condition(compared_hum):

@@ -249,6 +249,8 @@ def test_a_file_says_everything_and_comes_back_the_same(preset, tmp_path):
     path = tmp_path / "rig.json"
     preset.to_json(path)
     assert Rig.from_json(path) == preset
+    recorded = preset.replace(speeds_rpm=(400, 600.5), loads_nm=(22, 22))
+    assert Rig.from_dict(json.loads(json.dumps(recorded.to_dict()))) == recorded
     text = path.read_text(encoding="utf-8")
     found = json.loads(text)
     lists = ["effects", "variants"] if preset.variants else ["effects"]

@@ -1,150 +1,87 @@
-"""The next measurement: conditions whose recordings would settle most of what is unresolved."""
+"""The next measurement: what a person at the bench can do to decide most of what is undecided."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+import re
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.gap.confirm.sessions import (
-    MOST_RECORDINGS,
-    limit_recordings,
-    select_recordings,
-    simulate_sessions,
-    with_sizes,
-)
-from cyclofeat.gap.posterior.effect_posterior import EffectPosterior
 from cyclofeat.gap.result import NextMeasurement
-from cyclofeat.gap.world.rigs import Session, present_effects
+from cyclofeat.gap.world.rigs import Session
 from cyclofeat.gap.world.world import World
-from cyclofeat.simulators import Effect
+from cyclofeat.simulators import Hum
 
-Float = NDArray[np.float64]
-
-_PER_CANDIDATE = 4  # further recordings
-_DRAWS, _RIGS_PER_MACHINE = 32, 4
-_SURE = 1.0  # standard errors that a gain must exceed
-_OPEN = 0.02  # an effect is open if its probability lies between this and 1 - this
-_LOAD_RATIO, _SPEED_RATIO = 2.0, 1.25
-_SEPARATED = 0.1  # bits that an effect must gain to count as settled
-_LEAST = 1e-6  # probability
+_LOAD_RATIO, _SPEED_RATIO = 1.5, 1.2  # between recordings, from which another load or speed tells something
+_FARTHEST_LOAD = 2.0  # ratio that separates a gain from an offset well
+_LONGER = "longer records, of several output turns"
+_LEAST = 0.1  # weight that a measurement must decide
 
 
-@dataclass(frozen=True)
-class PossibleRigs:
-    """Simulated sessions of rigs that the recordings leave possible, with further recordings.
+def rank_measurements(
+    undecided: Mapping[str, float], session: Session, world: World
+) -> tuple[NextMeasurement, ...]:
+    """Rank measurements by what they would decide, the most useful first.
 
-    ``simulated`` sessions are like ``further.session``; ``present`` (n_sessions, n_effects) are the effects
-    that their rigs have.
+    A measurement decides about an effect whose class names it (``separated_by``), and half as well about one
+    that looks like such an effect. What the recordings of a session have already is not proposed. Longer
+    records decide half as well about effects about which nothing else does.
+
+    ``undecided`` holds a weight for each effect, such as the bits that are unknown of it.
+
+    Examples
+    --------
+    >>> world = World()
+    >>> session = Session(np.zeros((2, len(world.cells))), np.array([[500.0, 22.0, 1.0]] * 2))
+    >>> [str(row) for row in rank_measurements({"gain": 0.9, "offset": 0.8}, session, world)][:1]
+    ['recordings at 11 Nm, to decide about gain, offset']
     """
+    effects = {effect.effect_id: effect for effect in world.effects or () if effect.effect_id in undecided}
+    decided = {
+        what: {name for name, effect in effects.items() if re.search(words, effect.separated_by)}
+        for what, words in _bench_offers(session, world).items()
+    }
+    others = effects.keys() - set[str]().union(*decided.values())
+    ranked: list[tuple[float, NextMeasurement]] = []
+    for what, direct in decided.items():
+        shown = {effects[name].shows_as for name in direct} - {""}
+        less = {name for name, effect in effects.items() if effect.shows_as in shown} - direct
+        less |= others if what == _LONGER else set()
+        weights = {name: undecided[name] / (1 if name in direct else 2) for name in direct | less}
+        if sum(weights.values()) > _LEAST:
+            names = sorted(weights, key=lambda name: (-weights[name], name))
+            ranked.append((sum(weights.values()), NextMeasurement(what, tuple(names))))
+    return tuple(row for _, row in sorted(ranked, key=lambda pair: -pair[0]))
 
-    further: FurtherRecordings
-    simulated: list[Session] = field(repr=False)
-    present: NDArray[np.bool_] = field(repr=False)
 
-    @property
-    def sessions(self) -> list[Session]:
-        """The sessions without the further recordings."""
-        return [select_recordings(session, np.arange(self.further.n_before)) for session in self.simulated]
+def _bench_offers(session: Session, world: World) -> dict[str, str]:
+    """Return measurements beyond those of a session, and the words of ``separated_by`` that mean them.
 
-    def next_measurements(self, posterior: EffectPosterior) -> tuple[NextMeasurement, ...]:
-        """Rank further recordings by the information that they are expected to give; empty if none does."""
-        return self.further.rank(posterior, self.simulated, self.present, n_errors=_SURE)
-
-
-def simulate_possible_rigs(
-    posterior: EffectPosterior, session: Session, *, random_state: int, n_jobs: int = 1
-) -> PossibleRigs:
-    """Simulate rigs drawn from the posterior: each effect is there as often as it is probable.
-
-    At most 12 of the recordings are used. If no effect is open, no sessions are simulated.
+    The first is preferred among measurements of equal use.
     """
-    world, session = posterior.world, limit_recordings(session, MOST_RECORDINGS)
-    presence = posterior.predict_proba([session])[0]
-    further = FurtherRecordings(session, world)
-    if not np.any((presence > _OPEN) & (presence < 1 - _OPEN)):
-        return PossibleRigs(further, [], np.empty((0, presence.size), dtype=bool))
-    middles, spreads = posterior.size_distribution(session, world.size_names)
+    speeds, loads, directions = session.conditions.T
+    offers = {}
+    # Of the multiples of 10 RPM, the one at which mains hum is farthest from whole orders of the input shaft.
+    possible = np.arange(np.ceil(world.speeds_rpm[0] / 10), world.speeds_rpm[1] / 10) * 10
+    possible = possible[[_ratio(speed, speeds) >= _SPEED_RATIO for speed in possible.tolist()]]
+    if speeds.max() < _SPEED_RATIO * speeds.min() and possible.size:
+        orders = 60 * Hum().frequency_hz / possible
+        best = possible[np.argmax(np.abs(orders - np.round(orders)).round(3))]
+        offers[f"recordings at {best:.0f} RPM"] = "another speed|(two|several) speeds|step of speed"
+    low, high = world.loads_nm
+    ends = min(high, loads.max() * _FARTHEST_LOAD), max(low, loads.min() / _FARTHEST_LOAD)
+    farthest = max(ends, key=lambda load: _ratio(load, loads))
+    if loads.max() < _LOAD_RATIO * loads.min() and _ratio(farthest, loads) >= _LOAD_RATIO:
+        words = "(another|two) loads?|set-point" + ("|lower load" if farthest < loads.min() else "")
+        offers[f"recordings at {farthest:.3g} Nm"] = words
+    if np.all(directions == directions[0]):
+        offers["recordings in reverse"] = "direction"
+    if session.speeds_rpm is None:
+        offers["recordings with a tachometer"] = "tachometer"
+    return offers | {"a record with the motor off": "motor off|at rest|without load", _LONGER: "output turn"}
 
-    def draw_effects(random: np.random.Generator) -> tuple[Effect, ...]:
-        present = dict(zip(world.names, random.random(presence.size) < np.nan_to_num(presence), strict=True))
-        drawn = [present[name.partition(".")[0]] for name in world.size_names]
-        effects = [effect for effect in world.effects or () if present[effect.effect_id]]
-        return with_sizes(effects, random.normal(middles[drawn], spreads[drawn]))
 
-    simulated = simulate_sessions(
-        world, further.session, draw_effects, _DRAWS,
-        n_rigs_per_machine=_RIGS_PER_MACHINE, random_state=random_state, n_jobs=n_jobs,
-    )  # fmt: skip
-    present = present_effects(simulated.sizes, world.size_names, world.names)
-    return PossibleRigs(further, simulated.sessions, present)
-
-
-class FurtherRecordings:
-    """Recordings that could be made besides those of a session.
-
-    At another load, another speed, in reverse, and more of the same; speeds and loads are those of the world.
-    ``session`` has the ``n_before`` recordings first, then all these, whose summaries are still to be
-    simulated.
-    """
-
-    def __init__(self, session: Session, world: World) -> None:
-        self._names, self.n_before = world.names, len(session.values)
-        speed, load, direction = session.conditions[0].tolist()
-        candidates = [(f"{_PER_CANDIDATE} more recordings as before", (speed, load, direction))]
-        low, high = world.loads_nm
-        inside = [value for value in (load * _LOAD_RATIO, load * (1 / _LOAD_RATIO)) if low <= value <= high]
-        candidates += [(f"recordings at {value:.3g} Nm", (speed, value, direction)) for value in inside[:1]]
-        low, high = world.speeds_rpm
-        inside = [
-            value for value in (speed * _SPEED_RATIO, speed * (1 / _SPEED_RATIO)) if low <= value <= high
-        ]
-        candidates += [(f"recordings at {value:.4g} RPM", (value, load, direction)) for value in inside[:1]]
-        if np.all(session.conditions[:, 2] == direction):
-            candidates.append(("recordings in reverse", (speed, load, -direction)))
-        self._what = [what for what, _ in candidates]
-        rows = np.r_[np.arange(self.n_before), np.arange(len(candidates) * _PER_CANDIDATE) % self.n_before]
-        self.session = select_recordings(session, rows)
-        further = np.array([conditions for _, conditions in candidates])
-        self.session.conditions[self.n_before :] = np.repeat(further, _PER_CANDIDATE, axis=0)
-
-    def rank(
-        self,
-        posterior: EffectPosterior,
-        simulated: Sequence[Session],
-        present: NDArray[np.bool_],
-        *,
-        n_errors: float,
-    ) -> tuple[NextMeasurement, ...]:
-        """Rank them by the information that they give on simulated rigs, the most informative first.
-
-        The posterior answers with and without them. The gain is how much more probability it then gives to
-        what the rigs have and lack, each effect by itself, as the mean of the logarithm (Lindley 1956). A
-        posterior that only grows surer of wrong answers gains nothing.
-
-        The ``simulated`` sessions are like ``session``, of rigs that have the effects ``present``
-        (n_sessions, n_effects). A gain must exceed ``n_errors`` standard errors.
-        """
-        if not simulated:
-            return ()
-
-        def information_bits(rows: NDArray[np.intp]) -> Float:
-            """Return the logarithm of the probability of what is true, (n_sessions, n_effects), in bits."""
-            p = posterior.predict_proba([select_recordings(one, rows) for one in simulated])
-            bits = np.log2(np.clip(np.where(present, p, 1 - p), _LEAST, None))
-            return np.asarray(np.nan_to_num(bits))  # of effects that were not learned
-
-        as_before = np.arange(self.n_before)
-        before = information_bits(as_before)
-        ranked: list[tuple[float, NextMeasurement]] = []
-        for k, what in enumerate(self._what):
-            added = self.n_before + k * _PER_CANDIDATE + np.arange(_PER_CANDIDATE)
-            rises = information_bits(np.r_[as_before, added]) - before
-            gains, error = rises.mean(axis=0), rises.sum(axis=1).std() / np.sqrt(len(simulated))
-            settles = tuple(name for name, gain in zip(self._names, gains, strict=True) if gain > _SEPARATED)
-            gain = float(gains.sum())
-            if gain > max(_SEPARATED, n_errors * error):
-                ranked.append((gain, NextMeasurement(what, settles, gain)))
-        return tuple(one for _, one in sorted(ranked, key=lambda one: -one[0]))
+def _ratio(value: float, others: NDArray[np.float64]) -> float:
+    """Return the ratio, of at least 1, of a value to the nearest of the others."""
+    return float(np.exp(np.abs(np.log(value / others)).min()))

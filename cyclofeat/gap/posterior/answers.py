@@ -1,4 +1,4 @@
-"""From probabilities to answers: effects present, absent or unresolved, look-alikes, sizes detected."""
+"""From probabilities to answers: the state of an effect, look-alikes, sizes detected."""
 
 from __future__ import annotations
 
@@ -16,29 +16,36 @@ from cyclofeat.simulators.effects import EffectParameter
 from cyclofeat.simulators.effects.library import look_alikes
 
 Float = NDArray[np.float64]
-EffectAnswer = Literal["present", "absent", "unresolved"]
+State = Literal["missing", "probably missing", "undecided", "too small to matter", "not missing"]
 
-PRESENT, ABSENT = 0.95, 0.05  # probabilities from which, and up to which, an effect counts as that
+PRESENT, ABSENT = 0.95, 0.05  # probabilities from which an effect is missing, and up to which it is not
 NAMED = 0.5
-# An open effect counts as too small to be seen up to this probability of being there and visible.
+# An undecided effect is too small to matter up to this probability of being there and visible.
 UNSEEN = 0.02
 
 
-def answer_of(probability: float) -> EffectAnswer:
-    """Return the answer for an effect that is missing in the model with this probability.
+def state_of(probability: float, visible: float = math.nan, *, named: bool = False) -> State:
+    """Return the word for an effect that is missing in the model with this probability.
+
+    ``visible`` is the probability that it is missing and large enough to be seen (NaN: not known). An effect
+    that stands for its look-alikes is ``named`` although its own probability is below one half.
 
     Examples
     --------
-    >>> answer_of(0.97), answer_of(0.12), answer_of(0.01)
-    ('present', 'unresolved', 'absent')
+    >>> state_of(0.97), state_of(0.12), state_of(0.12, visible=0.01), state_of(0.01)
+    ('missing', 'undecided', 'too small to matter', 'not missing')
     """
     if probability >= PRESENT:
-        return "present"
-    return "absent" if probability <= ABSENT else "unresolved"
+        return "missing"
+    if named or probability >= NAMED:
+        return "probably missing"
+    if probability <= ABSENT:
+        return "not missing"
+    return "too small to matter" if visible <= UNSEEN else "undecided"
 
 
 def named_effects(presence: Mapping[str, float]) -> list[str]:
-    """Return the effects that are more probable than not.
+    """Return the effects that are at least as probable as not.
 
     If only a group of look-alikes (:func:`look_alikes`) is present, its most probable effect is named. An
     effect that was not learned has the probability NaN.
@@ -48,10 +55,10 @@ def named_effects(presence: Mapping[str, float]) -> list[str]:
     >>> named_effects({"noise": 0.9, "gain": 0.3, "offset": 0.35, "hum": 0.4})
     ['noise', 'offset']
     """
-    named = {name for name, p in presence.items() if p > NAMED}
+    named = {name for name, p in presence.items() if p >= NAMED}
     for group in look_alikes():
         members = {name: presence[name] for name in group if presence.get(name, 0.0) > 0}
-        if members and not named & members.keys() and sum(members.values()) > NAMED:
+        if members and not named & members.keys() and sum(members.values()) >= NAMED:
             named.add(max(members, key=lambda name: members[name]))
     return [name for name in presence if name in named]
 

@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:  # the gap loads the simulator: a picture of a result does not need it
-    from cyclofeat.gap.summaries.summarise import Cell
-    from cyclofeat.gap.where.locate import Row
+from typing import Any, Protocol
 
 _FAMILY_NAMES = {
     "speed": "input speed",
@@ -37,11 +33,6 @@ _ALTERNATIVES = {
     "nothing": "nothing changed",
     "oracle": "the true simulator",
 }
-VERDICTS = {
-    "disagree": "model and measurement disagree",
-    "equivalent": "model and measurement agree within the margins",
-    "unresolved": "no single number differs clearly; more recordings could show one",
-}
 # Which counts of the recordings held out a row is about (``ProofRow.condition``).
 COUNT_GROUPS = {
     "all": "all recordings held out",
@@ -50,14 +41,13 @@ COUNT_GROUPS = {
 }
 
 
-def effect_name(effect_id: str) -> str:
-    """Name of an effect in plain words: ``Mains hum in the torque signal``."""
-    from cyclofeat.simulators import known_effects  # loads numba: only where an effect is named
+class Cell(Protocol):
+    """Summary of a recording, by the name of its family and its own."""
 
-    effect = known_effects().get(effect_id)
-    if effect is None:
-        return effect_id.replace("_", " ")
-    return effect.summary.partition(":")[0].partition(",")[0].removesuffix(".")
+    @property
+    def family(self) -> str: ...
+    @property
+    def name(self) -> str: ...
 
 
 def family_name(family: str) -> str:
@@ -86,7 +76,7 @@ def short_name(cell: Cell) -> str:
     return re.sub(r"lobe line (\d+) \(order (.+)\)", r"order \2 (lobe line \1)", name)
 
 
-def difference_words(row: Row) -> str:
+def difference_words(row: Any) -> str:
     """The difference in words: ``6.0 dB less``."""
     if row.of == "spread":
         return (
@@ -102,7 +92,7 @@ def mean_difference_words(difference: float, unit: str) -> str:
     return f"{_size_text(abs(difference))} {unit} {'less' if difference < 0 else 'more'}"
 
 
-def row_words(row: Row) -> str:
+def row_words(row: Any) -> str:
     """Cell and difference in words: ``third octave at 400 Hz: 6.0 dB less``."""
     return f"{cell_name(row.cell)}: {difference_words(row)}"
 
