@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Any, Protocol
+from typing import Any
 
 _FAMILY_NAMES = {
     "speed": "input speed",
@@ -41,15 +41,6 @@ COUNT_GROUPS = {
 }
 
 
-class Cell(Protocol):
-    """Summary of a recording, by the name of its family and its own."""
-
-    @property
-    def family(self) -> str: ...
-    @property
-    def name(self) -> str: ...
-
-
 def family_name(family: str) -> str:
     """Name of a family of cells in plain words."""
     return _FAMILY_NAMES.get(family, family)
@@ -60,7 +51,7 @@ def alternative_name(alternative: str) -> str:
     return _ALTERNATIVES.get(alternative, alternative.replace("_", " "))
 
 
-def cell_name(cell: Cell) -> str:
+def cell_name(cell: Any) -> str:
     """Name of a cell without powers of ten: ``third octave at 1000 Hz``."""
     name = re.sub(r"\d(?:\.\d+)?e\+\d+", lambda match: f"{float(match[0]):.0f}", cell.name)
     if cell.family == "floor":
@@ -70,7 +61,7 @@ def cell_name(cell: Cell) -> str:
     return "mean torque" if (cell.family, name) == ("amplitudes", "mean") else name
 
 
-def short_name(cell: Cell) -> str:
+def short_name(cell: Any) -> str:
     """Short name of a cell for a picture."""
     name = cell_name(cell).replace("third octave at ", "")
     return re.sub(r"lobe line (\d+) \(order (.+)\)", r"order \2 (lobe line \1)", name)

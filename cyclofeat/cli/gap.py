@@ -311,9 +311,8 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     if arguments.train is not None:
         counters = try_counters(arguments, recordings)
         lines = [
-            f"{row['counter']}: {row['n']} recordings, "
-            + ("" if row["right"] is None else f"{row['right']} right, ")
-            + f"{row['refused']} refused"
+            f"{row['counter']}: {row['n'] - row['refused']} counted, {row['refused']} refused"
+            + ("" if row["right"] is None else f", {row['right']} of {row['n']} right")
             for row in counters
         ]
         yield Printed("\n".join(lines), {"counters": counters})
@@ -346,15 +345,17 @@ def try_counters(arguments: argparse.Namespace, recordings: list[Recording]) -> 
         "trained on the corrected model": load_model(arguments.train),
         "packaged counter": load_default_model(recordings[0].quantity),
     }
-    known = all(recording.defect_count is not None for recording in recordings)
-    rows = []
+    known, rows = all(recording.defect_count is not None for recording in recordings), []
     for name, model in models.items():
-        counts = [model.count(recording) for recording in recordings]
-        pairs = list(zip(counts, recordings, strict=True))
-        right = [not c.refused and c.defect_count == recording.defect_count for c, recording in pairs]
-        refused = sum(count.refused for count in counts)
-        n = len(counts)
-        rows.append({"counter": name, "n": n, "right": sum(right) if known else None, "refused": refused})
+        try:
+            pairs = [(model.count(recording), recording) for recording in recordings]
+        except ValueError as error:  # of a model for other gearboxes
+            note(f"{name}: {error}")
+            continue
+        right = [not count.refused and count.defect_count == one.defect_count for count, one in pairs]
+        refused = sum(count.refused for count, _ in pairs)
+        right_ones = sum(right) if known else None
+        rows.append({"counter": name, "n": len(pairs), "right": right_ones, "refused": refused})
     return rows
 
 

@@ -101,12 +101,7 @@ def find_gap(
         random_state=settings.seed, n_jobs=settings.n_jobs, progress=say,
     )  # fmt: skip
     # Of any condition: its speed and load are replaced.
-    comparison = located[0].comparison
-    at = {
-        "gearbox": world.rig.gearbox,
-        "speeds_rpm": _ends(condition.speed_rpm for condition in rig.conditions),
-        "loads_nm": _ends(condition.load_nm for condition in rig.conditions),
-    }
+    comparison, at = located[0].comparison, {"gearbox": world.rig.gearbox, **_recorded_at(rig)}
     corrected = comparison.corrected_rig(confirmed.effects).replace(**at)
     variants = draw_effects(posterior, session, confirmed, _VARIANTS, random_state=settings.seed)
     remainder = _make_remainder(world, confirmed)
@@ -142,9 +137,10 @@ def find_gap(
     )
 
 
-def _ends(values: Iterable[float]) -> tuple[float, float]:
-    distinct = sorted(map(abs, values))
-    return distinct[0], distinct[-1]
+def _recorded_at(rig: MeasuredRig) -> dict[str, tuple[float, float]]:
+    """Return the ranges of speed and load of recordings, as fields of a rig."""
+    speeds, loads = zip(*((abs(at.speed_rpm), abs(at.load_nm)) for at in rig.conditions), strict=True)
+    return {"speeds_rpm": (min(speeds), max(speeds)), "loads_nm": (min(loads), max(loads))}
 
 
 def _simulate_possible(
@@ -192,7 +188,7 @@ def _effect_rows(
             low, middle, high = (float(value) for value in quantiles[f"{name}.{key}"])
             sizes.append(Size(key, effect.parameters[key].unit, middle, low, high))
         others = [other for group in look_alikes() if name in group for other in group if other != name]
-        ties = tuple(other for other in others if presence.get(other, 0.0) > ABSENT)
+        ties = tuple(other for other in others if presence.get(other, 0.0) > ABSENT and other not in named)
         rows.append(
             FoundEffect(
                 name, p, state_of(p, visible[name], named=name in named), tuple(sizes),

@@ -111,7 +111,7 @@ class FoundEffect:
     sizes : tuple of Size
         Its parameters, if it is missing; empty where they were not learned.
     ties : tuple of str
-        Other effects that the recordings cannot tell from it.
+        Effects that the recordings cannot tell from it, and that are not named themselves.
     visible : float
         Probability that it is missing and large enough to be seen; NaN where no size is.
     visible_from : VisibleFrom or None
@@ -289,23 +289,8 @@ class GapResult(EffectRows[FoundEffect]):
         -------
         tuple of FoundEffect
         """
-        named = [self.effect(effect.effect_id) for effect in self.named]
-        beside = {tie for row in named for tie in self.look_alikes(row)}
+        beside = {tie for effect in self.named for tie in self.effect(effect.effect_id).ties}
         return tuple(row for row in self.effects if row.state in states and row.effect not in beside)
-
-    def look_alikes(self, row: FoundEffect) -> tuple[str, ...]:
-        """Return the look-alikes of an effect that are not named themselves.
-
-        Parameters
-        ----------
-        row : FoundEffect
-
-        Returns
-        -------
-        tuple of str
-        """
-        beside = {asked.effect for asked in self.effects} - {effect.effect_id for effect in self.named}
-        return tuple(tie for tie in row.ties if tie in beside)
 
     @property
     def headline(self) -> str:
@@ -340,7 +325,7 @@ class GapResult(EffectRows[FoundEffect]):
         """Return the answer as ``cyclofeat gap`` prints it."""
         lines = [f"{self.headline} (p = {self.p:.2g}, adjusted over all comparisons)"]
         for row in self.of_state("missing", "probably missing"):
-            beside = [str(self.effect(tie)) for tie in self.look_alikes(row)]
+            beside = [str(self.effect(tie)) for tie in row.ties]
             others = f", or {', '.join(beside)}" if beside else ""
             lines.append(f"{row.state}: {row}{others}: {row.name}")
             lines += [f"  {'; '.join(map(str, row.sizes))}"] if row.sizes else []

@@ -10,16 +10,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cyclofeat._base.gap_words import cell_name, difference_words, family_name, p_words
+from cyclofeat._base.gap_words import (
+    AFTER,
+    COUNT_GROUPS,
+    alternative_name,
+    cell_name,
+    difference_words,
+    family_name,
+    mean_difference_words,
+    p_words,
+)
 from cyclofeat._base.quantities import in_words, number_of, some_of, unit_text
-from cyclofeat.plotting import GapDisplay, GapOverlayDisplay
+from cyclofeat.plotting import GapDisplay, GapOverlayDisplay, GapReductionDisplay
 from cyclofeat.report import _figures
 from cyclofeat.report._figures import Axis, Line, Plot
-from cyclofeat.report._gap_answer import effect_rows, summarise_reduction, summarise_remainder
 from cyclofeat.report._page import (
     check_page_path,
     describe_origin,
     keep_together,
+    percent_text,
+    range_text,
     rounded_text,
     signed_text,
     write_page,
@@ -29,6 +39,9 @@ if TYPE_CHECKING:
     import os
 
     from cyclofeat.gap import GapResult
+    from cyclofeat.gap.posterior.answers import State
+    from cyclofeat.gap.proof.prove import Proof
+    from cyclofeat.gap.result import Remainder
     from cyclofeat.gap.where.conditions import Where, WhereRow
 
 _FEW = 5  # recordings, below which exact tests hardly reject
@@ -138,12 +151,12 @@ def summarise_gap(
         "n_recordings": n,
         "headline": result.headline,
         "n_effects": len(result.effects),
-        "effects": effect_rows(result, "missing", "probably missing"),
+        "effects": _effect_rows(result, "missing", "probably missing"),
         "size_note": result.size_note,
         "undecided_text": result.undecided_text,
-        "undecided": effect_rows(result, "undecided"),
-        "small": effect_rows(result, "too small to matter"),
-        "absent": effect_rows(result, "not missing"),
+        "undecided": _effect_rows(result, "undecided"),
+        "small": _effect_rows(result, "too small to matter"),
+        "absent": _effect_rows(result, "not missing"),
         "warnings": [text for text in dict.fromkeys(given) if text != result.size_note],
         "next": [
             {
@@ -155,11 +168,11 @@ def summarise_gap(
         ],
         "rig_file": settings.get("corrected model"),
         "counters": list(counters),
-        "remainder": None if result.remainder is None else summarise_remainder(result.remainder),
+        "remainder": None if result.remainder is None else _summarise_remainder(result.remainder),
         "overlays": _draw_overlays(result, label),
         "where": [_summarise_where(where, label) for where in result.where],
         "corrected": bool(result.named),
-        "proof": [summarise_reduction(proof) for proof in result.proof],
+        "proof": [_summarise_reduction(proof) for proof in result.proof],
         "provenance": settings | circumstances | settings,
     }
 
@@ -251,4 +264,103 @@ def _describe_row(row: WhereRow) -> dict[str, str]:
         "difference": difference_words(row),
         "range": interval,
         "p": p_words(row.p).removeprefix("p = ").removeprefix("p "),
+    }
+
+
+def _effect_rows(result: GapResult, *states: State) -> list[dict[str, Any]]:
+    """List the effects of some states, each with its look-alikes."""
+    rows = []
+    for row in result.of_state(*states):
+        ties = [result.effect(name) for name in row.ties]
+        rows.append({
+            "id": row.effect,
+            "name": row.name,
+            "state": row.state,
+            "probability": row.probability,
+            "sizes": [
+                {"name": size.label} | dict(zip(("value", "range", "unit"), size.parts, strict=True))
+                for size in row.sizes
+            ],
+            "ties": [tie.name for tie in ties],
+            "together": min(row.probability + sum(tie.probability for tie in ties), 1.0),
+            "seen": "" if row.visible_from is None else str(row.visible_from),
+        })  # fmt: skip
+    return rows
+
+
+def _summarise_remainder(remainder: Remainder) -> dict[str, Any]:
+    """Return the differences that a model leaves unexplained."""
+    return {
+        "p": keep_together(p_words(remainder.p)),
+        "cause": remainder.cause,
+        "rows": [
+            {
+                "what": cell_name(row),
+                "difference": mean_difference_words(row.difference, row.unit),
+                "z": rounded_text(abs(row.z)),
+            }
+            for row in remainder.rows
+        ],
+    }
+
+
+def _summarise_reduction(proof: Proof) -> dict[str, Any]:
+    """Return the shares of the gap closed on recordings held out at one condition; None where not defined."""
+    rows = proof.rows
+    if not any(row.condition == "unseen" for row in rows):  # then all counts were seen
+        rows = tuple(row for row in rows if row.condition == "all")
+    ours = {row.condition: row for row in rows if row.alternative == AFTER}
+    finite = [row for row in rows if math.isfinite(row.grr)]
+    drawn = None
+    if finite:
+        n = len(dict.fromkeys(row.alternative for row in finite))
+        alt = "Share of the gap that the correction closes, with its range"
+        drawn = _figures.draw_picture(GapReductionDisplay(finite).plot, (8.0, 1.5 + 0.55 * n), alt)
+    cells = {
+        (row.alternative, row.condition): {
+            "value": percent_text(row.grr), "range": range_text(row.low, row.high),
+        }
+        for row in reversed(rows)
+    }  # fmt: skip
+    conditions = [name for name in COUNT_GROUPS if any(row.condition == name for row in rows)]
+    distances: dict[str, dict[str, float]] = {}
+    for distance in proof.distances:
+        if distance.condition == "all":
+            distances.setdefault(distance.alternative, {})[distance.family] = distance.distance
+    before, after, floor = (distances.get(name, {}) for name in ("nothing", AFTER, "floor"))
+    return {
+        "condition": proof.condition.text if proof.condition else "",
+        "share": proof.result.grr if math.isfinite(proof.result.grr) else None,
+        "range": range_text(proof.result.low, proof.result.high),
+        "undefined": (
+            proof.result.undefined or "the gap on the recordings held out is too small"
+        ).removesuffix("."),
+        "by_condition": [
+            {
+                "name": COUNT_GROUPS[name],
+                "share": ours[name].grr if math.isfinite(ours[name].grr) else None,
+                "undefined": ours[name].undefined.removesuffix("."),
+            }
+            for name in ("seen", "unseen")
+            if name in ours
+        ],
+        "rows": [
+            {
+                "name": alternative_name(alternative),
+                "cells": [cells.get((alternative, condition)) for condition in conditions],
+            }
+            for alternative in dict.fromkeys(row.alternative for row in rows)
+        ],
+        "conditions": [COUNT_GROUPS[name] for name in conditions],
+        "distances": [
+            {
+                "name": family_name(name),
+                "before": before[name],
+                "after": after[name],
+                "floor": floor.get(name),
+            }
+            for name in before
+            if name in after
+        ],
+        "picture": drawn,
     }

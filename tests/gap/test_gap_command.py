@@ -13,9 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+import cyclofeat.cli.gap
 import cyclofeat.gap
 from cyclofeat.cli import main
 from cyclofeat.gap import EffectPosterior, World, compare_recordings
+from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Hum, Noise, Rig
 
 RATE = 6400.0
@@ -333,3 +335,29 @@ def test_a_posterior_that_is_absent(tmp_path: Path, capsys: Any) -> None:
     code, _, err = run(capsys, folder, "--posterior", tmp_path / "absent.npz")
     assert code == 2
     assert f"no such posterior: {tmp_path / 'absent.npz'}; write one with --prepare FILE" in err
+
+
+def test_a_counter_for_the_corrected_model_is_tried_beside_the_packaged_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    told: list[Any] = []
+
+    class Counter:
+        def __init__(self, right: int) -> None:
+            self.right = right
+
+        def count(self, recording: Any) -> SimpleNamespace:
+            counted = recording.defect_count if recording.defect_count <= self.right else 0
+            return SimpleNamespace(defect_count=counted, refused=recording.defect_count == 9)
+
+    monkeypatch.setattr("cyclofeat.cli.train.run", told.append)
+    monkeypatch.setattr("cyclofeat.models.load_model", lambda _: Counter(9))
+    monkeypatch.setattr("cyclofeat.models.load_default_model", lambda _: Counter(2))
+    recordings = [Recording(NOISE[0], RATE, speed_rpm=500, defect_count=n) for n in (0, 2, 3, 9)]
+    typed = SimpleNamespace(save_simulator="c.json", train="c.skops", random_state=4, n_jobs=1)
+    rows = cyclofeat.cli.gap.try_counters(typed, recordings)
+    assert [(row["right"], row["refused"], row["n"]) for row in rows] == [(3, 1, 4), (2, 1, 4)]
+    (trained,) = told
+    assert (trained.rig, trained.out, trained.sampling_rate) == ("c.json", "c.skops", RATE)
+    assert (trained.max_count, trained.random_state) == (9, 4)
+    assert "minutes" in capsys.readouterr().err  # said beforehand
