@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
@@ -27,8 +28,9 @@ from cyclofeat.gap.world.rigs import Session
 from cyclofeat.gap.world.world import World
 from cyclofeat.recordings import Recording
 from cyclofeat.recordings.recording import common_n_lobes
-from cyclofeat.simulators import Effect, Rig
+from cyclofeat.simulators import BrakeRotor, CycloidalGearbox, Effect, Rig
 from cyclofeat.simulators.effects.library import look_alikes
+from cyclofeat.simulators.simulation import torsion
 
 _ROWS = 12
 _VARIANTS = 200  # a probability is off by up to 0.07
@@ -109,7 +111,7 @@ def find_gap(
     if held is not None and named:
         say("judging on recordings held out")
         proof = prove_all(rig, held, corrected, world, settings)
-    effects, note = _effect_rows(posterior, session, presence, confirmed), ""
+    effects, note = _effect_rows(posterior, session, presence, confirmed, variants), ""
     if named and remainder.cause != "chance":
         left = LEFT[remainder.cause]
         note = f"sizes may be off by more than their ranges: the corrected model leaves {left}"
@@ -165,8 +167,23 @@ def _simulate_possible(
     ).sessions  # fmt: skip
 
 
+def _rotor_resonance(variants: Iterable[Sequence[Effect]], gearbox: CycloidalGearbox) -> list[Size]:
+    """Return the resonance of the brake's rotor on torque meter and gearbox, over drawn sets of effects."""
+    rotors = [effect for effects in variants for effect in effects if isinstance(effect, BrakeRotor)]
+    braked = [gearbox.with_brake(rotor.inertia, rotor.stiffness, rotor.damping_ratio) for rotor in rotors]
+    hz = [math.sqrt(torsion(one)[0] / one.brake_inertia) / (2 * math.pi) for one in braked]
+    if not hz:
+        return []
+    low, middle, high = np.quantile(hz, [0.05, 0.5, 0.95]).tolist()
+    return [Size("resonance_hz", "Hz", middle, low, high)]
+
+
 def _effect_rows(
-    posterior: EffectPosterior, session: Session, presence: dict[str, float], confirmed: Confirmation
+    posterior: EffectPosterior,
+    session: Session,
+    presence: dict[str, float],
+    confirmed: Confirmation,
+    variants: Sequence[Sequence[Effect]],
 ) -> tuple[FoundEffect, ...]:
     """Return what is known of each effect, the most probable first."""
     quantiles = {name: (row[0], row[2], row[-1]) for name, row in posterior.sizes(session).items()}
@@ -187,6 +204,9 @@ def _effect_rows(
         for key in effect.vector_names():
             low, middle, high = (float(value) for value in quantiles[f"{name}.{key}"])
             sizes.append(Size(key, effect.parameters[key].unit, middle, low, high))
+        if name == BrakeRotor.effect_id:
+            gearbox = posterior.world.rig.gearbox
+            sizes += _rotor_resonance(variants, gearbox.replace(load_torque=session.conditions[:, 1].mean()))
         others = [other for group in look_alikes() if name in group for other in group if other != name]
         ties = tuple(other for other in others if presence.get(other, 0.0) > ABSENT and other not in named)
         rows.append(

@@ -9,9 +9,8 @@ import math
 import pytest
 from gap_answers import EFFECTS, REMAINDER, answered, compared, proof_of
 
-from cyclofeat.gap.posterior.answers import state_of
 from cyclofeat.gap.result import FoundEffect, NextMeasurement, Size
-from cyclofeat.simulators import Gain, Hum
+from cyclofeat.simulators import Hum
 
 
 @pytest.fixture(scope="module")
@@ -95,17 +94,6 @@ def test_what_is_left_and_what_is_not_known(result) -> None:
         "measure next: a record at 44 Nm, to decide about clearance",
         "held out: too little disagreement to state how far it shrank",
     ]
-
-
-def test_look_alikes_that_are_probable_only_together_are_told_once(result) -> None:
-    three = {"gain": 0.21, "offset": 0.21, "load_scale": 0.11}
-    effects = tuple(
-        FoundEffect(name, p, state_of(p, named=name == "gain"), (), tuple(three.keys() - {name}))
-        for name, p in three.items()
-    )
-    text = str(dataclasses.replace(result, effects=effects, named=(Gain(1.05),)))
-    assert "probably missing: gain (0.21), or " in text
-    assert "undecided" not in text
 
 
 def test_tables(result) -> None:

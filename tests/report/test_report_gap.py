@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from gap_answers import EFFECTS, REMAINDER, answered, compared, overlay, proof_of
+from gap_answers import EFFECTS, REMAINDER, answered, compared, proof_of
 from numpy.testing import assert_allclose
 from pages import parse, without_scripts, words
 
@@ -257,13 +257,6 @@ def test_one_condition_without_a_ratio_has_its_reason(result, bare, tmp_path):
     text = bare(dataclasses.replace(result, proof=(proof_of((*rows, last)),)), tmp_path)
     assert "That is 90 % with counts of worn lobes seen in the fit." in text
     assert "With counts never seen in the fit no share can be stated: one held-out recording in this" in text
-
-
-def test_what_is_stated_once(result, bare, tmp_path):
-    text = bare(result, tmp_path, settings={"random state": "7"})
-    assert text.count("random state") == text.count("random state 7") == 1
-    one = dataclasses.replace(result, where=result.where[:1], overlays=(overlay(),), proof=result.proof[:1])
-    assert bare(one, tmp_path).count("500 RPM, 22 Nm") == 2  # once in the method, once below it
 
 
 @pytest.mark.parametrize(

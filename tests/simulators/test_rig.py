@@ -330,7 +330,7 @@ BAD_FILES = {
     "misspelt": ('{"gearbx": [1, 2]}', r"'gearbx' with value \[1, 2\]: did you mean 'gearbox'"),
     "unknown": (
         '{"zzz": 1}',
-        "unknown key 'zzz' with value 1: known are format, note, name, gearbox, ",
+        "unknown key 'zzz' with value 1: known are format, note, gearbox, effects, ",
     ),
     "twice": ('{"name": "a", "name": "b"}', "'name' must stand only once"),
     "distribution unknown": (

@@ -32,8 +32,10 @@ def state_of(probability: float, visible: float = math.nan, *, named: bool = Fal
 
     Examples
     --------
-    >>> state_of(0.97), state_of(0.12), state_of(0.12, visible=0.01), state_of(0.01)
-    ('missing', 'undecided', 'too small to matter', 'not missing')
+    >>> state_of(0.97), state_of(0.21, named=True), state_of(0.01)
+    ('missing', 'probably missing', 'not missing')
+    >>> state_of(0.21), state_of(0.21, visible=0.01)
+    ('undecided', 'too small to matter')
     """
     if probability >= PRESENT:
         return "missing"
