@@ -67,7 +67,7 @@ figure.savefig(Path(__file__).parents[2] / "docs" / "figures" / "gap_workflow.pn
 for effect in result.named:
     found = result.effect(effect.effect_id)
     for size in found.sizes:
-        print(f"{found.effect}.{size}")
+        print(f"{found.effect}: {size}")
 print(f"something left unexplained: {result.remainder.unexplained}")
 for proof in result.proof:
     print(f"{proof.condition.text}: {proof.result.grr:.0%} of the gap closed")
