@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import reprlib
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -81,6 +82,8 @@ ANGLE_REMEDY = "give angle_unit='rad', 'deg' or 'rev', or angle_channel=False to
 # Deflate, the strongest compression of these files, packs at most 1032:1. A small file that claims more is
 # damaged, or made to fill the memory.
 _LARGEST_RATIO, _ALWAYS_ALLOWED = 1100, 2**26
+_SHORT_NAMES = reprlib.Repr()  # for messages
+_SHORT_NAMES.maxstring = 100
 # Records pack at most so tightly; what unpacks to more is refused above a size that memories hold.
 _USUAL_RATIO, LARGEST_UNPACKED = 30, 2 * 10**9
 
@@ -215,7 +218,7 @@ class Source:
     def list_names(self, channels: Sequence[Channel] | None = None) -> str:
         """Return the names of channels, by default of all, for messages."""
         names = [channel.name for channel in self.channels if channels is None or channel in channels]
-        text = ", ".join(map(repr if self.named else str, names[:40])) or "none"
+        text = ", ".join(map(_SHORT_NAMES.repr if self.named else str, names[:40])) or "none"
         text += f" and {len(names) - 40} more" if len(names) > 40 else ""
         return text + ("" if self.named else " (no names in the file)")
 

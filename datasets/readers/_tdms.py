@@ -34,6 +34,7 @@ _BIG_ENDIAN, _INTERLEAVED, _DAQMX = 1 << 6, 1 << 5, 1 << 7
 _INCREMENT = re.compile(rb"(/'(?:[^']|'')*'/'(?:[^']|'')*')|wf_increment(?s:[\x0a\x00]{4})(.{8})", re.DOTALL)
 # npTDMS reads interleaved data whole segments at a time unless asked for parts: this many bytes each.
 _BLOCK = 2**23
+_MOST_SCALES = 1000
 # Scales that npTDMS computes. For any other it logs a line and hands over raw counts.
 _SCALES = {
     "Linear", "Polynomial", "RTD", "Strain", "Table", "Thermistor", "Thermocouple", "Add", "Subtract",
@@ -62,6 +63,9 @@ def _describe_channel(
 ) -> Channel:
     name, properties = f"{channel.group_name}/{channel.name}", dict(channel.properties)
     scopes = (properties, dict(file[channel.group_name].properties), dict(file.properties))
+    claimed = max(map(_n_scales, scopes))
+    if claimed > _MOST_SCALES:  # npTDMS would count them one by one
+        raise ValueError(f"{path.name} is damaged: channel {name!r} claims {claimed} scales")
     try:
         dtype: np.dtype[Any] | None = np.dtype(channel.dtype)
     except Exception:  # it has no type, or a scale that cannot be computed: reading it says why
