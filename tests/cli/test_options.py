@@ -127,11 +127,17 @@ def test_nothing_is_overwritten_unasked(capsys, tmp_path, command, option, kind)
         content = path / "kept"
     content.write_text("kept", encoding="utf-8")
     refused = f"{path} exists: give {option} another name, or --force to overwrite it"
-    assert refused in said(capsys, command, option, **{option: str(path)})
+    idle = PARSERS[command].get_default("idle") or ()
+    others = [f"{one[0]} {tmp_path / 'b.json'}" for names, _, one in idle if option in names and one]
+
+    def answer(*more):
+        return said(capsys, command, option, *others, *more, **{option: str(path)})
+
+    assert refused in answer()
     assert content.read_text(encoding="utf-8") == "kept"
-    assert "the work is reached" in said(capsys, command, option, "--force", **{option: str(path)})
+    assert "the work is reached" in answer("--force")
     content.unlink()
-    assert "the work is reached" in said(capsys, command, option, **{option: str(path)})
+    assert "the work is reached" in answer()
 
 
 def test_the_card_of_another_model_is_not_overwritten(capsys, tmp_path):
