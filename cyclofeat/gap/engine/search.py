@@ -12,12 +12,13 @@ import numpy as np
 from scipy import stats
 from scipy.special import expit
 
+from cyclofeat.gap.posterior.answers import ABSENT, NAMED, PRESENT, State, state_of
+
 from .problem import Array, Rig, Session
 from .sizes import RESOLUTION, Fit, descend, fit_sizes, make_rig
 
 Names = frozenset[str]
 LARGEST_SET = 6
-STATES = ((0.95, "missing"), (0.5, "probably missing"), (0.05, "undecided"), (0.0, "not missing"))
 
 
 class Size(NamedTuple):
@@ -46,9 +47,9 @@ class Explanation:
     sizes: Mapping[str, Mapping[str, Size]]
     remainder: Array
 
-    def state(self, effect: str) -> str:
+    def state(self, effect: str) -> State:
         """Return the word for an effect's probability."""
-        return next(word for least, word in STATES if self.probabilities[effect] >= least)
+        return state_of(self.probabilities[effect])
 
 
 class _Search:
@@ -127,7 +128,7 @@ class _Search:
         """Return the probable sets with one effect more, the best fitting first."""
         larger = filter(self.possible, (present | {name} for name in self.optional if name not in present))
         return sorted(
-            (names for names in larger if self.probability(names, present) >= 0.5),
+            (names for names in larger if self.probability(names, present) >= NAMED),
             key=lambda names: self.fit(names).loss,
         )
 
@@ -180,13 +181,13 @@ def explain(session: Session) -> Explanation:
             order += [*sorted(after - before), *(f"-{name}" for name in sorted(before - after))]
         present = better
     probabilities = {name: search.missing(present, frozenset({name})) for name in search.optional}
-    undecided = [name for name, p in probabilities.items() if 0.05 <= p < 0.95]
+    undecided = [name for name, p in probabilities.items() if ABSENT <= p < PRESENT]
     pairs = map(frozenset, itertools.combinations(undecided, 2))
     rigs = [make_rig(fit.axes, fit.x) for fit in (search.fit(frozenset()), search.fit(present))]
     return Explanation(
         order=tuple(order),
         probabilities=probabilities,
-        ties=[pair for pair in pairs if not pair <= present and search.missing(present, pair) >= 0.95],
+        ties=[pair for pair in pairs if not pair <= present and search.missing(present, pair) >= PRESENT],
         rig=rigs[1],
         sizes=search.sizes(present),
         remainder=np.sqrt(session.mean_squares(session.deviations(rigs))[0].mean(1)),
