@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
+from typing import Any
 
 #: Unit of each quantity that a recording may hold.
 QUANTITY_UNITS: Mapping[str, str] = MappingProxyType(
@@ -36,11 +37,11 @@ def number_of(n: int, thing: str) -> str:
     return f"{n} {thing}" if n == 1 else f"{n} {thing}s"
 
 
-def some_of(things: Iterable[str], most: int = 4) -> str:
-    """Return ``a, b, c, d and 3 more``."""
+def some_of(things: Iterable[object], most: int = 4, text: Callable[[Any], str] = str) -> str:
+    """Return ``a, b, c, d and 3 more``, by the text of each."""
     listed = list(things)
     more = f" and {len(listed) - most} more" if len(listed) > most else ""
-    return ", ".join(listed[:most]) + more
+    return ", ".join(map(text, listed[:most])) + more
 
 
 def join_errors(errors: Sequence[str], most: int = 10) -> str:

@@ -309,7 +309,7 @@ class GapResult(EffectRows[FoundEffect]):
             )
             if n
         ]  # fmt: skip
-        return ", ".join([*parts, "something unknown is missing too"][: len(parts) + unknown])
+        return ", ".join([*parts, *(["something unknown is missing too"] if unknown else [])])
 
     @property
     def undecided_text(self) -> str:
@@ -331,12 +331,12 @@ class GapResult(EffectRows[FoundEffect]):
             lines += [f"  {'; '.join(map(str, row.sizes))}"] if row.sizes else []
         lines += [f"  note: {self.size_note}"] if self.size_note else []
         if self.undecided_text:
-            lines.append(f"{self.undecided_text}: {some_of(map(str, self.of_state('undecided')))}")
+            lines.append(f"{self.undecided_text}: {some_of(self.of_state('undecided'))}")
         small = [f"{row.effect} (seen {row.visible_from})" for row in self.of_state("too small to matter")]
         lines += [f"too small to matter: {', '.join(small)}"] if small else []
         if self.remainder is not None:
             lines.append(f"left unexplained: {LEFT[self.remainder.cause]} ({p_words(self.remainder.p)})")
-            for left in self.remainder.rows[: _N_REMAINING * self.remainder.unexplained]:
+            for left in self.remainder.rows[:_N_REMAINING] if self.remainder.unexplained else ():
                 lines.append(f"  {cell_name(left)}: {mean_difference_words(left.difference, left.unit)}")
         lines += [f"measure next: {measurement}" for measurement in self.next_measurements[:1]]
         for proof in self.proof:

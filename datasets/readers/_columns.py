@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base import checks
-from cyclofeat._base.quantities import QUANTITIES, from_1, in_words
+from cyclofeat._base.quantities import QUANTITIES, from_1, in_words, some_of
 from cyclofeat.recordings import Recording
 
 TORQUE_UNITS = {"Nm": 1.0, "kNm": 1e3, "mNm": 1e-3, "Ncm": 1e-2, "Nmm": 1e-3}
@@ -82,7 +82,8 @@ ANGLE_REMEDY = "give angle_unit='rad', 'deg' or 'rev', or angle_channel=False to
 # Deflate, the strongest compression of these files, packs at most 1032:1. A small file that claims more is
 # damaged, or made to fill the memory.
 _LARGEST_RATIO, _ALWAYS_ALLOWED = 1100, 2**26
-_SHORT_NAMES = reprlib.Repr()  # for messages
+# Names that a message lists, and what it quotes of each.
+_MOST_NAMES, _SHORT_NAMES = 40, reprlib.Repr()
 _SHORT_NAMES.maxstring = 100
 # Records pack at most so tightly; what unpacks to more is refused above a size that memories hold.
 _USUAL_RATIO, LARGEST_UNPACKED = 30, 2 * 10**9
@@ -218,8 +219,7 @@ class Source:
     def list_names(self, channels: Sequence[Channel] | None = None) -> str:
         """Return the names of channels, by default of all, for messages."""
         names = [channel.name for channel in self.channels if channels is None or channel in channels]
-        text = ", ".join(map(_SHORT_NAMES.repr if self.named else str, names[:40])) or "none"
-        text += f" and {len(names) - 40} more" if len(names) > 40 else ""
+        text = some_of(names, _MOST_NAMES, _SHORT_NAMES.repr if self.named else str) or "none"
         return text + ("" if self.named else " (no names in the file)")
 
     def find_channel(self, argument: str, wanted: Any, usual: Collection[str] = ()) -> Channel | None:
