@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import contextlib
 import csv
+import itertools
+import operator
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -98,14 +100,12 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
         settings["left out at the start"] = f"{arguments.skip:g} s"
     # Read again, one at a time: all recordings together may be larger than memory.
     options = reading_arguments(arguments)
+    done = [(one.entry, one.number, one.value[0]) for one in results if one.value is not None]
     counted = (
-        CountedRecording(
-            str(result.path),
-            without_start(result.entry.read(**options)[result.number], arguments.skip),
-            result.value[0],
-        )
-        for result in results
-        if result.value is not None
+        CountedRecording(str(entry.path), without_start(recordings[number], arguments.skip), count)
+        for entry, of_file in itertools.groupby(done, operator.itemgetter(0))
+        for recordings in [entry.read(**options)]
+        for _, number, count in of_file
     )
     failures = {str(result.path): result.error for result in results if result.error}
     with Progress("writing the report"):
