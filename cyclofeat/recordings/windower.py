@@ -316,8 +316,8 @@ class Windower:
         windows, start_s, start_angle = cut
         stop_s = start_s + windows.shape[1] / recording.sampling_rate
         if self.samples_per_turn is not None and angle is not None:
-            turned = 2 * math.pi * windows.shape[1] / self.samples_per_turn
-            stop_s = samples_at(start_angle + turned, angle) / recording.sampling_rate
+            length = windows.shape[1], self.samples_per_turn
+            stop_s = ends_by_angle(start_angle, *length, angle, recording.sampling_rate)
         good, rounding = np.ones(len(windows), dtype=bool), 1e-6 / recording.sampling_rate
         for start, stop in recording.bad_spans:
             good &= (start_s + rounding >= stop) | (stop_s - rounding <= start)
@@ -562,6 +562,14 @@ def window_set(records: Sequence[Recording], parts: Sequence[Cut], sampling_rate
         absolute=np.array([recording.angle_is_absolute for recording in records])[origin],
         worn_lobes=tuple(records[i].worn_lobes for i in origin.tolist()),
     )
+
+
+def ends_by_angle(
+    start_angle: Float, n_samples: int, samples_per_turn: float, angle: Float, sampling_rate: float
+) -> Float:
+    """Return the times in s at which windows over an angle end; the angle is in rad, at a sampling rate."""
+    turned = 2 * math.pi * n_samples / samples_per_turn
+    return samples_at(start_angle + turned, angle) / sampling_rate
 
 
 def _as_list(recordings: Recording | Iterable[Recording]) -> list[Recording]:

@@ -48,9 +48,8 @@ from cyclofeat.counting.model.turning import Turning, turning_of
 from cyclofeat.features import LobeMap
 from cyclofeat.recordings import Recording, WindowSet
 from cyclofeat.recordings.recording import common_n_lobes, common_quantity
-from cyclofeat.recordings.windower import SAMPLES_PER_TURN, Windower, lobe_windower
+from cyclofeat.recordings.windower import SAMPLES_PER_TURN, Windower, ends_by_angle, lobe_windower
 from cyclofeat.signal.lobes import N_LINES, SPEED_TOLERANCE, LobeLines, lobe_frequency
-from cyclofeat.signal.orders import samples_at
 from cyclofeat.signal.speed import FOLLOWED_TOLERANCE
 from cyclofeat.signal.windows import Float
 
@@ -605,8 +604,8 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
                     f"the mean torque, {mean:.4g} Nm, is far from the {low:.3g} to {high:.3g} Nm of the "
                     "training: are unit and scale right?"
                 )
-        turned = 2 * np.pi * windows.X.shape[1] / windows.sampling_rate
-        stops = samples_at(windows.start_angle + turned, turning.angle) / recording.sampling_rate
+        length = windows.X.shape[1], windows.sampling_rate
+        stops = ends_by_angle(windows.start_angle, *length, turning.angle, recording.sampling_rate)
         faults = window_faults(recording, windows, stops, self.n_lobes_)
         doubt = turning.doubt or self.untrained_speed(turning.speed_hz)
         return PreparedWindows(windows, stops, faults, doubt, tuple(notes), float(windows.start_angle[0]))
