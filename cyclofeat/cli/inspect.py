@@ -5,21 +5,31 @@ from __future__ import annotations
 import argparse
 import contextlib
 from collections.abc import Iterator
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from cyclofeat._base.quantities import number_of
 from cyclofeat.cli._options import (
     FILES,
     Printed,
     add_reading_options,
+    add_target,
     list_entries,
+    note,
     process_files,
     reading_arguments,
 )
 
+if TYPE_CHECKING:
+    from cyclofeat.recordings import Recording
+
+_MOST_DRAWN, _SIZE = 12, (9.0, 3.6)  # inches
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", nargs="+", metavar="FILE", help=FILES)
+    what = f"page to write, on which one can zoom the recordings (the first {_MOST_DRAWN})"
+    add_target(parser, "--report", "page", metavar="FILE.html", help=what)
     add_reading_options(parser)
 
 
@@ -27,16 +37,26 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     from cyclofeat.datasets import describe
     from cyclofeat.datasets.readers import list_channels
 
-    files = list_entries(arguments.files)
-    options = reading_arguments(arguments)
-    for result in process_files("inspecting", files, arguments, lambda _, recording: describe(recording)):
-        facts = result.value
+    report = None
+    if arguments.report:
+        from cyclofeat.report import Report
+
+        report = Report("Recordings")
+    options, drawn = reading_arguments(arguments), 0
+
+    def describe_file(path: Path, recording: Recording) -> tuple[dict[str, Any], Recording]:
+        return describe(recording), recording
+
+    for result in process_files("inspecting", list_entries(arguments.files), arguments, describe_file):
         channels: dict[str, str | None] = {}  # none where the file cannot be opened
         with contextlib.suppress(Exception):
             channels = list_channels(result.path, **options)
-        if facts is None:
+        if result.value is None:
             yield result.format_result(facts={"channels": channels})
+            if report is not None:
+                report.add_heading(str(result.path)).add_text(result.error)
             continue
+        facts, recording = result.value
         lines = [f"started:   {facts['start_time']} (UTC)"] if facts["start_time"] else []
         lines += [f"table:     {facts['table']}"] if facts["table"] else []
         others = [name if unit is None else f"{name} ({unit})" for name, unit in channels.items()]
@@ -50,6 +70,12 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
         lines.append(f"dropouts:  {100 * facts['dropout_share']:.3g} %")
         lines += [f"warning:   {warning}" for warning in facts["warnings"]]
         yield result.format_result(lines, {**facts, "channels": channels})
+        drawn += 1
+        if report is not None and drawn <= _MOST_DRAWN:
+            report.add_heading(str(result.path)).add_text("\n\n".join(lines))
+            report.add_figure(recording, size=_SIZE).add(recording)
+    if report is not None:
+        note(f"report: {report.write(arguments.report)}")
 
 
 def _speed_text(facts: dict[str, Any]) -> str:

@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from fractions import Fraction
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -16,7 +17,7 @@ from cyclofeat._base import checks, displays, draw_plot
 from cyclofeat._base.checks import is_whole, number, number_series, one_of, positive, truth_value, whole
 from cyclofeat._base.displays import data_frame, html_card
 from cyclofeat._base.quantities import CHANNELS, QUANTITIES, QUANTITY_UNITS, from_1, in_words, lobes_text
-from cyclofeat.signal.orders import input_angle_from_disc, mean_speed
+from cyclofeat.signal.orders import input_angle_from_disc
 from cyclofeat.signal.windows import LARGEST, Float, high_pass
 
 if TYPE_CHECKING:
@@ -259,6 +260,11 @@ class Recording:
         return tuple((start, stop) for start, stop in (self.meta or {}).get("bad_spans", ()))
 
     @property
+    def gaps(self) -> tuple[tuple[int, float], ...]:
+        """Number of the sample behind each gap, and of samples that are missing there; 0 at a seam."""
+        return tuple((int(at), n) for at, n in (self.meta or {}).get("gaps", ()))
+
+    @property
     def n_samples(self) -> int:
         """Number of samples."""
         return int(self.torque.size)
@@ -304,7 +310,11 @@ class Recording:
         float or None
         """
         angle = self.input_angle(reduction)
-        return None if angle is None else float(mean_speed(angle, self.sampling_rate))
+        if angle is None:
+            return None
+        seams = np.array([at for at, missing in self.gaps if not missing], dtype=int)
+        turned = angle[-1] - angle[0] - np.sum(angle[seams] - angle[seams - 1])
+        return float(turned / (2 * math.pi * (angle.size - 1 - seams.size)) * self.sampling_rate)
 
     def crop(self, start_s: float = 0.0, stop_s: float | None = None) -> Recording:
         """Return a part of the recording, with all labels.
@@ -332,12 +342,12 @@ class Recording:
                 f"got {start_s:g} and {end:g} s"
             )
         rate, size = self.sampling_rate, torque.size
-        gaps = [[at - rows.start, n] for at, n in (self.meta or {}).get("gaps", ())]
+        gaps = [[at - rows.start, n] for at, n in self.gaps]
         spans = np.clip(np.reshape(self.bad_spans, (-1, 2)) - rows.start / rate, 0.0, size / rate).tolist()
         return self._with_step(
             f"crop({start_s:g}, {end:g})",
             gaps=[gap for gap in gaps if 0 < gap[0] < size],
-            bad_spans=[span for span in spans if span[0] < span[1]],
+            bad_spans=[span for span in spans if span[0] < size / rate and span[1] > 0],
             torque=torque,
             angle=None if self.angle is None else self.angle[rows],
         )
@@ -373,7 +383,7 @@ class Recording:
         torque = resample_poly(self._bridge_torque(), ratio.numerator, ratio.denominator, padtype="line")
         at = np.arange(n_samples) / float(ratio)
         angle = None if self.angle is None else np.interp(at, np.arange(self.n_samples), self.angle)
-        gaps = [[round(at * ratio), float(n * ratio)] for at, n in (self.meta or {}).get("gaps", ())]
+        gaps = [[round(at * ratio), float(n * ratio)] for at, n in self.gaps]
         changes = {"torque": torque[:n_samples], "angle": angle, "sampling_rate": rate, "gaps": gaps}
         return self._with_step(f"resample({rate:g})", **changes)
 
@@ -402,6 +412,67 @@ class Recording:
         torque = high_pass(whole, self.sampling_rate, cutoff_hz)
         removed = float(whole.mean() - torque.mean())
         return self._with_step(f"high_pass({cutoff_hz:g})", torque=torque, removed_mean=removed)
+
+    @classmethod
+    def concatenate(cls, recordings: Iterable[Recording]) -> Recording:
+        """Join recordings of one gearbox end to end.
+
+        Each seam is a gap, and a bad span of no length: no window holds samples of both sides.
+
+        Parameters
+        ----------
+        recordings : iterable of Recording
+            With the same rate, quantity and labels, except ``run``, ``source`` and ``meta``, of which the
+            first one's stay. Angles that are not absolute must go on from one recording to the next; whole
+            output turns between two recordings are left out.
+
+        Returns
+        -------
+        Recording
+
+        Examples
+        --------
+        >>> recording = Recording(range(100), 50)
+        >>> Recording.concatenate([recording.crop(0, 0.5), recording.crop(1.5)]).bad_spans
+        ((0.5, 0.5),)
+        """
+        records = list(recordings)
+        for record in records:
+            checks.check_type("recordings", record, Recording)
+        if not records:
+            raise ValueError("recordings must hold at least one Recording, got none")
+        own = {"torque", "_", "angle", "run", "source", "meta"}
+        for name in ["unit", *sorted({part.name for part in dataclasses.fields(cls)} - own)]:
+            _common_value(records, name, name, None)
+        records, first = [record.for_counting() for record in records], records[0]
+        angles = [record.angle for record in records if record.angle is not None]
+        if 0 < len(angles) < len(records):
+            raise ValueError("recordings must all have an angle, or none: replace(angle=None) leaves it out")
+        joined, shift = angles[:1], 0.0
+        for before, angle in pairwise(angles):
+            output_turn = 2 * math.pi * (first.n_lobes if first.angle_of == "input" else 1)
+            output_turn = math.copysign(output_turn, angle[-1] - angle[0])
+            turns = float(angle[0] - before[-1]) / output_turn
+            if turns <= 0 and not first.angle_is_absolute:
+                raise ValueError(
+                    f"recordings must have an absolute angle, or one that goes on, got {angle[0]:g} behind "
+                    f"{before[-1]:g} rad: replace(angle=None) leaves it out"
+                )
+            shift -= output_turn * (math.ceil(turns) - 1)
+            joined.append(angle + shift)
+        begins = np.cumsum([0, *(record.n_samples for record in records)])[:-1].tolist()
+        gaps = [[begin, 0] for begin in begins[1:]]
+        spans = [[begin / first.sampling_rate] * 2 for begin in begins[1:]]
+        for begin, record in zip(begins, records, strict=True):
+            gaps += [[begin + at, n] for at, n in record.gaps]
+            spans += [[begin / first.sampling_rate + end for end in span] for span in record.bad_spans]
+        return first._with_step(
+            f"concatenate({len(records)})",
+            gaps=sorted(gaps),
+            bad_spans=sorted(spans),
+            torque=np.concatenate([record.torque for record in records]),
+            angle=np.concatenate(joined) if joined else None,
+        )
 
     def with_bad_spans(self, spans: Iterable[tuple[float, float]]) -> Recording:
         """Return the recording with more spans marked as bad; no window touches these.
@@ -557,7 +628,7 @@ def common_quantity(recordings: Sequence[Recording]) -> str:
 
 
 def _common_value(recordings: Sequence[Recording], name: str, kind: str, default: object) -> Any:
-    values = sorted({getattr(recording, name) for recording in recordings})
+    values = sorted({getattr(recording, name) for recording in recordings}, key=str)
     if len(values) > 1:
         got = ", ".join(map(str, values))
         raise ValueError(

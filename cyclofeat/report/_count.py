@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 _N_FEATURE_PICTURES = 4
 _BESIDE_TRAINING = (6.0, 3.2)  # inches
-MOST_SAMPLES = 240_000  # of torque in a page, which they make 1.3 MB larger
 
 
 @dataclass(frozen=True)
@@ -148,7 +147,7 @@ def summarise_count(
     sections = []
     for *_, place, item in sorted(urgent, key=lambda entry: entry[2]):
         rows[place]["anchor"] = f"recording-{place + 1}"
-        sections.append(rows[place] | _recording_section(model, item, MOST_SAMPLES // len(urgent)))
+        sections.append(rows[place] | _recording_section(model, item, _figures.MOST_SAMPLES // len(urgent)))
     _, surrogate, origin = describe_origin(sources)
     several = len(rows) + len(failed) > 1
     kinds = dict.fromkeys(drawn["kind"] for section in sections for drawn in section["features"])

@@ -7,6 +7,7 @@ import io
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -17,12 +18,14 @@ from cyclofeat._base.quantities import probability_text
 from cyclofeat.plotting import LobeMapDisplay, OrderDisplay, SpectrumDisplay, TorqueDisplay
 from cyclofeat.plotting.drawing import require_matplotlib
 from cyclofeat.report._page import count_text
+from cyclofeat.signal.faults import find_runs, mark_clipped, mark_dropouts
 from cyclofeat.signal.lobes import lobe_frequency
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cyclofeat.counting.model.lobe_count import WindowCount
+    from cyclofeat.recordings import Recording
 
 Picture = dict[str, Any]
 Draw = Callable[["Axes"], object]
@@ -65,13 +68,17 @@ class Marks:
 
 @dataclass(frozen=True)
 class Span:
-    """Part of x with a short label in the plot, and words for the read-out."""
+    """Part of x with a short label in the plot, and words for the read-out.
+
+    A span with the colour of a ``band`` is drawn over the whole height, its label in the legend.
+    """
 
     start: float
     stop: float
     label: str
     text: str
     amiss: bool = False
+    band: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,7 +211,7 @@ def recording_pictures(
     """
 
     def draw_torque(ax: Axes) -> None:
-        torque.plot(ax, max_points=2000)
+        torque.plot(ax, max_points=_MOST_POINTS)
         # Draw a strip of windows with their labels above the curve.
         low, high = ax.get_ylim()
         if windows:
@@ -247,6 +254,9 @@ def recording_pictures(
     return drawn
 
 
+MOST_SAMPLES = 240_000  # of torque in a page, which they make 1.3 MB larger
+_MOST_POINTS = 2000  # of a torque on paper
+_MOST_SPANS = 500
 _SHOWN_HZ, _HIGHEST_HZ = 400.0, 2000.0
 _MOST_BINS = 60_000
 
@@ -266,7 +276,32 @@ def window_spans(windows: Sequence[WindowCount]) -> list[Span]:
     ]
 
 
-def torque_plot(display: TorqueDisplay, spans: Sequence[Span], most_samples: int) -> Plot:
+def draw_recording(recording: Recording, size: tuple[float, float]) -> Picture:
+    """Draw a whole recording with its gaps, bad spans, lost and clipped samples."""
+    display, rate, torque = TorqueDisplay.from_recording(recording), recording.sampling_rate, recording.torque
+    display.quantity = str((recording.meta or {}).get("channel", display.quantity))
+    marked: list[tuple[str, NDArray[np.bool_]]] = []
+    if torque.min() < torque.max():
+        marked = [("lost samples", mark_dropouts(torque))]
+        marked += [("clipped samples", at_end) for at_end in mark_clipped(torque)]
+    spans = []
+    for label, bad in marked:
+        starts, lengths = find_runs(bad)
+        # Those too close to be told apart are one.
+        first = np.diff(starts, prepend=-np.inf) > recording.n_samples / _MOST_SPANS
+        last = np.append(first[1:], True)[: starts.size]
+        ends = zip(starts[first] / rate, (starts + lengths)[last] / rate, strict=True)
+        spans += [Span(start, stop, label, label, band="wrong") for start, stop in ends]
+    at = [sample / rate for sample, _ in recording.gaps]
+    gaps = [Marks("gap", "gaps, where samples are missing or recordings joined", at, "second")] if at else []
+    alt = f"{display.quantity.capitalize()} in {display.unit} over time in s, with gaps, faults and bad spans"
+    plot = torque_plot(display, spans, MOST_SAMPLES, gaps)
+    return draw_picture(partial(display.plot, max_points=_MOST_POINTS), size, alt, plot=plot)
+
+
+def torque_plot(
+    display: TorqueDisplay, spans: Sequence[Span], most_samples: int, marks: Sequence[Marks] = ()
+) -> Plot:
     """Return the torque over time: all samples, or as many extremes as ``most_samples`` have room for."""
     time, torque, note = display.time, display.torque, "The page holds every sample."
     if torque.size > most_samples:
@@ -276,7 +311,13 @@ def torque_plot(display: TorqueDisplay, spans: Sequence[Span], most_samples: int
         note = f"Of every {length} samples the page holds the smallest and the largest: peaks are true, and "
         note += "what lies between them is left out."
     axes = Axis("time", "s"), Axis(display.quantity, display.unit)
-    return Plot(time, [Line(display.quantity, torque)], axes, spans=spans, note=note)
+    bands = [
+        Span(start, stop, "bad span", f"bad span of {stop - start:.4g} s", band="faint")
+        for start, stop in display.bad_spans
+        if start < stop
+    ]
+    line = Line(display.quantity, torque)
+    return Plot(time, [line], axes, marks=marks, spans=[*bands, *spans], note=note)
 
 
 def spectrum_plot(display: SpectrumDisplay) -> Plot:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from cyclofeat._base.checks import is_number, is_whole, repr_of
+from cyclofeat.recordings import Recording
 from cyclofeat.report import _figures
 from cyclofeat.report._count import summarise_count, write_count_report
 from cyclofeat.report._evaluation import summarise_evaluation, write_evaluation_report
@@ -109,8 +110,9 @@ class Report:
         Parameters
         ----------
         figure : path, matplotlib.figure.Figure or object with ``plot(ax=...)``
-            File (GIF, JPEG, PNG, SVG, WebP), which becomes part of the page; figure; or a display, recording
-            or result, which is drawn in the colours of the page, light and dark.
+            File (GIF, JPEG, PNG, SVG, WebP), which becomes part of the page; figure; recording, which one can
+            zoom, with gaps, lost and clipped samples and bad spans; or a display or result, which is drawn
+            in the colours of the page, light and dark.
         caption : str, optional
             Text below the picture, which also describes it to those who do not see it.
         size : tuple of float, default=(8.0, 3.6)
@@ -135,6 +137,8 @@ class Report:
                 raise ValueError(f"figure must be one of {', '.join(_PICTURES)}, got {path.name!r}")
             kind = mimetypes.guess_type(f"picture{path.suffix.lower()}")[0] or "image/webp"
             return self._add(image=data_uri(path.read_bytes(), kind), caption=str(caption))
+        if isinstance(figure, Recording):
+            return self._add(picture=_figures.draw_recording(figure, size), caption=str(caption))
         if hasattr(figure, "savefig"):
             drawn = io.BytesIO()
             figure.savefig(drawn, format="svg")

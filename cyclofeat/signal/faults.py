@@ -36,9 +36,14 @@ def clipped_share(torque: Float) -> float:
     A converter or amplifier at its end repeats one value, far more often than the next one; the crest of a
     quantised wave does not.
     """
+    return sum((np.count_nonzero(at_end) / torque.size for at_end in mark_clipped(torque)), 0.0)
+
+
+def mark_clipped(torque: Float) -> list[NDArray[np.bool_]]:
+    """Mark the samples at the largest, and those at the smallest value, if samples pile up there."""
+    marked: list[NDArray[np.bool_]] = []
     if not torque.size:
-        return 0.0
-    share = 0.0
+        return marked
     for extreme, beyond in ((np.min, np.inf), (np.max, -np.inf)):
         at_end = torque == extreme(torque)
         count = np.count_nonzero(at_end)
@@ -48,8 +53,8 @@ def clipped_share(torque: Float) -> float:
         if count < _PILE * np.count_nonzero(torque == beside):
             continue
         if find_runs(at_end)[1].max() >= _SHORTEST_CLIP:
-            share += count / torque.size
-    return share
+            marked.append(at_end)
+    return marked
 
 
 def mark_dropouts(torque: Float) -> NDArray[np.bool_]:

@@ -14,9 +14,11 @@ from gap_answers import answered
 from sklearn.naive_bayes import GaussianNB
 from small_model import recording, small_model, unlike_training
 
+from cyclofeat import Recording
 from cyclofeat.counting import evaluate
 from cyclofeat.report import (
     CountedRecording,
+    Report,
     write_animation,
     write_count_report,
     write_evaluation_report,
@@ -35,6 +37,7 @@ SAYS = {
     "several": ["2 of 4", "Could not be counted", "refused", HOSTILE, "not counted"],
     "evaluation": ["Accuracy", "Confusion", "Calibration", "How the folds were made"],
     "gap": ["2 effects are missing in the model", "cyclofeat train --rig", "Mains hum in the torque signal"],
+    "recording": [HOSTILE, "clipped: 1 %", "bad span", "lost samples", "gaps, where samples"],
     "animation": ["The gearbox turning", "2 worn lobes: 1, 5", "Cam points at lobe", "Simulated:"],
 }
 
@@ -50,6 +53,14 @@ def run():
     return simulate(
         None, LobeDefects.worn((0, 4)), duration=0.5, sampling_rate=6400, forces=True, points=True
     )
+
+
+def spoiled_recording():
+    one = recording((4, 5, 6), seed=100)
+    torque = one.torque.copy()
+    torque[400:600] = torque[400]
+    joined = Recording.concatenate([one.replace(torque=torque), one])
+    return joined.with_bad_spans([(1, 1.5)])
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +91,11 @@ def pages(tmp_path_factory, compared_hum, run):
             sources=["surrogate"] * 12,
             settings={"model": HOSTILE},
         ),
+        "recording": Report("Recordings")
+        .add_heading(HOSTILE)
+        .add_text("clipped: 1 %")
+        .add_figure(spoiled_recording())
+        .write(folder / "recording.html"),
         "animation": write_animation(run, folder / "animation.html", part=(0.25, None), frames=61),
     }
 

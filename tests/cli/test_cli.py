@@ -772,13 +772,18 @@ def test_inspect_says_what_would_spoil_a_count(capsys, folder, tmp_path):
 
 def test_inspect_prints_json_and_goes_on_after_a_bad_file(capsys, folder, tmp_path):
     (tmp_path / "rig.csv").write_text("Zeit [s];Drehmoment;Winkel\n0;1;0\n1;2;9\n2;4;18\n", encoding="utf-8")
-    code, out, err = run(capsys, "inspect", tmp_path / "rig.csv", folder / "worn.csv", "--json")
+    page = tmp_path / "page.html"
+    files = tmp_path / "rig.csv", folder / "worn.csv"
+    code, out, err = run(capsys, "inspect", *files, "--json", "--report", page)
     assert code == 2
     bad, good = json.loads(out)
     assert [result["file"] for result in (bad, good)] == [str(tmp_path / "rig.csv"), str(folder / "worn.csv")]
     assert "--angle-unit 'rad', 'deg' or 'rev', or --no-angle" in bad["error"]
-    assert err.count("\n") == 1
+    assert (err.count("\n"), f"report: {page}" in err) == (2, True)
     assert good["whole_output_turns"] >= 1
+    text = page.read_text(encoding="utf-8")
+    assert "or --no-angle" in text
+    assert text.count("application/json") == 1
     code, out, _ = run(
         capsys, "inspect", tmp_path / "rig.csv", "--angle-unit", "deg", "--speed", 1.5, "--json"
     )

@@ -88,3 +88,25 @@ def test_a_frame_is_read_again(tmp_path):
     again = read_recording(tmp_path / "frame.csv", quantity="motor_current")
     assert (again.sampling_rate, again.unit) == (RATE, "A")
     np.testing.assert_allclose((again.torque, again.angle), (recording.torque, recording.angle))
+
+
+def test_joined_parts_have_the_windows_of_the_whole():
+    joined = Recording.concatenate([WHOLE.crop(0, 2 * TURN_S), WHOLE.crop(2 * TURN_S)])
+    np.testing.assert_array_equal(joined.torque, WHOLE.torque)
+    np.testing.assert_array_equal(joined.angle, WHOLE.angle)
+    np.testing.assert_array_equal(WINDOWERS[0].windows(joined).X, WINDOWERS[0].windows(WHOLE).X)
+    assert (joined.gaps, joined.bad_spans) == (((23_040, 0),), ((2 * TURN_S, 2 * TURN_S),))
+    # Of another recording whole output turns are left out, so that lobes keep their places.
+    other = WHOLE.replace(angle=WHOLE.angle + 2 * np.pi * 15 * 1000.3)
+    pair = Recording.concatenate([WHOLE, other])
+    assert 0 < pair.angle[WHOLE.n_samples] - WHOLE.angle[-1] <= 2 * np.pi * 15
+    turns = (other.angle[0] - pair.angle[WHOLE.n_samples]) / (2 * np.pi * 15)
+    assert turns == pytest.approx(round(turns))
+    assert pair.mean_input_speed() == pytest.approx(SPEED)
+    relative = WHOLE.replace(angle_is_absolute=False)
+    for other, words in (
+        (WHOLE, "angle_is_absolute must be the same"),
+        (relative, "absolute angle, or one that"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            Recording.concatenate([relative, other])

@@ -115,7 +115,7 @@ def test_plots_hold_the_numbers_of_the_recording(page, counted):
 
 
 def test_a_long_recording_shares_the_room_of_the_page_and_keeps_its_peaks(model, monkeypatch, drawn):
-    monkeypatch.setattr("cyclofeat.report._count.MOST_SAMPLES", 1000)
+    monkeypatch.setattr("cyclofeat.report._figures.MOST_SAMPLES", 1000)
     given = []
     monkeypatch.setattr(
         "cyclofeat.report._figures.draw_picture",

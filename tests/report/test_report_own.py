@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import json
 import re
 
 import numpy as np
@@ -15,6 +16,7 @@ from sklearn.naive_bayes import GaussianNB
 
 from cyclofeat import Recording
 from cyclofeat.counting import evaluate
+from cyclofeat.plotting import TorqueDisplay
 from cyclofeat.report import Report, write_evaluation_report, write_gap_report
 
 HOSTILE = "<script>alert(1)</script>"
@@ -37,7 +39,7 @@ def test_parts_stand_in_their_order_and_are_escaped(tmp_path):
         .add(RECORDING)
         .add_figure(figure, f"Figure {HOSTILE}")
         .add_figure(picture, "Photograph")
-        .add_figure(RECORDING, "Drawn again")
+        .add_figure(TorqueDisplay.from_recording(RECORDING), "Drawn again")
         .add_table([{f"name {HOSTILE}": HOSTILE, "value": 1.23456}, {"value": None}], f"Table {HOSTILE}")
     )
     page = without_pictures(report.write(tmp_path / "own.html").read_text(encoding="utf-8"))
@@ -58,6 +60,24 @@ def test_parts_stand_in_their_order_and_are_escaped(tmp_path):
     assert [value for _, name, value in parsed.attributes if name == "alt"] == [
         f"Figure {HOSTILE}", "Photograph", "Drawn again", "Drawn again",
     ]  # fmt: skip
+
+
+def test_a_recording_is_drawn_whole_with_all_that_is_wrong_with_it(tmp_path):
+    torque = 22 + np.random.default_rng(0).normal(size=20_000)
+    torque[4000:4200] = torque[4000]
+    torque[9000:9300] = torque.max() + 1
+    joined = Recording.concatenate([Recording(torque, 1000, meta={"channel": HOSTILE})] * 2)
+    report = Report("x").add_heading(HOSTILE).add_figure(joined.with_bad_spans([(30, 31)]))
+    page = report.write(tmp_path / "x.html").read_text(encoding="utf-8")
+    assert words(parse(without_pictures(page))).count(HOSTILE) == 1
+    plot = json.loads(re.search(r'application/json">(.*?)</script>', page)[1])
+    bands = sorted((span["label"], span["start"], span["stop"]) for span in plot["spans"])
+    assert bands == [
+        ("bad span", 30, 31), ("clipped samples", 9, 9.3), ("clipped samples", 29, 29.3),
+        ("lost samples", 4, 4.2), ("lost samples", 24, 24.2),
+    ]  # fmt: skip
+    assert plot["marks"][0]["at"] == [20]
+    assert plot["axes"][1] == {"quantity": HOSTILE, "unit": "Nm", "log": False, "whole": False}
 
 
 def test_a_file_is_embedded_as_it_is(tmp_path):

@@ -89,7 +89,7 @@
     // All that is seen; single values can fall to any depth of a logarithmic axis by chance.
     const rangeY = (self, low, high) => {
       if (low == null) return up.log ? [1, 10] : [0, 1];
-      const roof = plot.spans.length ? 0.16 : 0.05;
+      const roof = plot.spans.some(span => !span.band) ? 0.16 : 0.05;
       if (up.whole) return [low - 0.5, high + 0.5 + roof * (high - low + 1)];
       if (!up.log) {
         const size = high - low || Math.abs(high) || 1;
@@ -144,6 +144,15 @@
       for (const span of plot.spans) {
         const [from, to] = [span.start, span.stop].map(at =>
           clamp(self.valToPos(at, "x", true), bbox.left, bbox.left + bbox.width));
+        if (span.band) {
+          if (to > bbox.left && from < bbox.left + bbox.width) {
+            ctx.fillStyle = colour(span.band);
+            ctx.globalAlpha = 0.3;
+            ctx.fillRect(from, bbox.top, Math.max(to - from, 2 * r), bbox.height);
+            ctx.globalAlpha = 1;
+          }
+          continue;
+        }
         if (to - from < 2) continue;
         ctx.fillStyle = ctx.strokeStyle = colour(span.amiss ? "wrong" : "accent");
         ctx.globalAlpha = 0.18;
@@ -258,6 +267,8 @@
         };
         legend.append(element("li", {}, toggle));
       });
+    for (const [label, band] of new Map(plot.spans.filter(span => span.band).map(span => [span.label, span.band])))
+      legend.append(element("li", {}, swatch(band, "band"), ` ${label}`));
     for (const marks of plot.marks) legend.append(element("li", {}, swatch(marks.colour, "mark"), ` ${marks.legend}`));
 
     const live = element("div", {className: "live"}, box, tools, legend);
