@@ -23,7 +23,6 @@ from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.gap import Comparison, EffectPosterior, load_posterior
 from cyclofeat.gap.confirm.confirm import confirm_effects, draw_effects
 from cyclofeat.gap.measured import MeasuredRig
-from cyclofeat.gap.posterior.answers import named_effects
 from cyclofeat.gap.simulations import Bank
 from cyclofeat.gap.world.world import NOISE_AND_DRIFT
 from cyclofeat.simulators import Effect, Rig
@@ -63,9 +62,9 @@ def corrected(
         sampling_rate=world.sampling_rate, kernel="auto",
     )  # fmt: skip
     session = MeasuredRig.of(recordings, world.rig, world.sampling_rate).session()
-    named = named_effects(posterior.presence(session))
-    confirmed = confirm_effects(posterior, session, named, random_state=0)
+    confirmed = confirm_effects(posterior, session, posterior.presence(session), random_state=0)
     variants = draw_effects(posterior, session, confirmed, N_VARIANTS, random_state=0)
+    named = [effect.effect_id for effect in confirmed.effects]
     return comparison.corrected_rig(confirmed.effects), comparison.corrected_rig(variants=variants), named
 
 

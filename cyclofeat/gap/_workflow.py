@@ -15,10 +15,9 @@ from cyclofeat._base.checks import is_number
 from cyclofeat.gap.comparison import GapSettings
 from cyclofeat.gap.confirm.confirm import Confirmation, confirm_effects, draw_effects
 from cyclofeat.gap.confirm.next_measurement import rank_measurements
-from cyclofeat.gap.confirm.sessions import MOST_RECORDINGS, limit_recordings, simulate_sessions, with_sizes
 from cyclofeat.gap.measured import SAME_LOAD, SAME_SPEED, Condition, MeasuredRig, set_points
 from cyclofeat.gap.overlays import Overlay, summarise_overlays
-from cyclofeat.gap.posterior.answers import ABSENT, named_effects, state_of
+from cyclofeat.gap.posterior.answers import ABSENT, state_of
 from cyclofeat.gap.posterior.effect_posterior import EffectPosterior, load_posterior
 from cyclofeat.gap.proof.prove import Proof, prove_all
 from cyclofeat.gap.result import LEFT, FoundEffect, GapResult, Remainder, RemainderRow, Size, VisibleFrom
@@ -34,8 +33,6 @@ from cyclofeat.simulators.simulation import torsion
 
 _ROWS = 12
 _VARIANTS = 200  # a probability is off by up to 0.07
-_POSSIBLE = 0.02  # an effect is possible if its probability lies between this and 1 - this
-_DRAWS, _RIGS_PER_MACHINE = 32, 4  # of possible rigs
 
 
 def find_gap(
@@ -74,12 +71,12 @@ def find_gap(
     -----
     1. Where: recordings and model are compared at each condition.
     2. What: the posterior states the probability of each effect.
-    3. What is possible: rigs drawn from this posterior are simulated.
-    4. How large: sessions with the effects that are more probable than not (of look-alikes that share their
-       probability, the most probable one) are simulated and their sizes fitted. If chance does not explain
-       what they leave, undecided effects may explain it, or no effect does.
-    5. How sure: sets of effects with sizes are drawn from all that the recordings leave possible.
-    6. How much better: the corrected model is judged on recordings held out.
+    3. How large: the session is simulated with the effects that are more probable than not (of look-alikes
+       that share their probability, the most probable one), with their sizes changed, and with undecided
+       effects added. Sizes and sets that explain the recordings best stand. What they leave is explained by
+       chance, by undecided effects, or by no effect considered.
+    4. How sure: sets of effects with sizes are drawn from all that the recordings leave possible.
+    5. How much better: the corrected model is judged on recordings held out.
     """
     began = time.monotonic()
     settings, say = settings or GapSettings(), progress or (lambda _: None)
@@ -95,28 +92,24 @@ def find_gap(
         )
     say("comparing measurement and model")
     located = locate_all(rig, world, settings)
-    say("simulating rigs that the recordings leave possible")
-    possible = _simulate_possible(posterior, session, settings)
-    named = named_effects(presence)
     confirmed = confirm_effects(
-        posterior, session, named, possible=possible,
+        posterior, session, presence,
         random_state=settings.seed, n_jobs=settings.n_jobs, progress=say,
     )  # fmt: skip
+    presence |= confirmed.presence
     # Of any condition: its speed and load are replaced.
     comparison, at = located[0].comparison, {"gearbox": world.rig.gearbox, **_recorded_at(rig)}
     corrected = comparison.corrected_rig(confirmed.effects).replace(**at)
     variants = draw_effects(posterior, session, confirmed, _VARIANTS, random_state=settings.seed)
     remainder = _make_remainder(world, confirmed)
     proof: tuple[Proof, ...] = ()
-    if held is not None and named:
+    if held is not None and confirmed.effects:
         say("judging on recordings held out")
         proof = prove_all(rig, held, corrected, world, settings)
     effects, note = _effect_rows(posterior, session, presence, confirmed, variants), ""
-    if named and remainder.cause != "chance":
+    if confirmed.effects and remainder.cause != "chance":
         left = LEFT[remainder.cause]
-        note = f"sizes may be off by more than their ranges: the corrected model leaves {left}"
-    elif not confirmed.fitted:
-        note = "sizes are a first estimate: recordings simulated with fitted ones are less like the measured"
+        note = f"sizes are wider, because the corrected model leaves {left}"
     undecided = {
         row.effect: float(entropy([row.probability, 1 - row.probability], base=2))
         for row in effects
@@ -145,28 +138,6 @@ def _recorded_at(rig: MeasuredRig) -> dict[str, tuple[float, float]]:
     return {"speeds_rpm": (min(speeds), max(speeds)), "loads_nm": (min(loads), max(loads))}
 
 
-def _simulate_possible(
-    posterior: EffectPosterior, session: Session, settings: GapSettings
-) -> Sequence[Session]:
-    """Simulate sessions of rigs that have each effect as often as it is probable; none if all are decided."""
-    world, session = posterior.world, limit_recordings(session, MOST_RECORDINGS)
-    presence = np.nan_to_num(posterior.predict_proba([session])[0])
-    if not np.any((presence > _POSSIBLE) & (presence < 1 - _POSSIBLE)):
-        return ()
-    middles, spreads = posterior.size_distribution(session, world.size_names)
-
-    def draw(random: np.random.Generator) -> tuple[Effect, ...]:
-        present = dict(zip(world.names, random.random(presence.size) < presence, strict=True))
-        drawn = [present[name.partition(".")[0]] for name in world.size_names]
-        effects = [effect for effect in world.effects or () if present[effect.effect_id]]
-        return with_sizes(effects, random.normal(middles[drawn], spreads[drawn]))
-
-    return simulate_sessions(
-        world, session, draw, _DRAWS, n_rigs_per_machine=_RIGS_PER_MACHINE,
-        random_state=settings.seed, n_jobs=settings.n_jobs,
-    ).sessions  # fmt: skip
-
-
 def _rotor_resonance(variants: Iterable[Sequence[Effect]], gearbox: CycloidalGearbox) -> list[Size]:
     """Return the resonance of the brake's rotor on torque meter and gearbox, over drawn sets of effects."""
     rotors = [effect for effects in variants for effect in effects if isinstance(effect, BrakeRotor)]
@@ -187,7 +158,7 @@ def _effect_rows(
 ) -> tuple[FoundEffect, ...]:
     """Return what is known of each effect, the most probable first."""
     quantiles = {name: (row[0], row[2], row[-1]) for name, row in posterior.sizes(session).items()}
-    quantiles |= dict(zip(confirmed.names, confirmed.quantiles, strict=True))
+    quantiles |= confirmed.quantiles
     limits, named = posterior.visible_from(), [effect.effect_id for effect in confirmed.effects]
     visible = dict(zip(posterior.names_, posterior.predict_visible([session])[0].tolist(), strict=True))
     rows = []
@@ -225,7 +196,7 @@ def _make_remainder(world: World, confirmed: Confirmation) -> Remainder:
         RemainderRow(**vars(cells[k]), difference=float(confirmed.difference[k]), z=float(test.z[k]))
         for k in np.argsort(-np.abs(test.z[: len(cells)]))[:_ROWS]
     ]
-    p_undecided = None if confirmed.accepted or not np.isfinite(test.p_open) else test.p_open
+    p_undecided = None if confirmed.accepted or not np.isfinite(test.p_undecided) else test.p_undecided
     return Remainder(test.p, not (confirmed.accepted or confirmed.open), tuple(rows), p_undecided)
 
 

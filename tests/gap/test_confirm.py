@@ -8,12 +8,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from cyclofeat.gap import EffectPosterior, GapSettings, World, find_gap, load_posterior, prepare_world
-from cyclofeat.gap.confirm.confirm import Confirmation, confirm_effects, draw_effects, lies_farther
-from cyclofeat.gap.confirm.sessions import simulate_sessions
-from cyclofeat.gap.confirm.sizes import Gaussian, judge_remainder, size_posterior
+from cyclofeat.gap.confirm.changes import TOLERANCE, Point, with_strength
+from cyclofeat.gap.confirm.confirm import Confirmation, Gaussian, confirm_effects, draw_effects
+from cyclofeat.gap.confirm.sessions import simulate_pairs
 from cyclofeat.gap.measured import MeasuredRig
 from cyclofeat.gap.posterior.answers import named_effects
 from cyclofeat.gap.world.rigs import Session
@@ -22,90 +21,15 @@ from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Drift, Gain, Hum, Noise, Offset, Rig, Scale
 from cyclofeat.simulators.effects import ShaftLine, SleeveFriction
 
-RATE, SPEED, N_SIZES, N_FEATURES = 6400.0, 1350.0, 2, 12
-PRIOR = Gaussian(np.zeros(N_SIZES), np.eye(N_SIZES))
-
-
-def linear_world(n, seed):
-    """Sizes from the prior, and summaries that follow them with noise of covariance 0.04."""
-    random = np.random.default_rng(seed)
-    slopes = np.random.default_rng(1).normal(size=(N_SIZES, N_FEATURES))
-    sizes = random.normal(size=(n, N_SIZES))
-    return sizes, sizes @ slopes + 0.2 * random.normal(size=(n, N_FEATURES)), slopes
-
-
-def test_the_posterior_of_a_linear_gaussian_world_is_the_exact_one():
-    sizes, features, slopes = linear_world(4000, 2)
-    _, (observed,), _ = linear_world(1, 3)
-    exact = np.linalg.inv(slopes @ slopes.T / 0.04 + np.eye(N_SIZES))
-    mean = exact @ slopes @ observed / 0.04
-    found, *_ = size_posterior(sizes, features, features[:, :2], (observed, observed[:2]), PRIOR)
-    np.testing.assert_allclose(found.mean, mean, atol=0.03)
-    np.testing.assert_allclose(found.covariance, exact, atol=0.15 * np.abs(exact).max())
-
-
-@pytest.mark.slow
-def test_intervals_of_sizes_hold_as_often_as_they_say():
-    true, observed, _ = linear_world(300, 5)
-    inside = []
-    for k in range(0, 300, 3):
-        sizes, features, _ = linear_world(64, 100 + k)
-        found, *_ = size_posterior(sizes, features, features[:, :2], (observed[k], observed[k, :2]), PRIOR)
-        inside.append(np.abs(found.mean - true[k]) < stats.norm.ppf(0.95) * found.spread)
-    assert np.mean(inside) == pytest.approx(0.9, abs=0.07)
-
-
-@pytest.mark.slow
-def test_what_the_library_does_not_hold_remains_and_what_it_holds_does_not():
-    sizes, features, _ = linear_world(96, 7)
-    _, observed, _ = linear_world(200, 8)
-    both = features[:, :2]
-    p, p_of_strange = [], []
-    for one in observed[:30]:
-        found, fitted, _ = size_posterior(sizes, features, both, (one, one[:2]), PRIOR)
-        p.append(judge_remainder(features, sizes, fitted, one, found.mean).p)
-        strange = one + 2.0 * (np.arange(N_FEATURES) == 5)
-        found, fitted, _ = size_posterior(sizes, features, both, (strange, strange[:2]), PRIOR)
-        left = judge_remainder(features, sizes, fitted, strange, found.mean)
-        p_of_strange.append(left.p)
-    assert np.mean(np.array(p) < 0.05) < 0.15
-    assert np.mean(np.array(p_of_strange) < 0.05) > 0.9
-    assert np.argmax(np.abs(left.z)) == 5
-    assert np.isnan(left.p_open)
-
-
-def test_what_open_effects_would_leave_as_well_is_told_from_what_they_would_not():
-    """Half of the rigs that are possible have an effect on summary 5, and none has one on summary 6."""
-    sizes, features, _ = linear_world(96, 7)
-    _, possible, _ = linear_world(32, 9)
-    possible[::2, 5] += np.random.default_rng(0).uniform(0.5, 3.0, 16)
-    _, (one,), _ = linear_world(1, 8)
-
-    def left(column):
-        changed = one + 2.0 * (np.arange(N_FEATURES) == column)
-        found, fitted, fit = size_posterior(sizes, features, features[:, :2], (changed, changed[:2]), PRIOR)
-        others = possible, fit(possible, possible[:, :2])
-        return judge_remainder(features, sizes, fitted, changed, found.mean, others)
-
-    assert left(5).p < 0.001
-    assert left(5).p_open > 0.05
-
-
-def test_sizes_are_compared_by_sessions_simulated_with_them():
-    random = np.random.default_rng(0)
-    observed, near = random.normal(size=30), random.normal(size=(24, 30))
-    assert lies_farther(observed, near + 4.0, near)
-    assert not lies_farther(observed, near, near + 4.0)
-    assert not lies_farther(observed, near + 0.1, near)
+RATE, SPEED = 6400.0, 1350.0
 
 
 class Stated:
-    """A posterior that states given probabilities, and sizes of mean 0 and deviation 0.01."""
+    """A posterior that states sizes of mean 0 and deviation 0.01 of some effects."""
 
-    def __init__(self, presence):
+    def __init__(self, names):
         effects = (Noise(), Hum(), Gain(), Offset(), Scale("load", 1.02), Drift(), Drift(of="sensor"))
-        self.world = SimpleNamespace(effects=tuple(one for one in effects if one.effect_id in presence))
-        self.presence = lambda session: presence
+        self.world = SimpleNamespace(effects=tuple(one for one in effects if one.effect_id in names))
 
     def size_distribution(self, session, names):
         return np.zeros(len(names)), np.full(len(names), 0.01)
@@ -115,7 +39,7 @@ NO_SIZES = Gaussian(np.zeros(0), np.zeros((0, 0)))
 
 
 def drawn_sets(presence, n=2000, effects=(), sizes=NO_SIZES, seed=0):
-    confirmed = Confirmation(effects, (), sizes, None, True, None)
+    confirmed = Confirmation(effects, sizes, presence, None, True, None)
     return draw_effects(Stated(presence), None, confirmed, n, random_state=seed)
 
 
@@ -202,7 +126,7 @@ SETTINGS = GapSettings(n_bank=12, n_after=12, n_report=12, n_permutations=499, r
 
 @pytest.mark.slow
 def test_what_is_missing_is_named_sized_and_closes_the_gap(posterior, monkeypatch):
-    few = functools.partial(confirm_effects, n_sessions=32)
+    few = functools.partial(confirm_effects, n_recordings=100)
     monkeypatch.setattr("cyclofeat.gap._workflow.confirm_effects", few)
     told = []
     result = find_gap(
@@ -255,31 +179,49 @@ def test_of_look_alikes_that_share_their_probability_the_first_is_named():
 
 
 @pytest.mark.slow
-def test_sessions_are_like_the_measured_one_and_of_their_seed():
-    template = simulate_sessions(SMALL, measured_session(), lambda _: (), 1, random_state=0).sessions[0]
+def test_rigs_of_a_pair_share_their_random_numbers_and_none_depends_on_the_others():
+    template = measured_session()
+    rigs = [((), 1.0), ((Gain(1.1),), 1.0), ((ShaftLine(0.3),), 1.0), ((), 0.5)]
+    together = simulate_pairs(SMALL, template, rigs, range(2), random_state=3)
+    alone = [simulate_pairs(SMALL, template, [rig], range(1, 2), random_state=3)[0, 0] for rig in rigs]
+    np.testing.assert_array_equal(together[:, 1], alone)
+    mean = next(k for k, cell in enumerate(SMALL.described_cells) if cell.name == "mean torque")
+    np.testing.assert_allclose(together[1, ..., mean], 1.1 * together[0, ..., mean], rtol=1e-5)
 
-    def draw(random):
-        return (Noise(float(random.uniform(0.1, 0.3))),)
 
-    one, other = (simulate_sessions(SMALL, template, draw, 3, random_state=4) for _ in range(2))
-    np.testing.assert_array_equal(one.sizes, other.sizes)
-    for session, same in zip(one.sessions, other.sessions, strict=True):
-        np.testing.assert_array_equal(session.values, same.values)
-        np.testing.assert_array_equal(session.conditions, template.conditions)
-    assert len({tuple(sizes) for sizes in one.sizes.tolist()}) == 3
+@pytest.mark.parametrize(
+    ("effect", "twice"),
+    [
+        (Noise(0.2), Noise(0.4)),
+        (Gain(1.1), Gain(1.21)),
+        (Scale("contact_stiffness", 1.5), Scale("contact_stiffness", 2.25)),
+    ],
+)
+def test_an_effect_that_is_twice_as_strong(effect, twice):
+    np.testing.assert_allclose(with_strength(effect, 2.0).to_vector(), twice.to_vector())
+    assert with_strength(effect, 0.0) == with_strength(effect, 0.3)
+
+
+def test_sizes_change_to_both_sides_and_at_the_end_of_their_range_twice_to_one():
+    stiffness, name = Scale("contact_stiffness", 1.5), "contact_stiffness_scale.factor"
+    low, high = stiffness.vector_bounds()
+    for vector, signs in ((low / 2, (1, -1)), (high, (-1, -1)), (low, (1, 1))):
+        guesses = {name: (0.0, 1.0), TOLERANCE: (0.75, 0.4)}
+        point = Point((stiffness.from_vector(vector),), 1.0, guesses, {name: 0.1})
+        of_stiffness, of_tolerance = point.size_changes()
+        assert tuple(np.sign(of_stiffness.places)) == signs
+        for place, (effects, tolerance) in zip(of_stiffness.places, of_stiffness.rigs, strict=True):
+            np.testing.assert_allclose(effects[0].to_vector(), vector + place)
+            assert tolerance == 1.0
+        assert of_tolerance.rigs[0][1] != 1.0
 
 
 @pytest.mark.slow
 def test_sessions_of_a_rig_without_tolerances_differ_by_noise_alone():
-    template = measured_session()
-    tight, usual = (
-        simulate_sessions(SMALL, template, lambda _: (), 2, tolerance=lambda _: factor, random_state=0)  # noqa: B023
-        for factor in (0.0, 1.0)
-    )
-    np.testing.assert_array_equal(tight.tolerances, 0)
+    cells = simulate_pairs(SMALL, measured_session(), [((), 0.0), ((), 1.0)], range(2), random_state=0)
     speed = next(k for k, cell in enumerate(SMALL.described_cells) if "input speed" in cell.name)
-    spread = [made.sessions[0].values[:, speed].std() for made in (tight, usual)]
-    assert spread[0] < 0.2 * spread[1]
+    tight, usual = cells[:, 0, :, speed].std(axis=1)
+    assert tight < 0.2 * usual
 
 
 @pytest.mark.slow
@@ -289,8 +231,8 @@ def test_drawn_friction_that_is_too_steep_for_the_time_step_is_no_warning_to_a_u
         wheels=((0,),), n_recordings=4,
     )  # fmt: skip
     template = Session(np.zeros((1, len(world.cells))), np.array([[SPEED, 22.0, 1.0]]), np.array([0]))
-    made = simulate_sessions(world, template, lambda _: (SleeveFriction(1.0),), 1, random_state=0)
-    assert len(made.sessions) == 1
+    cells = simulate_pairs(world, template, [((SleeveFriction(1.0),), 1.0)], range(1), random_state=0)
+    assert np.isfinite(cells).all()
 
 
 def measured_session():
@@ -300,7 +242,9 @@ def measured_session():
 @pytest.mark.slow
 def test_a_rig_without_effects_needs_nothing_more_than_what_stays_open(posterior):
     session = measured_session()
-    confirmed = confirm_effects(posterior, session, [], n_sessions=24, random_state=0)
+    presence = dict.fromkeys(SMALL.names, 0.01)
+    confirmed = confirm_effects(posterior, session, presence, n_recordings=80, random_state=0)
     assert confirmed.effects == ()
-    assert confirmed.quantiles == []
+    assert confirmed.quantiles == {}
+    assert confirmed.presence == presence
     assert confirmed.remainder.p > 0.001

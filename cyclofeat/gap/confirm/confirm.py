@@ -1,8 +1,15 @@
-"""Confirmation by simulation: sizes of the named effects, and what they leave unexplained."""
+"""Confirmation by simulation: which effects are missing, how large they are, and what they leave unexplained.
+
+The posterior's networks guess. The session is then simulated with the guessed effects and, with the same
+random numbers, with each size changed, each effect left out, and each undecided effect added. Sets and sizes
+that explain the measured session are those of a linear model of these responses, which is made again around
+them until they stand.
+"""
 
 from __future__ import annotations
 
-import functools
+import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,165 +18,204 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from cyclofeat.gap.confirm.sessions import MOST_RECORDINGS, limit_recordings, simulate_sessions, with_sizes
-from cyclofeat.gap.confirm.sizes import SMALLEST, Gaussian, RemainderTest, judge_remainder, size_posterior
-from cyclofeat.gap.posterior.answers import ABSENT, PRESENT
+from cyclofeat.gap.confirm.changes import TOLERANCE, DrawnRig, Point, RigChange, relative_units, with_strength
+from cyclofeat.gap.confirm.remainder import RemainderTest, judge_remainder
+from cyclofeat.gap.confirm.sessions import MOST_RECORDINGS, limit_recordings, simulate_pairs, with_sizes
+from cyclofeat.gap.engine.projection import Change, Projection, project
+from cyclofeat.gap.engine.sets import Column, fit_sizes, subtract_fit, weigh_sets
+from cyclofeat.gap.posterior.answers import ABSENT, PRESENT, named_effects
 from cyclofeat.gap.posterior.effect_posterior import EffectPosterior
+from cyclofeat.gap.summaries.summarise import smallest_spreads
 from cyclofeat.gap.world.rigs import Session
-from cyclofeat.gap.world.world import TOLERANCES
+from cyclofeat.gap.world.world import TOLERANCES, World
 from cyclofeat.simulators import Effect
 from cyclofeat.simulators.effects.library import look_alikes
 
 Float = NDArray[np.float64]
 
-# Rounds of simulation, and the inflation of the spreads from which its sizes are drawn.
-_ROUNDS, _WIDER = 2, 1.5
-_PRIOR_DRAWS = 400
+_ROUNDS_OF_SIZES, _MOST_ROUNDS = 2, 5
+_PAIRS = 2  # sessions that give a response
+# The posterior's spreads are taken this much wider as a prior, since it has seen the same recordings.
+_WIDER = 2.0
+_MOST_ADDED = 12  # undecided effects, the most probable first
 _REJECTED = 0.02  # p of what is left, below which something else is missing
-_NOT_OPEN = 0.05  # p of it with open effects besides, below which these do not explain it
-# Sessions at the very sizes, and the factor by which the posterior's sizes must lie nearer to be kept.
-_TRIED, _CLEARLY = 24, 2.0
+_NOT_OPEN = 0.05  # p with undecided effects besides, below which these do not explain it
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """Distribution of sizes on the scale of their fit: mean (n_sizes,), covariance (n_sizes, n_sizes)."""
+
+    mean: Float
+    covariance: Float
+
+    @property
+    def spread(self) -> Float:
+        """Standard deviation of each size."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    def draw(self, random: np.random.Generator) -> Float:
+        """Draw sizes."""
+        return np.asarray(
+            self.mean + np.linalg.cholesky(self.covariance) @ random.normal(size=self.mean.size)
+        )
 
 
 @dataclass(frozen=True)
 class Confirmation:
-    """Named effects with fitted sizes, and the test of what they leave."""
+    """Effects that explain a session, with sizes, and the test of what they leave."""
 
-    effects: tuple[Effect, ...]  # with the most probable sizes
-    names: tuple[str, ...]  # of the sizes, as in World.size_names
-    sizes: Gaussian = field(repr=False)  # joint distribution on the scale of their fit
+    effects: tuple[Effect, ...]  # named ones, with their sizes
+    sizes: Gaussian = field(repr=False)  # joint distribution of all their sizes on the scale of the fit
+    presence: Mapping[str, float] = field(repr=False)  # probability of each effect
     remainder: RemainderTest
-    # Whether chance explains what they leave. If not, something else is missing too, and the sizes are those
-    # of the posterior, which allow for it: fitted ones would make up for what is missing.
-    accepted: bool
+    accepted: bool  # chance explains what they leave; if not, the sizes are wider for it
     difference: Float = field(repr=False)  # (n_cells,): mean of each summary less the simulated one
-    open: bool = False  # they leave more than chance does, but no more than effects that are open would
-    # False although accepted: sessions with the fitted sizes lie farther from the measured one than those
-    # with the posterior's sizes, which are kept.
-    fitted: bool = True
+    open: bool = False  # they leave more than chance does, but no more than undecided effects would
 
     @property
-    def quantiles(self) -> list[tuple[float, float, float]]:
-        """0.05, 0.5 and 0.95 quantile of each size, in the parameter's unit."""
+    def quantiles(self) -> dict[str, tuple[float, float, float]]:
+        """0.05, 0.5 and 0.95 quantile of each size by name, in the parameter's unit."""
         reach = stats.norm.ppf(0.95) * self.sizes.spread
         low, middle, high = (
-            [float(getattr(effect, name)) for effect in effects for name in effect.vector_names()]
-            for end in (self.sizes.mean - reach, self.sizes.mean, self.sizes.mean + reach)
-            for effects in [with_sizes(self.effects, end)]
+            {
+                f"{one.effect_id}.{name}": float(getattr(one, name))
+                for one in at
+                for name in one.vector_names()
+            }
+            for at in (with_sizes(self.effects, self.sizes.mean + side * reach) for side in (-1, 0, 1))
         )
-        return list(zip(low, middle, high, strict=True))
+        return {name: (low[name], middle[name], high[name]) for name in middle}
 
 
 def confirm_effects(
     posterior: EffectPosterior,
     session: Session,
-    named: Sequence[str],
+    presence: Mapping[str, float],
     *,
-    possible: Sequence[Session] = (),
-    n_sessions: int = 96,
+    n_recordings: int = 200,
     random_state: int,
     n_jobs: int = 1,
     progress: Callable[[str], object] = lambda _: None,
 ) -> Confirmation:
-    """Simulate sessions like a measured one with the named effects, and fit their sizes.
+    """Find the effects and sizes with which simulated sessions are like a measured one.
 
-    Twice: with sizes from the posterior, then around those that fit. How much recordings differ anyway is
-    fitted as well, so that a rig that is better made than the world states is not taken for another one.
+    Sizes are settled first, because a wrong size looks like another effect. Then undecided effects are added
+    and named ones left out. How much recordings differ anyway is fitted as well, so that a rig that is better
+    made than the world states is not taken for another one.
 
-    The fit is linear. Where an effect sets in suddenly, like a limit near the mean torque, it may be far off.
-    So sessions are simulated with the very sizes of the fit and of the posterior, and the posterior's sizes
-    are kept if theirs lie clearly nearer to the measured one.
-
-    At most 12 of the recordings are used; ``n_sessions`` are simulated each time. ``possible`` sessions are
-    simulated like this one and have each effect as often as it is probable: they tell whether effects that
-    are open would explain what is left.
+    ``presence`` holds the posterior's probabilities. At most 12 of the recordings are used; ``n_recordings``
+    are simulated of each rig around which responses are taken.
     """
     world, shown = posterior.world, limit_recordings(session, MOST_RECORDINGS)
-    effects = tuple(effect for effect in world.effects or () if effect.effect_id in named)
-    names = tuple(f"{effect.effect_id}.{name}" for effect in effects for name in effect.vector_names())
-    columns = [world.size_names.index(name) for name in names]
-
-    def summarise(sessions: Sequence[Session]) -> tuple[Float, Float]:
-        features = [_mean_and_spread(posterior.deviations(one)) for one in sessions]
-        return np.array(features), posterior.standardised_sizes(sessions)[:, columns]
-
-    def draw_tolerance(sizes: Gaussian, random: np.random.Generator) -> float:
-        return float(np.clip(random.normal(sizes.mean[-1], sizes.spread[-1]), *TOLERANCES))
-
-    observed, estimates = (part[0] for part in summarise([shown]))
-    prior = _size_prior(effects)
-    middle, spread = posterior.size_distribution(shown, names)
-    believed = Gaussian(np.r_[middle, prior.mean[-1]], np.diag(np.r_[spread**2, prior.covariance[-1, -1]]))
-    before = believed.without_last()
-    simulate = functools.partial(simulate_sessions, world, shown, n_jobs=n_jobs)
-    n_rounds, wider = (_ROUNDS, _WIDER) if names else (1, 1.0)
-    for round_ in range(n_rounds):
-        progress(f"simulating the named effects, {round_ + 1} of {n_rounds}")
-        drawn = Gaussian(believed.mean, believed.covariance * wider**2)
-        simulated = simulate(
-            functools.partial(_draw_sizes, effects, drawn.without_last()), n_sessions,
-            tolerance=functools.partial(draw_tolerance, drawn),
-            random_state=random_state + round_,
-        )  # fmt: skip
-        sizes = np.column_stack([simulated.sizes[:, columns], simulated.tolerances])
-        features, of_simulated = summarise(simulated.sessions)
-        believed, fitted, fit = size_posterior(sizes, features, of_simulated, (observed, estimates), prior)
-    of_possible = summarise(possible) if possible else None
-    others = None if of_possible is None else (of_possible[0], fit(*of_possible))
-    remainder = judge_remainder(features, sizes, fitted, observed, believed.mean, others)
+    before = {one.effect_id: p for one in world.effects or () if np.isfinite(p := presence[one.effect_id])}
+    guessed, guesses = _guess_sizes(posterior, shown)
+    after, named = dict(before), set(named_effects(before))
+    point = Point(tuple(guessed[name] for name in before if name in named), 1.0, guesses, {})
+    dropped: set[str] = set()
+    n_sessions = max(-(-n_recordings // len(shown.values)), 2 * _PAIRS)
+    for round_ in itertools.count(0 if named else _ROUNDS_OF_SIZES):
+        of_sets = round_ >= _ROUNDS_OF_SIZES
+        progress(f"simulating {'undecided' if of_sets else 'the named'} effects, round {round_ + 1}")
+        changes = point.size_changes()
+        if of_sets:
+            undecided = [name for name, p in before.items() if p > ABSENT or name in dropped]
+            undecided = sorted(set(undecided) - named, key=lambda name: -before[name])[:_MOST_ADDED]
+            changes += point.set_changes(guessed[name] for name in undecided)
+        projection = _simulate_responses(
+            world, shown, point, changes, n_sessions, random_state=random_state + round_, n_jobs=n_jobs
+        )
+        columns = [change.column for change in changes]
+        reach = np.array([2 * abs(change.places[0]) for change in changes])
+        fit = fit_sizes(projection, columns, reach)
+        sizes, covariance = fit.sizes, fit.covariance
+        if of_sets:
+            found = weigh_sets(projection, columns, sizes, before, world.prior.most)
+            sizes, covariance = found.sizes, found.covariance
+            after |= found.probabilities
+            named = set(named_effects(after))
+        own = slice(len(point.names))
+        move = np.clip(sizes, -reach, reach)[own]
+        # Responses may change on a long step.
+        covariance = covariance[own, own] + np.diag((move / 2) ** 2)
+        moved = point.moved(move, np.maximum(2 * np.sqrt(np.diag(covariance)), np.abs(move)))
+        present = {effect.effect_id: effect for effect in moved.effects}
+        if of_sets and (named == present.keys() or round_ == _MOST_ROUNDS - 1):
+            break
+        point = moved
+        if named != present.keys():
+            dropped |= present.keys() - named
+            guessed |= present | {
+                name: with_strength(guessed[name], strength)
+                for name, strength in found.strengths.items()
+                if name in named
+            }
+            effects = tuple(guessed[name] for name in before if name in named)
+            point = Point(effects, moved.tolerance, guesses, moved.steps)
+    remainder = _judge(projection, columns, shown)
     accepted = remainder.p >= _REJECTED
-
-    def features_at(sizes: Gaussian) -> Float:
-        at_sizes = simulate(
-            lambda _: with_sizes(effects, sizes.mean), _TRIED, random_state=random_state + n_rounds,
-            tolerance=lambda _: float(np.clip(believed.mean[-1], *TOLERANCES)),
-        )  # fmt: skip
-        return summarise(at_sizes.sessions)[0]
-
-    after = believed.without_last()
-    kept = accepted and not (names and lies_farther(observed, features_at(after), features_at(before)))
-    final = after if kept else before
-    simulated_mean = np.mean([one.values.mean(axis=0) for one in simulated.sessions], axis=0)
+    covariance = covariance[:-1, :-1] * (1.0 if accepted else max(remainder.excess, 1.0))
     return Confirmation(
-        with_sizes(effects, final.mean), names, final, remainder, accepted,
-        shown.values.mean(axis=0) - simulated_mean, not accepted and remainder.p_open >= _NOT_OPEN, kept,
+        moved.effects, Gaussian(moved.coordinates[:-1], covariance), after, remainder, accepted,
+        shown.values.mean(axis=0) - projection.centre.mean(axis=0),
+        not accepted and remainder.p_undecided >= _NOT_OPEN,
     )  # fmt: skip
 
 
-def _draw_sizes(
-    effects: Sequence[Effect], sizes: Gaussian, random: np.random.Generator
-) -> tuple[Effect, ...]:
-    return with_sizes(effects, sizes.draw(random))
+def _guess_sizes(
+    posterior: EffectPosterior, session: Session
+) -> tuple[dict[str, Effect], dict[str, tuple[float, float]]]:
+    """Return each effect with the posterior's sizes, and mean and deviation of each coordinate by name.
 
-
-def lies_farther(observed: Float, simulated: Float, other: Float) -> bool:
-    """Return True if simulated summaries lie clearly farther from observed ones than others do.
-
-    By the mean square of the distances from their means, in spreads of one session about them. ``observed``
-    has shape (n_summaries,), the others (n_sessions, n_summaries).
+    An effect whose sizes it has not learned keeps its own, with a deviation of their unit.
     """
-    spread = np.hypot(np.sqrt((simulated.var(axis=0) + other.var(axis=0)) / 2), SMALLEST)
-    far, near = (
-        float(np.mean(((observed - values.mean(axis=0)) / spread) ** 2)) for values in (simulated, other)
+    guessed, guesses = {}, {TOLERANCE: (float(np.mean(TOLERANCES)), float(np.ptp(TOLERANCES)) / 12**0.5)}
+    for effect in posterior.world.effects or ():
+        names = [f"{effect.effect_id}.{name}" for name in effect.vector_names()]
+        middle, spread = posterior.size_distribution(session, names)
+        known = np.isfinite(middle) & np.isfinite(spread)
+        vector = np.clip(np.where(known, middle, effect.to_vector()), *effect.vector_bounds())
+        guessed[effect.effect_id] = effect.from_vector(vector)
+        widths = np.where(known, _WIDER * spread, relative_units(effect))
+        guesses |= dict(zip(names, zip(vector.tolist(), widths.tolist(), strict=True), strict=True))
+    return guessed, guesses
+
+
+def _simulate_responses(
+    world: World,
+    session: Session,
+    point: Point,
+    changes: Sequence[RigChange],
+    n_sessions: int,
+    *,
+    random_state: int,
+    n_jobs: int,
+) -> Projection:
+    """Simulate sessions of a rig and its changes, and project the measured session on the responses."""
+    rigs: list[DrawnRig] = [(point.effects, point.tolerance)]
+    rigs += [rig for change in changes for rig in change.rigs]
+    pairs = simulate_pairs(world, session, rigs, range(_PAIRS), random_state=random_state, n_jobs=n_jobs)
+    more = range(_PAIRS, n_sessions)
+    base = simulate_pairs(world, session, rigs[:1], more, random_state=random_state, n_jobs=n_jobs)[0]
+    rest = iter(pairs[1:])
+    cells = [Change(np.array([next(rest) for _ in change.rigs]), change.places) for change in changes]
+    floors = smallest_spreads([*world.described_cells])
+    return project(session.values, np.concatenate([pairs[0], base]), cells, floors)
+
+
+def _judge(projection: Projection, columns: Sequence[Column], session: Session) -> RemainderTest:
+    """Compare what the sizes of the rig, and undecided effects, leave of a session and of simulated ones."""
+
+    def leave(deviations: Float, *kinds: str) -> Float:
+        mean = subtract_fit(projection, columns, kinds, deviations)
+        return np.hstack([mean, np.log(deviations.std(axis=1) + 0.1)])
+
+    measured = projection.deviations(session.values)[None]
+    test, undecided = (
+        judge_remainder(leave(projection.sessions, *kinds), leave(measured, *kinds)[0])
+        for kinds in (("size",), ("size", "with"))
     )
-    return far > _CLEARLY * near
-
-
-def _size_prior(effects: Sequence[Effect]) -> Gaussian:
-    """Mean and covariance of the sizes, and of the tolerances' factor, before any recording."""
-    random = np.random.default_rng(0)
-    rows = []
-    for _ in range(_PRIOR_DRAWS):
-        sizes = [effect.draw_parameters(random).to_vector() for effect in effects]
-        rows.append(np.concatenate([*sizes, [random.uniform(*TOLERANCES)]]))
-    table = np.array(rows)
-    return Gaussian(table.mean(axis=0), np.diag(table.var(axis=0) + 1e-12))
-
-
-def _mean_and_spread(deviations: Float) -> Float:
-    """Mean of the deviations over recordings, and the logarithm of the spread of the first half of them."""
-    spread = deviations[:, : deviations.shape[1] // 2].std(axis=0)
-    return np.concatenate([deviations.mean(axis=0), np.log(spread + 0.1)])
+    return dataclasses.replace(test, p_undecided=undecided.p)
 
 
 def draw_effects(
@@ -183,7 +229,7 @@ def draw_effects(
     for the session are drawn from their joint distribution, those of others each from its own.
     """
     random = np.random.default_rng(random_state)
-    probabilities = {name: p for name, p in posterior.presence(session).items() if p > ABSENT}
+    probabilities = {name: p for name, p in confirmed.presence.items() if p > ABSENT}
     known = {effect.effect_id for effect in confirmed.effects}
     others = tuple(
         effect for effect in posterior.world.effects or () if effect.effect_id in probabilities.keys() - known
@@ -194,8 +240,8 @@ def draw_effects(
     drawn = []
     for _ in range(n_draws):
         every = (
-            *_draw_sizes(confirmed.effects, confirmed.sizes, random),
-            *_draw_sizes(others, of_others, random),
+            *with_sizes(confirmed.effects, confirmed.sizes.draw(random)),
+            *with_sizes(others, of_others.draw(random)),
         )
         present = _draw_present(probabilities, random)
         drawn.append(tuple(effect for effect in every if effect.effect_id in present))

@@ -1,10 +1,9 @@
-"""Simulation of sessions like a measured one, with drawn sizes of given effects."""
+"""Simulation of sessions like a measured one, of given rigs and of drawn ones."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import joblib
@@ -26,66 +25,37 @@ _RIGS_PER_MACHINE = 2  # with different effects on the torque signal
 _MACHINES_AT_ONCE = 4
 
 
-@dataclass(frozen=True)
-class SimulatedSessions:
-    """Simulated sessions, and how they were drawn.
-
-    ``sizes``, shape (n_sessions, n_sizes), holds the parameters of the effects in the world's order and on
-    the scale of their fit; ``tolerances`` what differs between recordings anyway, over what the world states.
-    """
-
-    sessions: list[Session] = field(repr=False)
-    sizes: Float = field(repr=False)
-    tolerances: Float = field(repr=False)
-
-
-def simulate_sessions(
+def simulate_pairs(
     world: World,
     template: Session,
-    draw: Callable[[np.random.Generator], Sequence[Effect]],
-    n_sessions: int,
+    rigs: Sequence[tuple[Sequence[Effect], float]],
+    numbers: range,
     *,
-    tolerance: Callable[[np.random.Generator], float] | None = None,
-    n_rigs_per_machine: int = _RIGS_PER_MACHINE,
     random_state: int,
     n_jobs: int = 1,
-) -> SimulatedSessions:
-    """Simulate sessions with the conditions of a template; some at a time share the runs of a machine.
+) -> Float:
+    """Simulate sessions with the conditions of a template, of rigs that share all random numbers.
 
-    ``draw`` returns effects with random sizes: of the ``n_rigs_per_machine`` that share a machine, the
-    effects of the first on the gearbox are used, and those of each on the torque signal. ``tolerance``
-    returns a random factor on all that differs between recordings anyway (default: always 1). Unknown counts
-    are drawn.
+    A rig is its effects and a factor on what differs anyway. Those with equal effects on the gearbox share
+    its runs. Session ``k`` of ``numbers`` has the same random numbers whatever other numbers there are;
+    unknown counts are drawn. Returns cells, shape (n_rigs, n_sessions, n_recordings, n_cells), NaN where a
+    simulation failed.
     """
-
-    def draw_rigs(random: np.random.Generator) -> DrawnRigs:
-        drawn = [draw(random) for _ in range(n_rigs_per_machine)]
-        in_machine = tuple(effect for effect in drawn[0] if effect.needs_simulation())
-        on_torque = [tuple(one for one in rig if not one.needs_simulation()) for rig in drawn]
-        return in_machine, on_torque, 1.0 if tolerance is None else tolerance(random)
-
-    n_machines = -(-n_sessions // n_rigs_per_machine)
-    machines = _draw_machines(world, template, draw_rigs, n_machines, random_state)
-    sessions, sizes, tolerances = [], [], []
-    for columns, machine in zip(_simulate_machines(world, machines, n_jobs), machines, strict=True):
-        for values, counts, speeds, drawn in zip(
-            columns["values"], columns["counts"], columns["speeds"], columns["sizes"], strict=True
-        ):
-            if np.isfinite(values[:, 0]).all():
-                session = Session(
-                    values.astype(np.float64), template.conditions,
-                    None if template.counts is None else counts,
-                    None if template.speeds_rpm is None else speeds,
-                    template.assemblies,
-                )  # fmt: skip
-                sessions.append(session)
-                sizes.append(drawn)
-                tolerances.append(machine.session.tolerance)
-    return SimulatedSessions(
-        sessions[:n_sessions],
-        np.array(sizes[:n_sessions]).reshape(-1, len(world.size_names)),
-        np.array(tolerances[:n_sessions]),
-    )
+    machines: dict[tuple[tuple[Effect, ...], float], list[int]] = {}
+    for k, (effects, tolerance) in enumerate(rigs):
+        in_machine = tuple(effect for effect in effects if effect.needs_simulation())
+        machines.setdefault((in_machine, tolerance), []).append(k)
+    drawn, places = [], []
+    for (in_machine, tolerance), members in machines.items():
+        on_torque = [tuple(one for one in rigs[k][0] if not one.needs_simulation()) for k in members]
+        for place, number in enumerate(numbers):
+            seed = np.random.SeedSequence([random_state, number])
+            drawn.append(_draw_machine(world, template, (in_machine, on_torque, tolerance), seed))
+            places.append((members, place))
+    cells = np.full((len(rigs), len(numbers), *template.values.shape), np.nan)
+    for columns, (members, place) in zip(_simulate_machines(world, drawn, n_jobs), places, strict=True):
+        cells[members, place] = columns["values"]
+    return cells
 
 
 def simulate_prior(
@@ -111,9 +81,9 @@ def simulate_prior(
 
     parts: list[dict[str, NDArray[Any]]] = []
     n_machines = -(-n_rigs // _RIGS_PER_MACHINE)
-    for part in _simulate_machines(
-        world, _draw_machines(world, template, draw_rigs, n_machines, random_state), n_jobs
-    ):
+    seeds = np.random.SeedSequence(random_state).spawn(n_machines)
+    machines = [_draw_machine(world, template, draw_rigs, seed) for seed in seeds]
+    for part in _simulate_machines(world, machines, n_jobs):
         parts.append(part)
         if progress is not None:
             progress(min(len(parts) * _RIGS_PER_MACHINE, n_rigs), n_rigs)
@@ -132,28 +102,24 @@ def simulate_prior(
     return usable
 
 
-def _draw_machines(
+def _draw_machine(
     world: World,
     template: Session,
-    draw_rigs: Callable[[np.random.Generator], DrawnRigs],
-    n_machines: int,
-    random_state: int,
-) -> list[DrawnMachine]:
-    """Draw machines with the conditions of a session, and what ``draw_rigs`` draws."""
+    rigs: DrawnRigs | Callable[[np.random.Generator], DrawnRigs],
+    seed: np.random.SeedSequence,
+) -> DrawnMachine:
+    """Return a machine with the conditions of a session, and rigs that are given or drawn."""
     n = len(template.values)
     speeds, loads, directions = template.conditions.T
     assemblies = np.arange(n) if template.assemblies is None else template.assemblies
-    machines = []
-    for seed in np.random.SeedSequence(random_state).spawn(n_machines):
-        for_draws, *for_runs = seed.spawn(n + 1)
-        random = np.random.default_rng(for_draws)
-        counts = template.counts
-        if counts is None:
-            counts = random.choice(np.array(world.defect_counts), n)
-        in_machine, on_torque, tolerance = draw_rigs(random)
-        session = DrawnSession(speeds, loads, directions.astype(np.int64), counts, assemblies, tolerance)
-        machines.append(DrawnMachine(in_machine, on_torque, session, for_runs))
-    return machines
+    for_draws, *for_runs = seed.spawn(n + 1)
+    random = np.random.default_rng(for_draws)
+    counts = template.counts
+    if counts is None:
+        counts = random.choice(np.array(world.defect_counts), n)
+    in_machine, on_torque, tolerance = rigs(random) if callable(rigs) else rigs
+    session = DrawnSession(speeds, loads, directions.astype(np.int64), counts, assemblies, tolerance)
+    return DrawnMachine(in_machine, on_torque, session, for_runs)
 
 
 def _simulate_machines(

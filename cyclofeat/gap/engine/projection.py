@@ -1,0 +1,176 @@
+"""Statistics that measure small changes of a simulated rig, and the responses of a rig to them.
+
+A rig and changed rigs are simulated with the same random numbers, so that few pairs give each response almost
+free of noise (Glasserman and Yao 1992, "Some guidelines and guarantees for common random numbers", Management
+Science 38). Cells of recordings are whitened by the covariance of single recordings, and projected on the
+responses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.covariance import ledoit_wolf
+
+Float = NDArray[np.float64]
+
+_LINEAR = 3.0  # spreads up to which a deviation counts in full; larger ones count by their logarithm
+_DIAGONAL = 0.2  # share of the diagonal in the covariance of the statistics
+_NO_RESPONSE = 1e-9
+
+
+class Change(NamedTuple):
+    """Change of a rig along a coordinate: cells of the changed rigs, and their places on the coordinate.
+
+    ``cells`` has shape (n_places, n_pairs, n_recordings, n_cells), ``places`` one entry or two. With two,
+    the response has a curvature.
+    """
+
+    cells: Float
+    places: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Statistics of measured recordings, with their responses to changes of a rig and their covariance.
+
+    ``measured`` (n_statistics,); ``responses`` (n_statistics, n_statistics) to the change and power of each
+    entry of ``terms``; ``covariance`` of one session; ``weights`` (n_statistics, n_recordings, n_cells);
+    ``slopes`` (n_changes, n_cells): mean deviation per unit of each change; ``centre``, ``spread`` and
+    ``offset`` of the deviations; ``sessions`` that could be simulated, as deviations.
+    """
+
+    measured: Float
+    responses: Float
+    covariance: Float
+    terms: list[tuple[int, int]]
+    weights: Float = field(repr=False)
+    slopes: Float = field(repr=False)
+    centre: Float = field(repr=False)
+    spread: Float = field(repr=False)
+    offset: Float = field(repr=False)
+    sessions: Float = field(repr=False)
+
+    def deviations(self, cells: Float) -> Float:
+        """Return cells (..., n_recordings, n_cells) less those of the rig, in spreads of one recording."""
+        return _compressed(cells, self.centre, self.spread) - self.offset
+
+    def statistics(self, deviations: Float) -> Float:
+        """Return the statistics of sessions (n_sessions, n_recordings, n_cells) of deviations."""
+        return np.asarray(np.einsum("jic,mic->mj", self.weights, deviations))
+
+    def linearised(self, sizes: Float) -> tuple[Float, Float]:
+        """Return statistics and responses (n_statistics, n_changes) that are linear around some sizes.
+
+        ``sizes`` (n_changes,) are the places of expansion; sizes still count from 0.
+        """
+        measured, responses = self.measured.copy(), np.zeros((len(self.measured), len(sizes)))
+        for k, (change, power) in enumerate(self.terms):
+            size = sizes[change]
+            responses[:, change] += self.responses[:, k] * (1.0 if power == 1 else 2 * size)
+            if power == 2:
+                measured += self.responses[:, k] * size**2
+        return measured, responses
+
+
+def project(measured: Float, base: Float, changes: Sequence[Change], floors: Float) -> Projection:
+    """Project measured recordings on the responses of a rig.
+
+    Parameters
+    ----------
+    measured : ndarray, shape (n_recordings, n_cells)
+    base : ndarray, shape (n_sessions, n_recordings, n_cells)
+        Simulated sessions of the rig; NaN where a simulation failed.
+    changes : sequence of Change
+        Simulated with the random numbers of the first sessions of ``base``.
+    floors : ndarray, shape (n_cells,)
+        Smallest spread of each cell that matters.
+
+    Returns
+    -------
+    Projection
+        Weights of one half of the pairs multiply the responses of the other half, and the covariance is that
+        of sessions other than those which whiten: noise counts neither as response nor as certainty.
+    """
+    usable = np.isfinite(base).all(axis=(1, 2))
+    centre = base[usable].mean(axis=0)
+    variance = ((base[usable] - centre) ** 2).sum(axis=(0, 1)) / ((usable.sum() - 1) * len(measured))
+    spread = np.hypot(np.sqrt(variance), floors)
+    offset = _compressed(base[usable], centre, spread).mean(axis=0)
+
+    def deviations(cells: Float) -> Float:
+        return np.asarray(_compressed(cells, centre, spread) - offset)
+
+    sessions = deviations(base)
+    terms, halves, noise = [], [], []
+    for k, change in enumerate(changes):
+        pairs = deviations(change.cells) - sessions[: change.cells.shape[1]]
+        pairs = pairs[:, np.isfinite(pairs).all(axis=(0, 2, 3))]
+        if pairs.shape[1] < 2 or np.abs(pairs).max() < _NO_RESPONSE:
+            continue
+        for power, of_pairs in enumerate(_power_series(pairs, change.places), start=1):
+            half = len(of_pairs) // 2
+            halves.append([_shrunk_mean(part)[0] for part in (of_pairs[:half], of_pairs[half:])])
+            terms.append((k, power))
+            if power == 1:
+                noise.append(_shrunk_mean(of_pairs)[1] * change.places[0] ** 2)
+    sessions = sessions[usable]
+    n_recordings, n_cells = measured.shape
+    ridge = np.median(noise, axis=0) if noise else np.zeros(n_cells)
+
+    def precision(part: Float) -> Float:
+        covariance = ledoit_wolf(part.reshape(-1, n_cells), assume_centered=True)[0]
+        return np.asarray(np.linalg.inv(covariance * len(part) / (len(part) - 1) + np.diag(ridge)))
+
+    first, second = np.moveaxis(np.array(halves).reshape(-1, 2, n_recordings, n_cells), 1, 0)
+    mean, metric = (first + second) / 2, precision(sessions)
+    scale = np.sqrt(np.maximum(np.einsum("jic,cd,jid->j", mean, metric, mean), _NO_RESPONSE))[:, None, None]
+    by_first, by_second = first @ metric / scale, second @ metric / scale
+    crossed = np.einsum("jic,kic->jk", by_first, second) + np.einsum("jic,kic->jk", by_second, first)
+    weights = (by_first + by_second) / 2
+    scores = np.empty((len(sessions), n_recordings, len(terms)))
+    odd = np.arange(len(sessions)) % 2 == 1
+    for part in (odd, ~odd):
+        of_others = mean @ precision(sessions[~part]) / scale
+        scores[part] = np.einsum("jic,mic->mij", of_others, sessions[part])
+    scores -= scores.mean(axis=0)
+    # Recordings are independent: their covariances add up.
+    covariance = np.einsum("mij,mik->jk", scores, scores) / (len(scores) - 1) * (1 + 1 / len(scores))
+    covariance = (1 - _DIAGONAL) * covariance + _DIAGONAL * np.diag(np.diag(covariance))
+    slopes = np.zeros((len(changes), n_cells))
+    for (k, power), response in zip(terms, mean, strict=True):
+        if power == 1:
+            slopes[k] = response.mean(axis=0)
+    of_measured = np.einsum("jic,ic->j", weights, deviations(measured))
+    return Projection(
+        of_measured, crossed / 2, covariance, terms, weights, slopes, centre, spread, offset, sessions
+    )
+
+
+def _compressed(cells: Float, centre: Float, spread: Float) -> Float:
+    return np.asarray(_LINEAR * np.arcsinh((cells - centre) / spread / _LINEAR))
+
+
+def _power_series(pairs: Float, places: tuple[float, ...]) -> list[Float]:
+    """Return slope and, with two places, curvature of differences of shape (n_places, n_pairs, ...)."""
+    if len(places) == 1:
+        return [pairs[0] / places[0]]
+    curvature = (pairs[0] / places[0] - pairs[1] / places[1]) / (places[0] - places[1])
+    return [pairs[0] / places[0] - curvature * places[0], curvature]
+
+
+def _shrunk_mean(pairs: Float) -> tuple[Float, Float]:
+    """Return the mean of pairs for each recording, drawn towards that of all, and its variance by cell.
+
+    The more of the scatter between recordings is noise, the closer to the mean of all (empirical Bayes).
+    """
+    mean = pairs.mean(axis=0)
+    noise = pairs.var(axis=0, ddof=1).mean(axis=0) / len(pairs) if len(pairs) > 1 else np.zeros(mean.shape[1])
+    between = np.maximum(mean.var(axis=0, ddof=1) - noise, 0) if len(mean) > 1 else np.zeros(mean.shape[1])
+    share = between / (between + noise + 1e-12)
+    of_all = mean.mean(axis=0)
+    return of_all + share * (mean - of_all), noise * (share + (1 - share) / len(mean))
