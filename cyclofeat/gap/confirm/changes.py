@@ -21,7 +21,7 @@ DrawnRig = tuple[tuple[Effect, ...], float]
 
 TOLERANCE = ""  # key of that factor among the sizes
 _LEAST, _MOST = 0.03, 0.4  # relative changes of a size
-_TOLERANCE_STEP = 0.3
+_TOLERANCE_STEP = 0.4
 _STRENGTHS = (0.3, 2.0)  # of an added effect, over its guess
 
 

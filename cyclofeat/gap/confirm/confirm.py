@@ -21,7 +21,7 @@ from scipy import stats
 from cyclofeat.gap.confirm.changes import TOLERANCE, DrawnRig, Point, RigChange, relative_units, with_strength
 from cyclofeat.gap.confirm.remainder import RemainderTest, judge_remainder
 from cyclofeat.gap.confirm.sessions import MOST_RECORDINGS, limit_recordings, simulate_pairs, with_sizes
-from cyclofeat.gap.engine.projection import Change, Projection, project
+from cyclofeat.gap.engine.projection import Change, Projection, estimate_by_spreads, log_spreads, project
 from cyclofeat.gap.engine.sets import Column, fit_sizes, subtract_fit, weigh_sets
 from cyclofeat.gap.posterior.answers import ABSENT, PRESENT, named_effects
 from cyclofeat.gap.posterior.effect_posterior import EffectPosterior
@@ -111,10 +111,12 @@ def confirm_effects(
     before = {one.effect_id: p for one in world.effects or () if np.isfinite(p := presence[one.effect_id])}
     guessed, guesses = _guess_sizes(posterior, shown)
     after, named = dict(before), set(named_effects(before))
-    point = Point(tuple(guessed[name] for name in before if name in named), 1.0, guesses, {})
+    point = Point(
+        tuple(guessed[name] for name in before if name in named), guesses[TOLERANCE][0], guesses, {}
+    )
     dropped: set[str] = set()
     n_sessions = max(-(-n_recordings // len(shown.values)), 2 * _PAIRS)
-    for round_ in itertools.count(0 if named else _ROUNDS_OF_SIZES):
+    for round_ in itertools.count(0 if named else _ROUNDS_OF_SIZES - 1):
         of_sets = round_ >= _ROUNDS_OF_SIZES
         progress(f"simulating {'undecided' if of_sets else 'the named'} effects, round {round_ + 1}")
         changes = point.size_changes()
@@ -126,6 +128,9 @@ def confirm_effects(
             world, shown, point, changes, n_sessions, random_state=random_state + round_, n_jobs=n_jobs
         )
         columns = [change.column for change in changes]
+        place = point.names.index(TOLERANCE)
+        estimate, error = estimate_by_spreads(projection, place, projection.deviations(shown.values))
+        columns[place] = columns[place]._replace(mean=estimate, precision=error**-2)
         reach = np.array([2 * abs(change.places[0]) for change in changes])
         fit = fit_sizes(projection, columns, reach)
         sizes, covariance = fit.sizes, fit.covariance
@@ -208,7 +213,7 @@ def _judge(projection: Projection, columns: Sequence[Column], session: Session) 
 
     def leave(deviations: Float, *kinds: str) -> Float:
         mean = subtract_fit(projection, columns, kinds, deviations)
-        return np.hstack([mean, np.log(deviations.std(axis=1) + 0.1)])
+        return np.hstack([mean, log_spreads(deviations)])
 
     measured = projection.deviations(session.values)[None]
     test, undecided = (

@@ -21,6 +21,7 @@ Float = NDArray[np.float64]
 _LINEAR = 3.0  # spreads up to which a deviation counts in full; larger ones count by their logarithm
 _DIAGONAL = 0.2  # share of the diagonal in the covariance of the statistics
 _NO_RESPONSE = 1e-9
+_SMALLEST_SPREAD = 0.1
 
 
 class Change(NamedTuple):
@@ -40,8 +41,9 @@ class Projection:
 
     ``measured`` (n_statistics,); ``responses`` (n_statistics, n_statistics) to the change and power of each
     entry of ``terms``; ``covariance`` of one session; ``weights`` (n_statistics, n_recordings, n_cells);
-    ``slopes`` (n_changes, n_cells): mean deviation per unit of each change; ``centre``, ``spread`` and
-    ``offset`` of the deviations; ``sessions`` that could be simulated, as deviations.
+    ``slopes`` (n_changes, n_cells): mean deviation per unit of each change; ``spread_slopes``: the same of
+    :func:`log_spreads`; ``centre``, ``spread`` and ``offset`` of the deviations; ``sessions`` that could be
+    simulated, as deviations.
     """
 
     measured: Float
@@ -50,6 +52,7 @@ class Projection:
     terms: list[tuple[int, int]]
     weights: Float = field(repr=False)
     slopes: Float = field(repr=False)
+    spread_slopes: Float = field(repr=False)
     centre: Float = field(repr=False)
     spread: Float = field(repr=False)
     offset: Float = field(repr=False)
@@ -107,11 +110,16 @@ def project(measured: Float, base: Float, changes: Sequence[Change], floors: Flo
 
     sessions = deviations(base)
     terms, halves, noise = [], [], []
+    spread_slopes = np.zeros((len(changes), len(floors)))
     for k, change in enumerate(changes):
-        pairs = deviations(change.cells) - sessions[: change.cells.shape[1]]
-        pairs = pairs[:, np.isfinite(pairs).all(axis=(0, 2, 3))]
+        changed = deviations(change.cells)
+        paired = np.isfinite(changed).all(axis=(0, 2, 3)) & usable[: changed.shape[1]]
+        changed, unchanged = changed[:, paired], sessions[: changed.shape[1]][paired]
+        pairs = changed - unchanged
         if pairs.shape[1] < 2 or np.abs(pairs).max() < _NO_RESPONSE:
             continue
+        wider = log_spreads(changed[0]) - log_spreads(unchanged)
+        spread_slopes[k] = wider.mean(axis=0) / change.places[0]
         for power, of_pairs in enumerate(_power_series(pairs, change.places), start=1):
             half = len(of_pairs) // 2
             halves.append([_shrunk_mean(part)[0] for part in (of_pairs[:half], of_pairs[half:])])
@@ -147,8 +155,46 @@ def project(measured: Float, base: Float, changes: Sequence[Change], floors: Flo
             slopes[k] = response.mean(axis=0)
     of_measured = np.einsum("jic,ic->j", weights, deviations(measured))
     return Projection(
-        of_measured, crossed / 2, covariance, terms, weights, slopes, centre, spread, offset, sessions
+        of_measured,
+        crossed / 2,
+        covariance,
+        terms,
+        weights,
+        slopes,
+        spread_slopes,
+        centre,
+        spread,
+        offset,
+        sessions,
     )
+
+
+def log_spreads(deviations: Float) -> Float:
+    """Return the logarithm of the spread over recordings, shape (..., n_cells)."""
+    return np.asarray(np.log(deviations.std(axis=-2) + _SMALLEST_SPREAD))
+
+
+def estimate_by_spreads(projection: Projection, change: int, deviations: Float) -> tuple[float, float]:
+    """Estimate a change from the spreads between the recordings of a session, with its standard error.
+
+    Parameters
+    ----------
+    projection : Projection
+    change : int
+    deviations : ndarray, shape (n_recordings, n_cells)
+        Of the session.
+
+    Returns
+    -------
+    estimate, error : float
+        The error is that of sessions of the rig itself.
+    """
+    slopes, simulated = projection.spread_slopes[change], log_spreads(projection.sessions)
+    mean = simulated.mean(axis=0)
+    weights = slopes / (simulated.var(axis=0) + _SMALLEST_SPREAD**2)
+    weights /= max(float(weights @ slopes), _NO_RESPONSE)
+    error = np.std((simulated - mean) @ weights, ddof=1) * np.sqrt(1 + 1 / len(simulated))
+    return float((log_spreads(deviations) - mean) @ weights), float(error)
 
 
 def _compressed(cells: Float, centre: Float, spread: Float) -> Float:
