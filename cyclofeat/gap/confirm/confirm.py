@@ -34,7 +34,8 @@ from cyclofeat.simulators.effects.library import look_alikes
 Float = NDArray[np.float64]
 
 _ROUNDS_OF_SIZES, _MOST_ROUNDS = 2, 5
-_PAIRS = 2  # sessions that give a response
+# Sessions that give a response, and that give the response of what differs between recordings anyway.
+_PAIRS, _PAIRS_OF_TOLERANCE = 2, 8
 # The posterior's spreads are taken this much wider as a prior, since it has seen the same recordings.
 _WIDER = 2.0
 _MOST_ADDED = 12  # undecided effects, the most probable first
@@ -115,7 +116,7 @@ def confirm_effects(
         tuple(guessed[name] for name in before if name in named), guesses[TOLERANCE][0], guesses, {}
     )
     dropped: set[str] = set()
-    n_sessions = max(-(-n_recordings // len(shown.values)), 2 * _PAIRS)
+    n_sessions = max(-(-n_recordings // len(shown.values)), _PAIRS_OF_TOLERANCE + 2)
     for round_ in itertools.count(0 if named else _ROUNDS_OF_SIZES - 1):
         of_sets = round_ >= _ROUNDS_OF_SIZES
         progress(f"simulating {'undecided' if of_sets else 'the named'} effects, round {round_ + 1}")
@@ -199,13 +200,20 @@ def _simulate_responses(
     """Simulate sessions of a rig and its changes, and project the measured session on the responses."""
     rigs: list[DrawnRig] = [(point.effects, point.tolerance)]
     rigs += [rig for change in changes for rig in change.rigs]
-    pairs = simulate_pairs(world, session, rigs, range(_PAIRS), random_state=random_state, n_jobs=n_jobs)
-    more = range(_PAIRS, n_sessions)
-    base = simulate_pairs(world, session, rigs[:1], more, random_state=random_state, n_jobs=n_jobs)[0]
-    rest = iter(pairs[1:])
-    cells = [Change(np.array([next(rest) for _ in change.rigs]), change.places) for change in changes]
+    place = 1 + sum(len(change.rigs) for change in changes[: point.names.index(TOLERANCE)])
+    first, more, rest = (
+        range(_PAIRS),
+        range(_PAIRS, _PAIRS_OF_TOLERANCE),
+        range(_PAIRS_OF_TOLERANCE, n_sessions),
+    )
+    pairs, further, base = (
+        simulate_pairs(world, session, of_rigs, numbers, random_state=random_state, n_jobs=n_jobs)
+        for of_rigs, numbers in ((rigs, first), ([rigs[0], rigs[place]], more), (rigs[:1], rest))
+    )
+    next_cells = iter([*pairs[1:place], np.concatenate([pairs[place], further[1]]), *pairs[place + 1 :]])
+    cells = [Change(np.array([next(next_cells) for _ in change.rigs]), change.places) for change in changes]
     floors = smallest_spreads([*world.described_cells])
-    return project(session.values, np.concatenate([pairs[0], base]), cells, floors)
+    return project(session.values, np.concatenate([pairs[0], further[0], base[0]]), cells, floors)
 
 
 def _judge(projection: Projection, columns: Sequence[Column], session: Session) -> RemainderTest:

@@ -119,7 +119,10 @@ def project(measured: Float, base: Float, changes: Sequence[Change], floors: Flo
         if pairs.shape[1] < 2 or np.abs(pairs).max() < _NO_RESPONSE:
             continue
         wider = log_spreads(changed[0]) - log_spreads(unchanged)
-        spread_slopes[k] = wider.mean(axis=0) / change.places[0]
+        noise_share = (
+            wider.var(axis=0, ddof=1) / len(wider) / np.maximum(wider.mean(axis=0) ** 2, _NO_RESPONSE)
+        )
+        spread_slopes[k] = wider.mean(axis=0) * np.clip(1 - noise_share, 0, None) / change.places[0]
         for power, of_pairs in enumerate(_power_series(pairs, change.places), start=1):
             half = len(of_pairs) // 2
             halves.append([_shrunk_mean(part)[0] for part in (of_pairs[:half], of_pairs[half:])])
