@@ -11,7 +11,7 @@ from scipy import stats
 
 from cyclofeat.gap.confirm.remainder import judge_remainder
 from cyclofeat.gap.engine.projection import Change, project
-from cyclofeat.gap.engine.sets import Column, fit_sizes, subtract_fit, weigh_sets
+from cyclofeat.gap.engine.sets import Column, fit_responses, subtract_fit, weigh_sets
 
 N_RECORDINGS, N_CELLS = 8, 40
 RESPONSES = np.random.default_rng(1).normal(size=(4, N_CELLS)) * 0.2
@@ -49,7 +49,7 @@ def test_intervals_of_sizes_hold_the_truth_as_often_as_they_say():
     inside, errors = [], []
     for seed in range(60):
         true = np.random.default_rng(seed).normal(size=2) * 0.3
-        fit = fit_sizes(projected(true, [0.0, 0.0], SIZES, seed=seed), SIZES, np.full(2, 2.0))
+        fit = fit_responses(projected(true, [0.0, 0.0], SIZES, seed=seed), SIZES, np.full(2, 2.0))
         reach = stats.norm.ppf(0.95) * np.sqrt(np.diag(fit.covariance))
         inside += (np.abs(fit.sizes - true) < reach).tolist()
         errors.append(fit.sizes - true)
@@ -64,14 +64,14 @@ def test_a_response_that_bends_is_followed():
     true, sizes = [1.0, 0.2], []
     for seed in range(12):
         bent = projected(true, [0.0, 0.0], SIZES, seed=seed, curvature=3.0)
-        sizes.append(fit_sizes(bent, SIZES, np.full(2, 2.0)).sizes)
+        sizes.append(fit_responses(bent, SIZES, np.full(2, 2.0)).sizes)
     assert np.abs(np.mean(sizes, axis=0) - true).max() < 0.15
 
 
 def test_sizes_stay_within_reach_and_without_a_column_there_is_nothing_to_fit():
-    fit = fit_sizes(projected([1.0, 0.0], [0.0, 0.0], SIZES), SIZES, np.array([0.4, 2.0]))
+    fit = fit_responses(projected([1.0, 0.0], [0.0, 0.0], SIZES), SIZES, np.array([0.4, 2.0]))
     assert fit.sizes[0] == 0.4
-    assert not fit_sizes(
+    assert not fit_responses(
         projected([0.5], [0.5], [Column("with", "c")]), [Column("with", "c")], np.ones(1)
     ).sizes.any()
 

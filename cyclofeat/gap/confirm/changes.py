@@ -78,10 +78,9 @@ class Point:
             first += n
         return tuple(effects), float(within[-1])
 
-    def moved(self, change: Float, steps: Float) -> Point:
-        """Return the point at changed coordinates, with other steps for its coordinates."""
-        of_names = dict(zip(self.names, steps.tolist(), strict=True))
-        return Point(*self.at(self.coordinates + change), self.guesses, {**self.steps, **of_names})
+    def moved(self, change: Float) -> Point:
+        """Return the point at changed coordinates."""
+        return Point(*self.at(self.coordinates + change), self.guesses, self.steps)
 
     def size_changes(self) -> list[RigChange]:
         """Return the changes of each size to both sides, twice to one side at the end of its range."""

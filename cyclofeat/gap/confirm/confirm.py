@@ -22,7 +22,7 @@ from cyclofeat.gap.confirm.changes import TOLERANCE, DrawnRig, Point, RigChange,
 from cyclofeat.gap.confirm.remainder import RemainderTest, judge_remainder
 from cyclofeat.gap.confirm.sessions import MOST_RECORDINGS, limit_recordings, simulate_pairs, with_sizes
 from cyclofeat.gap.engine.projection import Change, Projection, estimate_by_spreads, log_spreads, project
-from cyclofeat.gap.engine.sets import Column, fit_sizes, subtract_fit, weigh_sets
+from cyclofeat.gap.engine.sets import Column, fit_responses, subtract_fit, weigh_sets
 from cyclofeat.gap.posterior.answers import ABSENT, PRESENT, named_effects
 from cyclofeat.gap.posterior.effect_posterior import EffectPosterior
 from cyclofeat.gap.summaries.summarise import smallest_spreads
@@ -111,53 +111,45 @@ def confirm_effects(
     world, shown = posterior.world, limit_recordings(session, MOST_RECORDINGS)
     before = {one.effect_id: p for one in world.effects or () if np.isfinite(p := presence[one.effect_id])}
     guessed, guesses = _guess_sizes(posterior, shown)
-    after, named = dict(before), set(named_effects(before))
-    point = Point(
-        tuple(guessed[name] for name in before if name in named), guesses[TOLERANCE][0], guesses, {}
-    )
-    dropped: set[str] = set()
-    n_sessions = max(-(-n_recordings // len(shown.values)), _PAIRS_OF_TOLERANCE + 2)
-    for round_ in itertools.count(0 if named else _ROUNDS_OF_SIZES - 1):
-        of_sets = round_ >= _ROUNDS_OF_SIZES
-        progress(f"simulating {'undecided' if of_sets else 'the named'} effects, round {round_ + 1}")
+    after, named, dropped = dict(before), set(named_effects(before)), set[str]()
+    effects = tuple(guessed[name] for name in before if name in named)
+    point = Point(effects, guesses[TOLERANCE][0], guesses, {})
+    for number in itertools.count(0 if named else _ROUNDS_OF_SIZES - 1):
+        of_sets = number >= _ROUNDS_OF_SIZES
+        progress(f"simulating {'undecided' if of_sets else 'the named'} effects, round {number + 1}")
+        undecided = [name for name, p in before.items() if p > ABSENT or name in dropped]
+        undecided = sorted(set(undecided) - named, key=lambda name: -before[name])[:_MOST_ADDED]
         changes = point.size_changes()
         if of_sets:
-            undecided = [name for name, p in before.items() if p > ABSENT or name in dropped]
-            undecided = sorted(set(undecided) - named, key=lambda name: -before[name])[:_MOST_ADDED]
             changes += point.set_changes(guessed[name] for name in undecided)
+        n_sessions = max(-(-n_recordings // len(shown.values)), _PAIRS_OF_TOLERANCE + 2)
         projection = _simulate_responses(
-            world, shown, point, changes, n_sessions, random_state=random_state + round_, n_jobs=n_jobs
+            world, shown, point, changes, n_sessions, random_state=random_state + number, n_jobs=n_jobs
         )
-        columns = [change.column for change in changes]
-        place = point.names.index(TOLERANCE)
-        estimate, error = estimate_by_spreads(projection, place, projection.deviations(shown.values))
-        columns[place] = columns[place]._replace(mean=estimate, precision=error**-2)
+        columns = _columns(projection, point, changes, shown)
         reach = np.array([2 * abs(change.places[0]) for change in changes])
-        fit = fit_sizes(projection, columns, reach)
-        sizes, covariance = fit.sizes, fit.covariance
+        fit = fit_responses(projection, columns, reach)
         if of_sets:
-            found = weigh_sets(projection, columns, sizes, before, world.prior.most)
-            sizes, covariance = found.sizes, found.covariance
-            after |= found.probabilities
-            named = set(named_effects(after))
+            fit = weigh_sets(projection, columns, fit.sizes, before, world.prior.most)
+        after |= fit.probabilities
         own = slice(len(point.names))
-        move = np.clip(sizes, -reach, reach)[own]
+        moved = point.moved(np.clip(fit.sizes, -reach, reach)[own])
+        move = moved.coordinates - point.coordinates
         # Responses may change on a long step.
-        covariance = covariance[own, own] + np.diag((move / 2) ** 2)
-        moved = point.moved(move, np.maximum(2 * np.sqrt(np.diag(covariance)), np.abs(move)))
+        covariance = fit.covariance[own, own] + np.diag((move / 2) ** 2)
+        spreads = np.sqrt(np.diag(covariance))
         present = {effect.effect_id: effect for effect in moved.effects}
-        if of_sets and (named == present.keys() or round_ == _MOST_ROUNDS - 1):
+        named = set(named_effects(after)) if of_sets else set(present)
+        stands = named == present.keys() and bool(np.all(np.abs(move) <= spreads))
+        if of_sets and (stands or number == _MOST_ROUNDS - 1):
             break
-        point = moved
-        if named != present.keys():
-            dropped |= present.keys() - named
-            guessed |= present | {
-                name: with_strength(guessed[name], strength)
-                for name, strength in found.strengths.items()
-                if name in named
-            }
-            effects = tuple(guessed[name] for name in before if name in named)
-            point = Point(effects, moved.tolerance, guesses, moved.steps)
+        dropped |= present.keys() - named
+        guessed |= present | {
+            name: with_strength(guessed[name], fit.strengths[name]) for name in named - present.keys()
+        }
+        steps = dict(zip(point.names, np.maximum(2 * spreads, np.abs(move)).tolist(), strict=True))
+        effects = tuple(guessed[name] for name in before if name in named)
+        point = Point(effects, moved.tolerance, guesses, steps)
     remainder = _judge(projection, columns, shown)
     accepted = remainder.p >= _REJECTED
     covariance = covariance[:-1, :-1] * (1.0 if accepted else max(remainder.excess, 1.0))
@@ -166,6 +158,17 @@ def confirm_effects(
         shown.values.mean(axis=0) - projection.centre.mean(axis=0),
         not accepted and remainder.p_undecided >= _NOT_OPEN,
     )  # fmt: skip
+
+
+def _columns(
+    projection: Projection, point: Point, changes: Sequence[RigChange], session: Session
+) -> list[Column]:
+    """Return the columns of changes; the spreads between recordings tell what differs anyway."""
+    columns = [change.column for change in changes]
+    place = point.names.index(TOLERANCE)
+    estimate, error = estimate_by_spreads(projection, place, projection.deviations(session.values))
+    columns[place] = columns[place]._replace(mean=estimate, precision=error**-2)
+    return columns
 
 
 def _guess_sizes(

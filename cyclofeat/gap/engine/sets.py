@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -41,17 +41,21 @@ class Column(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SizeFit:
-    """Fitted sizes by column.
+class LinearFit:
+    """Sizes and sets that explain a session.
 
-    ``sizes`` (n_columns,) are 0 for columns that are no size; ``covariance`` is theirs.
+    ``sizes`` by column, 0 for columns that are no size, with their ``covariance``; with sets, over those that
+    have all effects of the rig. ``probabilities`` of effects by name; ``strengths`` of added effects by name,
+    each over the sets that have it.
     """
 
     sizes: Float
     covariance: Float
+    probabilities: Mapping[str, float] = field(default_factory=dict)
+    strengths: Mapping[str, float] = field(default_factory=dict)
 
 
-def fit_sizes(projection: Projection, columns: Sequence[Column], reach: Float) -> SizeFit:
+def fit_responses(projection: Projection, columns: Sequence[Column], reach: Float) -> LinearFit:
     """Fit the sizes of all columns, by Gauss-Newton steps from the middle and from either side of each size.
 
     Parameters
@@ -64,7 +68,7 @@ def fit_sizes(projection: Projection, columns: Sequence[Column], reach: Float) -
 
     Returns
     -------
-    SizeFit
+    LinearFit
         The misfit widens the covariance.
     """
     free = [k for k, column in enumerate(columns) if column.kind == "size"]
@@ -106,7 +110,7 @@ def fit_sizes(projection: Projection, columns: Sequence[Column], reach: Float) -
     covariance[np.ix_(free, free)] = np.linalg.inv(information + np.diag(before))
     every = np.zeros(len(columns))
     every[free] = best
-    return SizeFit(every, covariance)
+    return LinearFit(every, covariance)
 
 
 def subtract_fit(
@@ -125,27 +129,13 @@ def subtract_fit(
     return np.asarray(deviations.mean(axis=1) - changes @ projection.slopes[free])
 
 
-@dataclass(frozen=True)
-class SetPosterior:
-    """Posterior over sets of effects.
-
-    ``probabilities`` by effect. ``sizes`` and their ``covariance`` by column, over the sets that have all
-    effects of the rig; ``strengths`` of added effects by name, each over the sets that have it.
-    """
-
-    probabilities: Mapping[str, float]
-    sizes: Float
-    covariance: Float
-    strengths: Mapping[str, float]
-
-
 def weigh_sets(
     projection: Projection,
     columns: Sequence[Column],
     sizes: Float,
     presence: Mapping[str, float],
     most: int,
-) -> SetPosterior:
+) -> LinearFit:
     """Return the posterior over the sets of effects that columns add or leave out.
 
     Parameters
@@ -162,7 +152,7 @@ def weigh_sets(
 
     Returns
     -------
-    SetPosterior
+    LinearFit
         What the best set leaves widens all errors.
     """
     shown = {change for change, _ in projection.terms}
@@ -208,10 +198,10 @@ def weigh_sets(
     mean = whole @ values
     apart = values - mean
     covariance = np.einsum("s,sjk->jk", whole, np.array([row[3] for row in rows]))
-    return SetPosterior(
-        {name: float(shares @ [name in row[1] for row in rows]) for name in candidates},
+    return LinearFit(
         mean,
         covariance + np.einsum("s,sj,sk->jk", whole, apart, apart),
+        {name: float(shares @ [name in row[1] for row in rows]) for name in candidates},
         {
             column.effect: float(shares_of({column.effect}) @ values[:, k])
             for k, column in enumerate(columns)
