@@ -21,6 +21,7 @@ DrawnRig = tuple[tuple[Effect, ...], float]
 
 TOLERANCE = ""  # key of that factor among the sizes
 _LEAST, _MOST = 0.03, 0.4  # relative changes of a size
+_LEAST_OF_GUESS = 0.25  # change over the deviation of a guess that is closer than these
 _TOLERANCE_STEP = 0.4
 _STRENGTHS = (0.3, 2.0)  # of an added effect, over its guess
 
@@ -88,7 +89,8 @@ class Point:
         for k, name in enumerate(self.names):
             low, high = self.bounds[k] - self.coordinates[k]
             mean, spread = self.guesses[name]
-            step = float(np.clip(self.steps.get(name, spread) / self.units[k], _LEAST, _MOST) * self.units[k])
+            least = min(_LEAST * self.units[k], _LEAST_OF_GUESS * spread)
+            step = float(np.clip(self.steps.get(name, spread), least, _MOST * self.units[k]))
             places: tuple[float, ...] = (step, -step) if low <= -step and step <= high else (step, 2 * step)
             if name == TOLERANCE:
                 places = (_TOLERANCE_STEP,)

@@ -23,6 +23,7 @@ Float = NDArray[np.float64]
 MOST_CANDIDATES = 13  # effects that may be present or not: their sets are enumerated
 _LEAST_STRENGTH = 0.3  # of an added effect, in units of its guessed size
 _PRIOR_WEIGHT = 0.5  # of the log odds of earlier probabilities; calibrated on simulated sets
+_FIXED = 1e12  # precision of a coefficient that is fixed
 _SURE = 2e-3  # earlier probabilities are no nearer to 0 or 1
 _STEPS, _BACKWARDS = 30, (1.0, 0.5, 0.25, 0.1)
 
@@ -155,88 +156,85 @@ def weigh_sets(
     LinearFit
         What the best set leaves widens all errors.
     """
-    shown = {change for change, _ in projection.terms}
+    shown = np.zeros(len(columns), dtype=bool)
+    shown[[change for change, _ in projection.terms]] = True
+    kinds = np.array([column.kind for column in columns])
+    owners = [column.effect for column in columns]
     candidates = sorted(
-        {column.effect for k, column in enumerate(columns) if column.kind != "size" and k in shown},
-        key=lambda name: -presence[name],
+        {owners[k] for k in np.flatnonzero(shown & (kinds != "size"))}, key=lambda name: -presence[name]
     )[:MOST_CANDIDATES]
-    certain = {column.effect for column in columns if column.kind in ("size", "without")} - {"", *candidates}
-    measured, responses = projection.linearised(sizes)
-    odds = {
-        name: math.log(p / (1 - p)) - math.log(most / 2 / (len(presence) - most / 2))
+    certain = {owners[k] for k in np.flatnonzero(kinds != "with")} - {"", *candidates}
+    sure = {"", *certain}  # "" is no effect: always there
+    every = np.array([*itertools.product((False, True), repeat=len(candidates))])
+    flags = every[len(certain) + every.sum(axis=1) <= most]
+    odds = [
+        math.log(p / (1 - p)) - math.log(most / 2 / (len(presence) - most / 2))
         for name in candidates
         for p in [min(max(presence[name], _SURE), 1 - _SURE)]
-    }
+    ]
+    prior = _PRIOR_WEIGHT * (flags @ odds) - np.log(
+        [math.comb(len(presence), len(certain) + n) for n in flags.sum(axis=1).tolist()]
+    )
+    has = np.array(
+        [
+            flags[:, candidates.index(owner)] if owner in candidates else np.full(len(flags), owner in sure)
+            for owner in owners
+        ]
+    ).T
+    measured, responses = projection.linearised(sizes)
     misfit, precision = 1.0, np.linalg.inv(projection.covariance)
     for _ in range(3):
         hessian = responses.T @ precision @ responses / misfit
         gradient = responses.T @ precision @ measured / misfit
-        rows = []
-        for flags in itertools.product((False, True), repeat=len(candidates)):
-            present = certain | {name for name, flag in zip(candidates, flags, strict=True) if flag}
-            if len(present) > most:
-                continue
-            prior = _PRIOR_WEIGHT * sum(odds.get(name, 0.0) for name in present)
-            prior -= math.log(math.comb(len(presence), len(present)))
-            evidence, values, covariance = _solve_set(hessian, gradient, columns, shown, present)
-            rows.append((evidence + prior, present, values, covariance))
-        best = max(rows, key=lambda row: row[0])
-        left = measured - responses @ best[2]
-        freedom = max(len(measured) - int(np.count_nonzero(np.diag(best[3]))), 1)
+        evidence, values, covariance = _solve_sets(hessian, gradient, columns, has & shown, shown)
+        best = int(np.argmax(evidence + prior))
+        left = measured - responses @ values[best]
+        freedom = max(len(measured) - np.count_nonzero(np.diag(covariance[best])), 1)
         misfit = max(float(left @ precision @ left) / freedom, 1.0)
-    logarithms = np.array([row[0] for row in rows])
-    values = np.array([row[2] for row in rows])
+    logarithms = evidence + prior
 
-    def shares_of(names: set[str]) -> Float:
-        has = np.array([names <= row[1] for row in rows])
-        return np.asarray(np.exp(np.where(has, logarithms, -np.inf) - logsumexp(logarithms[has])))
+    def shares_of(sets: NDArray[np.bool_]) -> Float:
+        return np.asarray(np.exp(np.where(sets, logarithms, -np.inf) - logsumexp(logarithms[sets])))
 
-    shares, whole = (
-        shares_of(set()),
-        shares_of({column.effect for column in columns if column.kind == "without"}),
-    )
+    shares = shares_of(np.ones(len(flags), dtype=bool))
+    whole = shares_of(has[:, kinds == "without"].all(axis=1))
     mean = whole @ values
     apart = values - mean
-    covariance = np.einsum("s,sjk->jk", whole, np.array([row[3] for row in rows]))
     return LinearFit(
         mean,
-        covariance + np.einsum("s,sj,sk->jk", whole, apart, apart),
-        {name: float(shares @ [name in row[1] for row in rows]) for name in candidates},
+        np.einsum("s,sjk->jk", whole, covariance) + np.einsum("s,sj,sk->jk", whole, apart, apart),
+        dict(zip(candidates, (shares @ flags).tolist(), strict=True)),
         {
-            column.effect: float(shares_of({column.effect}) @ values[:, k])
-            for k, column in enumerate(columns)
-            if column.kind == "with" and column.effect in candidates
+            owners[k]: float(shares_of(has[:, k]) @ values[:, k])
+            for k in np.flatnonzero(kinds == "with")
+            if owners[k] in candidates
         },
     )
 
 
-def _solve_set(
-    hessian: Float, gradient: Float, columns: Sequence[Column], shown: set[int], present: set[str]
-) -> tuple[float, Float, Float]:
-    """Return log evidence, coefficients and their covariance, both by column; fixed ones have no variance."""
-    coefficients = np.zeros(len(columns))
-    free = []
-    for k in sorted(shown):
-        column = columns[k]
-        if column.kind == "without":
-            coefficients[k] = column.effect not in present
-        elif not column.effect or column.effect in present:
-            free.append(k)
-    left = gradient - hessian @ coefficients
-    evidence = float(coefficients @ (gradient + left) / 2)
-    mean, before = np.array([(columns[k].mean, columns[k].precision) for k in free]).reshape(-1, 2).T
-    covariance = np.linalg.inv(hessian[np.ix_(free, free)] + np.diag(before))
-    target = left[free] + before * mean
-    values = covariance @ target
-    evidence += float(target @ values - mean @ (before * mean)) / 2
-    evidence += float(np.linalg.slogdet(covariance)[1] + np.log(before).sum()) / 2
-    added = np.array([columns[k].kind == "with" for k in free], dtype=bool)
+def _solve_sets(
+    hessian: Float, gradient: Float, columns: Sequence[Column], present: NDArray[np.bool_], shown: Float
+) -> tuple[Float, Float, Float]:
+    """Return log evidence, coefficients and their covariance of sets, the first axis of each.
+
+    ``present`` (n_sets, n_columns) tells whether a set has the effect of a column. Fixed coefficients have no
+    variance.
+    """
+    kinds = np.array([column.kind for column in columns])
+    mean, before = np.array([(column.mean, column.precision) for column in columns]).reshape(-1, 2).T
+    free = present & (kinds != "without")
+    fixed = np.where((kinds == "without") & shown, ~present, 0.0)
+    left = gradient - fixed @ hessian
+    before, mean = np.where(free, before, _FIXED), np.where(free, mean, 0.0)
+    covariance = np.linalg.inv(hessian + before[:, None] * np.eye(len(columns)))
+    target = np.where(free, left, 0.0) + before * mean
+    values = np.einsum("sjk,sk->sj", covariance, target)
+    evidence = np.sum(fixed * (gradient + left) + target * values - before * mean**2, axis=1) / 2
+    evidence += (np.linalg.slogdet(covariance)[1] + np.log(before).sum(axis=1)) / 2
     # An added effect has a strength that is positive, and not tiny.
-    spread = np.sqrt(np.diag(covariance))
+    spread = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     after = norm.logcdf((values - _LEAST_STRENGTH) / spread) - norm.logcdf(
         (mean - _LEAST_STRENGTH) * np.sqrt(before)
     )
-    coefficients[free] = values
-    whole = np.zeros_like(hessian)
-    whole[np.ix_(free, free)] = covariance
-    return evidence + float(after[added].sum()), coefficients, whole
+    evidence += np.sum(after, axis=1, where=free & (kinds == "with"))
+    return evidence, np.where(free, values, fixed), covariance * (free[:, :, None] & free[:, None])
