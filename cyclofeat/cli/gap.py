@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 PACKAGED = "packaged"  # word for the posterior that comes with the package
 _RECORDINGS, _RIGS = 12, 240
 _MACHINES = 4000  # about an hour of two cores
-_EPOCHS_ON = 12  # of networks that go on: with more they fit single rigs
 
 
 def add_check(parser: argparse.ArgumentParser) -> None:
@@ -65,9 +64,17 @@ def add_check(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def run_check(arguments: argparse.Namespace, posterior: EffectPosterior) -> Printed:
+def run_check(arguments: argparse.Namespace) -> Printed:
     """Check the recordings named, or as many planned ones."""
     from cyclofeat.gap import Condition, check_recordings
+    from cyclofeat.gap.posterior.of_model import posterior_of_world
+    from cyclofeat.simulators import Rig
+
+    model, posterior = _model_and_posterior(arguments)
+    if posterior is None:
+        world = world_of(arguments, model or Rig())
+        with Steps("cyclofeat gap") as steps:
+            posterior = posterior_of_world(world, n_jobs=arguments.n_jobs, progress=steps)
 
     recordings: list[Recording] | list[Condition]
     if arguments.measured:
@@ -144,17 +151,18 @@ def prepare_posterior(arguments: argparse.Namespace) -> Printed:
     if missing:
         raise ImportError(f"--prepare needs {' and '.join(missing)}: pip install {' '.join(missing)}")
     from cyclofeat.gap import EffectPosterior, prepare_world
+    from cyclofeat.gap.posterior.of_model import EPOCHS_ON
     from cyclofeat.simulators import Rig
 
     model = Rig() if arguments.simulator is None else Rig.from_json(arguments.simulator)
     world = world_of(arguments, model)
     start = None if arguments.posterior is None else read_posterior(arguments.posterior)
     if start is not None:  # before the simulations, which take an hour
-        start.check_goes_on(world.cells, world.defect_counts, world.quantity)
+        start.check_goes_on(world.cells, world.defect_counts)
     with Progress("cyclofeat gap: simulating machines, eight at a time") as progress:
         folder = Path(arguments.cache) / "world"
         rigs = prepare_world(world, folder, arguments.machines, n_jobs=arguments.n_jobs, progress=progress)
-    epochs = EffectPosterior().epochs if start is None else _EPOCHS_ON
+    epochs = EffectPosterior().epochs if start is None else EPOCHS_ON
     posterior = EffectPosterior(epochs=epochs, random_state=arguments.random_state)
     with Progress("cyclofeat gap: learning from them") as progress:
         posterior.fit(rigs, start=start, progress=progress)
@@ -211,8 +219,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--posterior",
         metavar="FILE",
-        help="posterior that --prepare has learned for the model, .npz; or 'packaged' (the default): the "
-        "posterior for paper B's gearbox that comes with the package",
+        help="posterior that --prepare has learned for the model, .npz, or 'packaged', the one for paper B's "
+        "gearbox that comes with the package (default: packaged where it fits model and MEASURED; else one "
+        "is learned first, in some ten minutes of two cores, and kept)",
     )
     parser.add_argument(
         "--simulated",
@@ -269,7 +278,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
         yield prepare_posterior(arguments)
         return
     if arguments.check:
-        yield run_check(arguments, _posterior_of_model(arguments))
+        yield run_check(arguments)
         return
     if not arguments.measured:
         raise ValueError("MEASURED must name recordings, or folders of them")
@@ -281,13 +290,15 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     )
     recordings = read_all(arguments.measured, arguments)
     if arguments.simulated is None:
-        posterior = _posterior_of_model(arguments)
+        model, posterior = _model_and_posterior(arguments)
         fitted, held_out = _split_recordings(arguments, recordings)
         with Steps("cyclofeat gap") as steps:
-            result = find_gap(fitted, held_out, posterior=posterior, settings=gap_settings, progress=steps)
+            result = find_gap(
+                fitted, held_out, model=model, posterior=posterior, settings=gap_settings, progress=steps
+            )
         settings = {
             "model": arguments.simulator or arguments.posterior or "paper B's gearbox",
-            "effects considered": ", ".join(posterior.names_),
+            "effects considered": ", ".join(row.effect for row in result.effects),
             "recordings": f"{len(fitted)}",
         }
         if held_out is not None:
@@ -359,24 +370,22 @@ def try_counters(arguments: argparse.Namespace, recordings: list[Recording]) -> 
     return rows
 
 
-def _posterior_of_model(arguments: argparse.Namespace) -> EffectPosterior:
-    """Return the posterior named, or the one that comes with the package, of the model."""
+def _model_and_posterior(arguments: argparse.Namespace) -> tuple[Rig | None, EffectPosterior | None]:
+    """Return the model and the posterior as far as they are named."""
+    from cyclofeat.gap.posterior.of_model import is_of_model
     from cyclofeat.simulators import Rig
 
+    model = None if arguments.simulator is None else Rig.from_json(arguments.simulator)
+    if arguments.posterior is None:
+        return model, None
     posterior = read_posterior(arguments.posterior)
-    if arguments.simulator is None:
-        return posterior
-    learned, model = posterior.world.rig, Rig.from_json(arguments.simulator)
-    # Speed and load are those of the recordings; a name is no property.
-    set_points = {name: getattr(learned.gearbox, name) for name in ("input_speed", "load_torque")}
-    same = {name: getattr(learned, name) for name in ("name", "speeds_rpm", "loads_nm")}
-    if model.replace(gearbox=model.gearbox.replace(**set_points), **same) != learned:
-        packaged = arguments.posterior in (None, PACKAGED)
+    if model is not None and not is_of_model(posterior, model):
+        packaged = arguments.posterior == PACKAGED
         raise ValueError(
             f"{'the packaged posterior' if packaged else arguments.posterior} was learned from another "
-            f"model than {arguments.simulator}: write its own with --prepare FILE, and give --posterior FILE"
+            f"model than {arguments.simulator}: leave --posterior out, or write its own with --prepare FILE"
         )
-    return posterior
+    return model, posterior
 
 
 def _split_recordings(

@@ -18,7 +18,8 @@ from cyclofeat.gap.confirm.next_measurement import rank_measurements
 from cyclofeat.gap.measured import SAME_LOAD, SAME_SPEED, Condition, MeasuredRig, set_points
 from cyclofeat.gap.overlays import Overlay, summarise_overlays
 from cyclofeat.gap.posterior.answers import ABSENT, state_of
-from cyclofeat.gap.posterior.effect_posterior import EffectPosterior, load_posterior
+from cyclofeat.gap.posterior.effect_posterior import EffectPosterior
+from cyclofeat.gap.posterior.of_model import is_of_model, posterior_of_world
 from cyclofeat.gap.proof.prove import Proof, prove_all
 from cyclofeat.gap.result import LEFT, FoundEffect, GapResult, Remainder, RemainderRow, Size, VisibleFrom
 from cyclofeat.gap.where.conditions import locate_all, where_of
@@ -39,6 +40,7 @@ def find_gap(
     measured: Iterable[Recording],
     held_out: Iterable[Recording] | None = None,
     *,
+    model: Rig | None = None,
     posterior: EffectPosterior | None = None,
     settings: GapSettings | None = None,
     progress: Callable[[str], object] | None = None,
@@ -51,9 +53,13 @@ def find_gap(
         Recordings of one rig, each with ``speed_rpm`` and at least 1.03 output turns long.
     held_out : iterable of Recording, optional
         Other recordings of the rig, at these conditions or others, on which the corrected model is judged.
+    model : Rig, optional
+        The simulation to correct. Default: that of the posterior, or paper B's gearbox.
     posterior : EffectPosterior, optional
-        Learned from simulated rigs of the model. Default: that of paper B's gearbox
-        (:func:`load_posterior`).
+        Learned from simulated rigs of the model. Default: the packaged one (:func:`load_posterior`), if it
+        was learned for this model, quantity and conditions; if not, one is learned first from 3,840
+        simulated rigs (some ten minutes of two cores; needs the extra ``prepare``). It is kept for the next
+        time in ``settings.cache``, or in the user's cache folder.
     settings : GapSettings, optional
     progress : callable, optional
         Called with the name of each step.
@@ -65,7 +71,7 @@ def find_gap(
     Raises
     ------
     ValueError
-        If recordings and posterior do not fit together.
+        If recordings, model and posterior do not fit together.
 
     Notes
     -----
@@ -80,7 +86,16 @@ def find_gap(
     """
     began = time.monotonic()
     settings, say = settings or GapSettings(), progress or (lambda _: None)
-    posterior = posterior or load_posterior()
+    if posterior is None:
+        given = tuple(measured)
+        world = MeasuredRig.of(given, model or Rig()).world(World(rig=model or Rig()))
+        posterior = posterior_of_world(world, cache=settings.cache, n_jobs=settings.n_jobs, progress=say)
+        measured = given
+    elif model is not None and not is_of_model(posterior, model):
+        raise ValueError(
+            "posterior must have been learned from model, got one of another rig: leave posterior out to "
+            "learn one, or prepare it for this model"
+        )
     world = posterior.world
     rig = MeasuredRig.of(measured, world.rig, world.sampling_rate, quantity=world.quantity)
     session = rig.session(one_assembly=settings.one_assembly)

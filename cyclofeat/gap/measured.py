@@ -20,7 +20,7 @@ from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.summaries.turns import MeasuredTurns
 from cyclofeat.gap.world.cells import turn_samples
 from cyclofeat.gap.world.rigs import Session
-from cyclofeat.gap.world.world import NOISE_AND_DRIFT, World
+from cyclofeat.gap.world.world import AROUND, NOISE_AND_DRIFT, World
 from cyclofeat.recordings import Recording, Windower
 from cyclofeat.recordings.recording import common_n_lobes, common_quantity
 from cyclofeat.recordings.windower import recording_label
@@ -306,8 +306,8 @@ class MeasuredRig:
             world,
             quantity=self.quantity,
             sampling_rate=min(self.sampling_rate, world.sampling_rate),
-            speeds_rpm=(0.9 * speeds.min(), 1.1 * speeds.max()),
-            loads_nm=(0.9 * loads.min(), 1.1 * loads.max()),
+            speeds_rpm=((1 - AROUND) * speeds.min(), (1 + AROUND) * speeds.max()),
+            loads_nm=((1 - AROUND) * loads.min(), (1 + AROUND) * loads.max()),
             defect_counts=sorted(set(counts)),
         )
 

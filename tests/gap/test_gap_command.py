@@ -99,7 +99,7 @@ def test_speeds_and_loads_are_the_table_s_and_options_the_settings(given: Any, t
         (400, 10), (500, 20), (600, 30), (500, -20),
     ]  # fmt: skip
     assert found["hold"] is None
-    assert found["posterior"].path == "packaged"
+    assert (found["model"], found["posterior"]) == (None, None)  # find_gap chooses
     assert not found["settings"].pictures
     options = ["--alpha", 0.1, "--seed", 4, "--jobs", 1, "--one-assembly", "--cache", tmp_path / "cache"]
     found = given(folder, *options, "--posterior", "mine.npz", "--out", tmp_path / "r.html")
@@ -137,9 +137,10 @@ def test_a_posterior_belongs_to_its_model(given: Any, tmp_path: Path, capsys: An
     folder = write_folder(tmp_path / "m", NOISE, [0, 3])
     rig = Rig(effects=[Noise(0.1)], name="mine")
     rig.replace(gearbox=rig.gearbox.replace(input_speed=40.0, load_torque=12.0)).to_json(tmp_path / "a.json")
-    given(folder, "--simulator", tmp_path / "a.json")
+    given(folder, "--simulator", tmp_path / "a.json", "--posterior", "packaged")
+    assert given(folder, "--simulator", tmp_path / "a.json")["model"].name == "mine"
     rig.with_added(Hum(0.1)).to_json(tmp_path / "b.json")
-    code, _, err = run(capsys, folder, "--simulator", tmp_path / "b.json")
+    code, _, err = run(capsys, folder, "--simulator", tmp_path / "b.json", "--posterior", "packaged")
     assert code == 2
     assert "the packaged posterior was learned from another model" in err
     code, _, err = run(capsys, folder, "--simulator", tmp_path / "b.json", "--posterior", "mine.npz")

@@ -240,13 +240,12 @@ def test_a_posterior_goes_on_with_other_effects(posterior, few, held_out):
 
 
 def test_a_start_that_does_not_fit_is_refused(hasty, few):
-    with pytest.raises(ValueError, match=r"start must have the 5 summaries .* got one with 5, 4 of them"):
+    with pytest.raises(
+        ValueError, match=r"start must have summaries like the 5 of the rigs, got one with 5: "
+    ):
         EffectPosterior(1).fit(dataclasses.replace(few, cells=("other", *CELLS[1:])), start=hasty)
     with pytest.raises(ValueError, match=r"start must have learned counts of \[0, 2, 4, 6\], .* \[0, 1"):
         EffectPosterior(1).fit(dataclasses.replace(few, counts=few.counts // 2 * 2), start=hasty)
-    of_input = dataclasses.replace(few, world=World(quantity="input_torque").to_dict())
-    with pytest.raises(ValueError, match="start must have learned from input_torque, .* got one of output_t"):
-        EffectPosterior(1).fit(of_input, start=hasty)
     with pytest.raises(ValueError, match="start must have 2 networks, got 1"):
         EffectPosterior(2).fit(few, start=hasty)
     with pytest.raises(NotFittedError):

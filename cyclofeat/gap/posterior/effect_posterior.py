@@ -140,7 +140,8 @@ class EffectPosterior(BaseEstimator):
             Not used.
         start : EffectPosterior, optional
             Its networks go on learning, in the place of random ones: what they know of effects that both have
-            is kept, and fewer rigs suffice. Quantity, summaries and counts must be the same.
+            is kept, and fewer rigs suffice. It may be of another gearbox or of the other torque; kinds of
+            summaries, and counts, must be the same.
         progress : callable, optional
             Called after each epoch with the number done and their total.
 
@@ -153,8 +154,8 @@ class EffectPosterior(BaseEstimator):
         ImportError
             If JAX or Optax is not installed.
         ValueError
-            If a parameter is invalid, there are too few rigs without an effect, or ``start`` has another
-            quantity, other summaries or counts, or fewer networks.
+            If a parameter is invalid, there are too few rigs without an effect, or ``start`` has other
+            summaries or counts, or fewer networks.
         """
         n_networks, epochs = whole("n_networks", self.n_networks, 1), whole("epochs", self.epochs, 1)
         rate = self.learning_rate
@@ -223,7 +224,7 @@ class EffectPosterior(BaseEstimator):
 
     def _continue_from(self, start: EffectPosterior, random: np.random.Generator) -> list[NetworkWeights]:
         """Take over the scales of ``start``, and return its networks with the outputs of this posterior."""
-        start.check_goes_on(self.cells_, self.reference_.counts_.tolist(), self.world_["quantity"])
+        start.check_goes_on(self.cells_, self.reference_.counts_.tolist())
         if len(start.networks_) < self.n_networks:
             raise ValueError(f"start must have {self.n_networks} networks, got {len(start.networks_)}")
         places = {name: k for k, name in enumerate(start.names_)}
@@ -256,23 +257,24 @@ class EffectPosterior(BaseEstimator):
         owners = np.array([name.partition(".")[0] for name in self.size_names_])
         self.sizes_learned_ = self.learned_[[self.names_.index(owner) for owner in owners]]
 
-    def check_goes_on(self, cells: Sequence[str], counts: Sequence[int], quantity: str) -> None:
+    def check_goes_on(self, cells: Sequence[str], counts: Sequence[int]) -> None:
         """Raise ValueError unless it can go on learning from rigs with these properties.
+
+        Summaries are deviations from those of a rig without effects: those of another gearbox or of the other
+        torque mean the same.
 
         Parameters
         ----------
         cells : sequence of str
             Names of the summaries.
         counts : sequence of int
-        quantity : {"output_torque", "input_torque"}
         """
         check_is_fitted(self, "networks_")
-        if (own := self.world_["quantity"]) != quantity:
-            raise ValueError(f"start must have learned from {quantity}, like the rigs, got one of {own}")
-        if tuple(cells) != tuple(self.cells_):
+        wanted, own = ([cell.partition(":")[0] for cell in names] for names in (cells, self.cells_))
+        if own != wanted:
             raise ValueError(
-                f"start must have the {len(cells)} summaries of the rigs, got one with {len(self.cells_)}, "
-                f"{len({*cells} & {*self.cells_})} of them the same: it needs equal lobes and sampling rates"
+                f"start must have summaries like the {len(wanted)} of the rigs, got one with {len(own)}: "
+                "it needs an equal sampling rate"
             )
         known = self.reference_.counts_.tolist()
         if sorted(counts) != known:

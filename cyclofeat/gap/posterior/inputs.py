@@ -19,7 +19,7 @@ from cyclofeat.gap.world.rigs import Rigs, Session
 Float = NDArray[np.float64]
 
 _WAVES = 6  # lines in orders pass the bands in Hz as the speed changes
-_BEYOND = 0.03  # share by which a session may lie outside of the speeds and loads that were learned
+BEYOND = 0.03  # share by which a session may lie outside of the speeds and loads that were learned
 _FARTHEST = 8.0
 _SMALLEST_SHARE = 0.02  # least spread of a cell, as a share of its spread over all rigs
 
@@ -63,7 +63,7 @@ class Reference(BaseEstimator):
         named = (("speeds in RPM", self.speed_), ("loads in Nm", self.load_))
         for k, (what, (low, high)) in enumerate(named):
             least, most = session.conditions[:, k].min(), session.conditions[:, k].max()
-            if not low * (1 - _BEYOND) <= least <= most <= high * (1 + _BEYOND):
+            if not low * (1 - BEYOND) <= least <= most <= high * (1 + BEYOND):
                 raise ValueError(
                     f"session must have {what} from {low:.4g} to {high:.4g}, like the world that the "
                     f"posterior learned from, got {least:.4g} to {most:.4g}"

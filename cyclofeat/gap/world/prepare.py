@@ -155,6 +155,15 @@ _FORMAT = "cyclofeat world 1"
 _SIMULATED_BY = ("signal", "gap/summaries", "gap/simulations", "gap/world")
 
 
+def describe_world(world: World) -> dict[str, Any]:
+    """Return what the rigs of a world depend on: its settings, and the versions of code and libraries."""
+    return {
+        "format": _FORMAT, "made_with": versions(*_SIMULATED_BY), "world": world.to_dict(),
+        "names": world.names, "size_names": world.size_names, "logarithmic": world.logarithmic,
+        "cells": world.cells,
+    }  # fmt: skip
+
+
 def prepare_world(
     world: World,
     folder: str | os.PathLike[str],
@@ -193,11 +202,7 @@ def prepare_world(
     n_shards = -(-whole("n_machines", n_machines, 1) // _MACHINES_PER_SHARD)
     checked_jobs(n_jobs)
     store = ShardStore(folder, "world.json")
-    content = {
-        "format": _FORMAT, "made_with": versions(*_SIMULATED_BY), "world": world.to_dict(),
-        "names": world.names, "size_names": world.size_names, "logarithmic": world.logarithmic,
-        "cells": world.cells,
-    }  # fmt: skip
+    content = describe_world(world)
     store.begin_work(content)
     stated, wanted = store.read_json(store.description), json.loads(json.dumps(content))
     if stated != wanted:

@@ -25,6 +25,7 @@ NOISE_AND_DRIFT: tuple[Effect, ...] = (Noise(0.02), Drift(0.05, 1.5))
 # Assumptions: a rig may be made better than ``MAY_DIFFER`` states, or somewhat worse (a factor on all of it),
 # and its recordings may all be of one assembly, whose pins they share.
 TOLERANCES = (0.0, 1.5)
+AROUND = 0.1  # share by which the speeds and loads of a world reach beyond those of recordings
 _ONE_ASSEMBLY = 1 / 3
 _REVERSED = 1 / 3  # share of the conditions in reverse
 
