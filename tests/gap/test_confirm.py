@@ -185,7 +185,7 @@ def test_rigs_of_a_pair_share_their_random_numbers_and_none_depends_on_the_other
     together = simulate_pairs(SMALL, template, rigs, range(2), random_state=3)
     alone = [simulate_pairs(SMALL, template, [rig], range(1, 2), random_state=3)[0, 0] for rig in rigs]
     np.testing.assert_array_equal(together[:, 1], alone)
-    mean = next(k for k, cell in enumerate(SMALL.described_cells) if cell.name == "mean torque")
+    mean = next(k for k, cell in enumerate(SMALL.described_cells) if cell.name == "mean")
     np.testing.assert_allclose(together[1, ..., mean], 1.1 * together[0, ..., mean], rtol=1e-5)
 
 

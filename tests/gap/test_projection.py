@@ -122,6 +122,9 @@ def test_sets_are_weighed_as_by_integration_over_each_set():
     assert found.probabilities["b"] > 0.95 > 0.5 > found.probabilities["c"]
     assert found.strengths["b"] == pytest.approx(0.8, abs=0.25)
     assert found.sizes[0] == pytest.approx(0.2, abs=0.6)
+    # Nothing to decide: one set.
+    sizes = [column._replace(kind="size") for column in columns]
+    assert weigh_sets(projection, sizes, np.zeros(4), presence, 6).probabilities == {}
 
 
 def test_what_no_change_explains_remains():

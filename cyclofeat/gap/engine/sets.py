@@ -165,7 +165,7 @@ def weigh_sets(
     )[:MOST_CANDIDATES]
     certain = {owners[k] for k in np.flatnonzero(kinds != "with")} - {"", *candidates}
     sure = {"", *certain}  # "" is no effect: always there
-    every = np.array([*itertools.product((False, True), repeat=len(candidates))])
+    every = np.array([*itertools.product((False, True), repeat=len(candidates))], dtype=bool)
     flags = every[len(certain) + every.sum(axis=1) <= most]
     odds = [
         math.log(p / (1 - p)) - math.log(most / 2 / (len(presence) - most / 2))
