@@ -99,7 +99,7 @@ def project(measured: Float, base: Float, changes: Sequence[Change], floors: Flo
         Weights of one half of the pairs multiply the responses of the other half, and the covariance is that
         of sessions other than those which whiten: noise counts neither as response nor as certainty.
     """
-    usable = np.isfinite(base).all(axis=(1, 2))
+    usable = np.asarray(np.isfinite(base).all(axis=(1, 2)))
     centre = base[usable].mean(axis=0)
     variance = ((base[usable] - centre) ** 2).sum(axis=(0, 1)) / ((usable.sum() - 1) * len(measured))
     spread = np.hypot(np.sqrt(variance), floors)
@@ -113,7 +113,8 @@ def project(measured: Float, base: Float, changes: Sequence[Change], floors: Flo
     spread_slopes = np.zeros((len(changes), len(floors)))
     for k, change in enumerate(changes):
         changed = deviations(change.cells)
-        paired = np.isfinite(changed).all(axis=(0, 2, 3)) & usable[: changed.shape[1]]
+        complete = np.asarray(np.isfinite(changed).all(axis=(0, 2, 3)))
+        paired = np.flatnonzero(complete & usable[: changed.shape[1]])
         changed, unchanged = changed[:, paired], sessions[: changed.shape[1]][paired]
         pairs = changed - unchanged
         if pairs.shape[1] < 2 or np.abs(pairs).max() < _NO_RESPONSE:

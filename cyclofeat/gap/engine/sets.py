@@ -189,7 +189,7 @@ def weigh_sets(
         evidence, values, covariance = _solve_sets(hessian, gradient, columns, has & shown, shown)
         best = int(np.argmax(evidence + prior))
         left = measured - responses @ values[best]
-        freedom = max(len(measured) - np.count_nonzero(np.diag(covariance[best])), 1)
+        freedom = max(len(measured) - int(np.count_nonzero(np.diag(covariance[best]))), 1)
         misfit = max(float(left @ precision @ left) / freedom, 1.0)
     logarithms = evidence + prior
 
@@ -197,7 +197,7 @@ def weigh_sets(
         return np.asarray(np.exp(np.where(sets, logarithms, -np.inf) - logsumexp(logarithms[sets])))
 
     shares = shares_of(np.ones(len(flags), dtype=bool))
-    whole = shares_of(has[:, kinds == "without"].all(axis=1))
+    whole = shares_of(np.asarray(has[:, kinds == "without"].all(axis=1)))
     mean = whole @ values
     apart = values - mean
     return LinearFit(
