@@ -49,7 +49,7 @@ def open_npz(path: Path, _: ReadingOptions) -> Source:
     """
     with _open_archive(path) as archive:
         headers = _check_sizes(path, archive)
-        small = {name: _read_array(archive, headers[name]) for name in _RESERVED & headers.keys()}
+    small = {name: _read_array(path, headers[name]) for name in _RESERVED & headers.keys()}
     rates = []
     if (rate := small.get("sampling_rate")) is not None:
         where = f"{path.name}: array 'sampling_rate'"
@@ -75,7 +75,7 @@ def open_npz(path: Path, _: ReadingOptions) -> Source:
     for name in headers.keys() - _RESERVED:
         shape, dtype = headers[name][1:]
         usable = len(shape) == 1 and dtype.kind in "iuf"
-        read = partial(_read_member, path, headers[name])
+        read = partial(_read_array, path, headers[name])
         channel = Channel(name, read, length=math.prod(shape), usable=usable, rates=rates)
         if name == "torque":
             channel.unit = "Nm"
@@ -95,7 +95,7 @@ def load_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """All arrays of an NPZ file. Pickled ones are refused: they are code."""
     with _open_archive(path) as archive:
         headers = _check_sizes(path, archive)
-        return {name: _read_array(archive, header) for name, header in headers.items()}
+    return {name: _read_array(path, header) for name, header in headers.items()}
 
 
 @contextmanager
@@ -142,13 +142,8 @@ def _check_sizes(path: Path, archive: zipfile.ZipFile) -> dict[str, _Header]:
     return headers
 
 
-def _read_member(path: Path, header: _Header) -> NDArray[Any]:
-    with _open_archive(path) as archive:
-        return _read_array(archive, header)
-
-
-def _read_array(archive: zipfile.ZipFile, header: _Header) -> NDArray[Any]:
-    with archive.open(header[0]) as file:
+def _read_array(path: Path, header: _Header) -> NDArray[Any]:
+    with _open_archive(path) as archive, archive.open(header[0]) as file:
         array = np.lib.format.read_array(file, allow_pickle=False)
         file.read(1)  # to the end, where the checksum is compared
         return np.asarray(array)

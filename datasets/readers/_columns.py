@@ -322,7 +322,9 @@ class Source:
         if unit not in known:
             raise ValueError(
                 f"{self.call(channel)} is in {unit!r}, known are {', '.join(known)}; "
-                f"give scale= ({usual} per unit)" + ", or quantity='motor_current'" * (unit in CURRENT_UNITS)
+                f"give scale= ({usual} per unit)"
+                + ", or quantity='motor_current'"
+                * (unit in CURRENT_UNITS | RELATIVE_UNITS)
             )
         if unit in RELATIVE_UNITS:
             return known[unit], unit.removeprefix("0.1")

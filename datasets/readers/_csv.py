@@ -10,6 +10,7 @@ import json
 import re
 import warnings
 import zipfile
+from array import array
 from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
@@ -39,6 +40,7 @@ from cyclofeat.datasets.readers._columns import (
     samples_name,
 )
 from cyclofeat.datasets.readers._table import HEAD_LINES, Table, find_table, parse_clock, split_row
+from cyclofeat.datasets.readers._times import named_rate
 from cyclofeat.recordings import Recording
 
 _LONGEST_LINE = 2**20  # a longer one is no row of samples, and splitting it would take long
@@ -91,6 +93,8 @@ class TextLines:
                         raise ValueError(
                             f"{path.name} holds binary data, or UTF-16 without a byte-order mark; {_REMEDY}"
                         )
+                    if marked is None and block.isascii() and not decoder.getstate()[0]:
+                        continue
                     try:
                         decoder.decode(block, final=not block)
                     except UnicodeDecodeError as error:
@@ -105,7 +109,7 @@ class TextLines:
         empty = 0
         with self._open_bytes() as file, io.TextIOWrapper(file, self.encoding) as lines:
             for line in lines:
-                if line.isspace():
+                if line.isspace() or line.rstrip() == "EOF":  # as TwinCAT Scope ends a file
                     empty += 1
                     continue
                 if empty:
@@ -125,7 +129,41 @@ class TextLines:
 
 def open_text(path: Path, reading: ReadingOptions) -> Source:
     """Return the columns of a text file."""
-    return open_lines(path, reading, TextLines(path), "line {}")
+    lines = TextLines(path)
+    if not any(re.match(r"Multi_Headings\s+Yes", line) for line in islice(lines, HEAD_LINES)):
+        return open_lines(path, reading, lines, "line {}")
+    rows, segments = _join_segments(lines)
+    if len(segments) > 1 and reading.gaps != "cut" and reading.sampling_rate is None:
+        raise ValueError(
+            f"{path.name} holds {len(segments)} segments, each with a head: give gaps='cut' to read each by "
+            "itself, or sampling_rate= to read them as one"
+        )
+    source = open_lines(path, reading, rows, "line {} (heads of later segments not counted)")
+    if len(segments) > 1:
+        for channel in source.channels:
+            channel.segments = lambda: segments
+    return source
+
+
+def _join_segments(lines: Iterable[str]) -> tuple[list[str], list[tuple[int, float]]]:
+    """Return a LabVIEW file's lines without the heads of later segments, and where segments begin.
+
+    With the first sample of each segment stands its rate, 0 where the head states none.
+    """
+    rows, begins, rates = list[str](), list[int](), list[float]()
+    head = False
+    for line in lines:
+        if line.startswith("Channels\t"):
+            head = True
+            rates.append(0.0)
+        if line.startswith("Delta_X\t"):
+            rates[-1] = named_rate("dt", float(line.split("\t")[1].replace(",", "."))) or 0.0
+        if not (head and begins) and (line.strip() or not begins):
+            rows.append(line)
+        if head and line.startswith("X_Value"):
+            head = False
+            begins.append(len(rows))
+    return rows, [(begin - begins[0], rate) for begin, rate in zip(begins, rates, strict=False)]
 
 
 def open_lines(path: Path, reading: ReadingOptions, lines: Iterable[str], place: str) -> Source:
@@ -232,12 +270,13 @@ class _Columns:
             return self.arrays.pop(index)
         if not isinstance(lines, TextLines) or table.delimiter == " " or size < _LONG_FILE:
             return None
+        columns = [str(column) for column in range(table.width)]
+        # All numbers in one go if they are few.
+        wanted = [columns[k] for k in sorted(table.numeric) if len(table.numeric) <= 4 or k == index]
+        numbers = {name: array("d") for name in wanted}
         try:
             arrow, arrow_csv = import_module("pyarrow"), import_module("pyarrow.csv")
-            columns = [str(column) for column in range(table.width)]
-            # All numbers in one go if they are few.
-            wanted = [columns[k] for k in sorted(table.numeric) if len(table.numeric) <= 4 or k == index]
-            read = arrow_csv.read_csv(
+            batches = arrow_csv.open_csv(  # read_csv would hold each column twice
                 self.path,
                 arrow_csv.ReadOptions(skip_rows=table.first, column_names=columns, encoding=lines.encoding),
                 arrow_csv.ParseOptions(delimiter=table.delimiter, ignore_empty_lines=False),
@@ -246,9 +285,12 @@ class _Columns:
                     decimal_point=self.decimal, null_values=[],
                 ),
             )  # fmt: skip
+            for batch in batches:
+                for name, column in numbers.items():
+                    column.frombytes(batch.column(name).to_numpy().view(np.uint8))
         except (ImportError, ValueError, NotImplementedError, OSError):  # what is wrong is named below
             return None
-        self.arrays = {int(name): read.column(name).to_numpy() for name in wanted}
+        self.arrays = {int(name): np.frombuffer(column) for name, column in numbers.items()}
         return self.arrays.pop(index, None)
 
     def _parse_number(self, cell: str) -> float:

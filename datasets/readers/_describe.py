@@ -112,7 +112,7 @@ def _recording_facts(recording: Recording, reduction: int, *, search: bool) -> d
     """Return the description without warnings; ``search`` measures the speed in a record without angle."""
     if reduction < 2:
         raise ValueError(f"reduction must be at least 2 (input turns per output turn), got {reduction!r}")
-    torque, meta = recording.torque, recording.meta or {}
+    torque, meta, counted = recording.torque, recording.meta or {}, recording.for_counting()
     low, high = float(torque.min()), float(torque.max())
     angle = None
     if recording.angle is not None:
@@ -120,15 +120,20 @@ def _recording_facts(recording: Recording, reduction: int, *, search: bool) -> d
     speed, speed_from = recording.mean_input_speed(reduction), "angle"
     nominal = recording.input_speed_hz
     if speed is None and search:
-        speed, speed_from = _speed_of_lines(recording, reduction), "lobe lines"
+        speed, speed_from = _speed_of_lines(counted, reduction), "lobe lines"
     known = speed or nominal
     turns = whole = unused = None
     if known is not None:
         turns = recording.duration * known / reduction
         whole = int(turns * (1 + 1e-6))  # a record of exactly one turn must not lose it to rounding
         unused = max(0.0, recording.duration * (1 - whole / turns))
-    drops = np.zeros(recording.n_samples, dtype=bool) if low == high else mark_dropouts(torque)
-    rest = torque[~drops] if drops.any() else torque
+    samples = torque
+    if recording.bad_spans:  # as marked: they are not counted
+        edges = np.ceil(np.array(recording.bad_spans) * recording.sampling_rate).astype(int)
+        samples = np.delete(torque, np.r_[tuple(slice(*ends) for ends in edges)])
+        samples = samples if samples.size else torque
+    drops = np.zeros(samples.size, dtype=bool) if low == high else mark_dropouts(samples)
+    rest = samples[~drops] if drops.any() else samples
     return {
         **{name: meta.get(name) for name in _OF_FILE},
         **{name: getattr(recording, name) for name in _OF_RECORDING},
@@ -151,7 +156,7 @@ def _recording_facts(recording: Recording, reduction: int, *, search: bool) -> d
         "output_turns": turns,
         "whole_output_turns": whole,
         "unused_s": unused,
-        "run_up_s": _run_up_time(recording),
+        "run_up_s": _run_up_time(counted),
     }
 
 

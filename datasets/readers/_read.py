@@ -162,7 +162,9 @@ def read_stretches(path: str | os.PathLike[str], **options: Any) -> list[Recordi
     for number, (begin, end, rate) in enumerate(long, 1):
         samples = torque if end - begin == torque.size else torque[begin:end]
         part = given | {"torque": samples, "meta": dict(meta)}
-        part["meta"] |= {"part": f"{number} of {len(long)}, from sample {begin}"} if len(long) > 1 else {}
+        if len(long) > 1:
+            part["meta"]["part"] = f"{number} of {len(long)}, from sample {begin}"
+            part["meta"].pop("gaps", None)  # they lie between the parts
         part |= {"sampling_rate": rate} if "sampling_rate" not in labels else {}
         if angle is not None:
             part["angle"], angle_meta = _read_angle(source, angle[0], angle[1][begin:end], reading)

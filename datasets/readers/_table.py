@@ -31,6 +31,7 @@ HEAD_LINES = 1000  # from which all is concluded
 _MOST_COLUMNS = 4096
 _LONGEST_CELL = 300  # of a number or a setting
 _MOST_HEADS = 20  # rows above the samples among which the names are
+_BESIDE_NAMES = {"comment", "start", "increment"}
 _HALF_DAY = 43_200 * 10**9  # ns
 _NUMBER = re.compile(
     r"\s*[+-]?(\d[\d_]*[.,]?\d*([.,]\d+)*|[.,]\d+|nan|inf(inity)?)([eE][+-]?\d+)?\s*", re.IGNORECASE
@@ -79,14 +80,17 @@ def split_row(line: str, delimiter: str, file: str = "") -> list[str]:
 def find_table(lines: list[str], file: str, reading: ReadingOptions) -> Table:
     """Find the table in the first lines of a file."""
     hint = re.fullmatch(r'\s*"?sep=(.)"?\s*', lines[0]) if lines else None
-    begin = max((reading.table_line or 1) - 1, 1 if hint else 0)
+    # LabVIEW ends the head of the file and that of the first segment so.
+    ends = [i for i, line in enumerate(lines) if line.startswith("***End_of_Header***")][:2]
+    begin = max((reading.table_line or 1) - 1, 1 if hint else 0, ends[-1] + 1 if ends else 0)
     delimiter = reading.delimiter or (hint[1] if hint else None)
     filled = [i for i in range(begin, len(lines)) if lines[i].strip() and not lines[i].startswith("#")]
     if not filled:
         raise ValueError(f"{file} holds no row of data" + f" from line {begin + 1}" * bool(begin))
     best, best_score = None, 0.0
     # Comma after the others, with which it is a decimal comma; one column if nothing separates several.
-    for mark in [delimiter] if delimiter else ["\t", ";", ",", " ", ""]:
+    marks = [delimiter] if delimiter else [m for m in "\t;, " if any(m in line for line in lines)] + [""]
+    for mark in marks:
         rows = [split_row(line, mark or ";", file)[: _MOST_COLUMNS + 1] for line in lines]
         score, table = _table_of(rows, lines, filled, mark or ";", reading)
         several = table is not None and (delimiter is not None or table.width > 1)
@@ -133,13 +137,14 @@ def _table_of(
         return 0.0, None
     score = sum(numbers) / max(1, sum(filled_cells))
     heads = _head_rows(rows, lines, [i for i in filled if i < first], width, delimiter)
-    if not heads and delimiter == "," and not reading.delimiter and filled[0] < first:
+    blank = any("b" in column for column in kinds_of)
+    if not (heads or blank or reading.delimiter) and delimiter == "," and filled[0] < first:
         return 0.0, None  # the names above have fewer commas: these are decimal commas
     names, units, at = _names_of(heads, numeric, reading)
     # A number between names and samples is a wrong sample.
     wrong = [i for i, _ in heads if at < i and any(kinds[i][j] in "nt" for j in numeric)]
     first = min([first, *wrong])
-    label = next((rows[i] for i in filled if i < at and rows[i][0] == "Y_Unit_Label"), None)
+    label = next((rows[i] for i in range(at) if rows[i][:1] == ["Y_Unit_Label"]), None)
     if units is None and label is not None:  # LabVIEW, of the values after the times
         units = [None, *map(clean_unit, label[1:width]), *[None] * width][:width]
     widest = max(width, len(rows[at])) if heads and delimiter != " " else width
@@ -166,14 +171,16 @@ def _names_of(
     listed = [k for k, (_, cells) in enumerate(heads) if cells[0].lower() == "name" and 0 in numeric]
     chosen = len(heads) - 1 if reading.table_line else [*listed, *likely, int(is_units)][0]
     at, names = heads[chosen]
+    units = [clean_unit(cell) for cell in heads[0][1]] if is_units and chosen else None
     if listed:  # TwinCAT: pairs of times and values, with lines of properties below the names
+        stated = next((cells for _, cells in heads[:chosen] if cells[0].lower() == "unit"), names)
+        units = [
+            None if unit in (stated[0], "(None)", name) else clean_unit(unit)
+            for unit, name in zip(stated, names, strict=True)
+        ]
+        names = ["time" if name.lower() == "name" else name for name in names]
         del heads[:chosen]
-        names = ["time" if j % 2 == 0 and names[j].lower() == "name" else names[j] for j in range(len(names))]
-    return (
-        names,
-        [clean_unit(cell) for cell in heads[0][1]] if is_units and not listed and chosen else None,
-        at,
-    )
+    return names, units, at
 
 
 def _head_rows(
@@ -183,13 +190,16 @@ def _head_rows(
     heads: list[tuple[int, list[str]]] = []
     for i in reversed(above):
         cells = rows[i]
+        if re.fullmatch(r"\W*data\W*", lines[i], re.IGNORECASE) and len(cells) < width:
+            continue  # the word alone, between names and samples
         if delimiter == " " and len(cells) != width:
             wide = re.split(r"\s{2,}", lines[i].strip())
             # A name keeps its unit in brackets.
             cells = (
                 wide if len(wide) == width else re.findall(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?", lines[i])
             )
-        extra = {cell.strip().lower() for cell in cells[width:]} - {"", "comment"}
+        # LabVIEW adds comments, Rigol start and increment of the times.
+        extra = {cell.strip().lower() for cell in cells[width:] if _kind_of(cell) == "x"} - _BESIDE_NAMES
         if len(cells) < width or extra or len(heads) == _MOST_HEADS:
             break
         heads.append((i, [cell.strip() for cell in cells[:width]]))

@@ -29,14 +29,16 @@ from cyclofeat.datasets.readers._columns import (
 _MOST_JITTER, _REPORTED_JITTER = 0.25, 0.05
 # Relative difference up to which two statements of a rate agree: a computer's clock is off by less.
 _SAME = 1e-3
-# Numbers without a unit: times since 1970 in ms, us and ns as data loggers write them, or days since 1900.
+# Numbers without a unit: times as data loggers, spreadsheets and Windows write them, and their unit in s.
 _EPOCHS = (
-    (2e4, 8e4, "d", "days since 1900"), (1e11, 1e14, "ms", "ms since 1970"),
-    (1e14, 1e17, "us", "us since 1970"), (1e17, 1e20, "ns", "ns since 1970"),
+    (2e4, 8e4, 86_400.0, "days since 1900"), (1e11, 1e14, 1e-3, "ms since 1970"),
+    (1e14, 5e16, 1e-6, "us since 1970"), (5e16, 3e17, 1e-7, "100 ns since 1601"),
+    (3e17, 1e20, 1e-9, "ns since 1970"),
 )  # fmt: skip
 # Rates in Hz of recordings that can be counted; a time without unit that gives another one is not in s.
 _SENSIBLE = (200.0, 1e7)
 _MOST_GAPS = 100  # that a recording lists
+_PART = 2**15  # times that are compared with even ones at once
 _EVEN = "if the samples are even, give sampling_rate="
 _RATE = r"fs|f s|f sample|(sampl(e|ing)|scan) ?(rate|freq|frequency)|(abtast|mess)(rate|frequenz)"
 _STEP = (
@@ -143,7 +145,8 @@ def time_base(
                 f"the {chosen}, {rate:.6g} Hz, overrides {other.source}, which says {other.rate:.6g} Hz"
             )
     meta["rate_from"] = " and ".join(statement.source for statement in taken)
-    return [(start, rate) for start, _ in starts], meta | ({"time_notes": notes} if notes else {})
+    meta |= {"time_notes": [*dict.fromkeys(notes)]} if notes else {}
+    return [(start, rate) for start, _ in starts], meta
 
 
 def _contradiction(statements: Sequence[Statement], choices: Sequence[str]) -> str:
@@ -185,19 +188,20 @@ def _times_statement(
             raise ValueError(f"{source.file}: {name} has times missing")
         seconds = (values - values[0]) / np.timedelta64(1, "s")
     else:
-        values, unit = source.check_values(channel, values), stated_unit or "s"
-        if stated_unit is None:
-            for low, high, guess, words in _EPOCHS:
-                days = guess == "d" and not 0 < abs(values[-1] - values[0]) / values.size < 1e-6
-                if low <= abs(values[0]) < high and not days:
-                    unit, origin = guess, f" ({words})"
-            assumed = not origin
-        if unit not in TIME_UNITS:
+        values, factor = source.check_values(channel, values), TIME_UNITS.get(stated_unit or "s", 0.0)
+        if not factor:
             raise ValueError(
-                f"{source.file}: {name} must be in {', '.join(TIME_UNITS)}, got {unit!r}; give time_unit="
+                f"{source.file}: {name} must be in {', '.join(TIME_UNITS)}, got {stated_unit!r}; "
+                "give time_unit="
             )
+        if stated_unit is None:
+            for low, high, unit, words in _EPOCHS:
+                fits = unit < 1 or 0 < abs(values[-1] - values[0]) / values.size < 1e-6
+                if low <= abs(values[0]) < high and fits:
+                    factor, origin = unit, f" ({words})"
+            assumed = not origin
         seconds = values - values[0]  # dates in ns would lose the digits that matter
-        seconds *= TIME_UNITS[unit]
+        seconds *= factor
     del values  # each is as long as the record
     rate, jitter = _even_rate(f"{source.file}: {name}", seconds, channel)
     if assumed and not _SENSIBLE[0] <= rate < _SENSIBLE[1]:
@@ -260,12 +264,11 @@ def _fit_rate(seconds: Float, rate: float | None = None) -> tuple[float, float, 
     count = seconds.size - 1
     if rate is None:
         rate = count / float(seconds[-1] - seconds[0])
-    off = np.arange(seconds.size, dtype=np.float64)  # in place: each array is as long as the record
-    off /= -rate
-    off += seconds
-    off -= seconds[0]
-    off *= rate
-    np.abs(off, out=off)
-    worst = int(np.argmax(off))
+    jitter, worst = 0.0, 0
+    for start in range(0, seconds.size, _PART):
+        part = seconds[start : start + _PART]
+        off = np.abs((np.arange(start, start + part.size) / -rate + part - seconds[0]) * rate)
+        if off.max() > jitter:
+            jitter, worst = float(off.max()), start + int(np.argmax(off))
     # Rounded times give 25600.0003 Hz: a whole number of Hz within the column's scatter is taken.
-    return whole_rate(rate, 2 * float(off[worst]) / max(count, 1) + 1e-9), float(off[worst]), worst
+    return whole_rate(rate, 2 * jitter / max(count, 1) + 1e-9), jitter, worst

@@ -71,6 +71,9 @@ def test_the_dropout_share_is_the_share_that_was_dropped(kind, length):
     assert found["dropout_share"] == pytest.approx(dropped.mean(), rel=0.06)  # a held run holds one more
     assert found["clipped_share"] == 0
     assert warned(found, "dropouts")
+    spans = np.flatnonzero(np.diff(dropped.astype(int))).reshape(-1, 2) / RATE  # from one sample before
+    found = describe(Recording(torque, RATE, speed_rpm=500).with_bad_spans(spans + np.array([0, 2 / RATE])))
+    assert found["dropout_share"] == 0
 
 
 @pytest.mark.slow
