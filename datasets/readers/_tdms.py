@@ -29,10 +29,10 @@ from cyclofeat.datasets.readers._columns import (
 from cyclofeat.datasets.readers._times import named_rate
 
 _LEAD_IN = 28
-_BIG_ENDIAN, _INTERLEAVED, _DAQMX = 1 << 6, 1 << 5, 1 << 7
+_BIG_ENDIAN = 1 << 6
 # A channel's path in the description of a segment, or the increment of the channel last named (a double).
 _INCREMENT = re.compile(rb"(/'(?:[^']|'')*'/'(?:[^']|'')*')|wf_increment(?s:[\x0a\x00]{4})(.{8})", re.DOTALL)
-# npTDMS reads interleaved data whole segments at a time unless asked for parts: this many bytes each.
+# npTDMS reads whole segments at a time unless asked for parts: this many bytes each.
 _BLOCK = 2**23
 _MOST_SCALES = 1000
 # Scales that npTDMS computes. For any other it logs a line and hands over raw counts.
@@ -48,10 +48,10 @@ def open_tdms(path: Path, _: ReadingOptions) -> Source:
 
     The index file that may lie beside it is not used: it may be of another recording.
     """
-    interleaved, increments = _check_segments(path)
+    increments = _check_segments(path)
     with _open_tdms(path) as file:
         channels = [
-            _describe_channel(path, file, channel, interleaved, increments.get(channel.path, []))
+            _describe_channel(path, file, channel, increments.get(channel.path, []))
             for group in file.groups()
             for channel in group.channels()
         ]
@@ -59,7 +59,7 @@ def open_tdms(path: Path, _: ReadingOptions) -> Source:
 
 
 def _describe_channel(
-    path: Path, file: Any, channel: Any, interleaved: bool, increments: list[tuple[int, int, float]]
+    path: Path, file: Any, channel: Any, increments: list[tuple[int, int, float]]
 ) -> Channel:
     name, properties = f"{channel.group_name}/{channel.name}", dict(channel.properties)
     scopes = (properties, dict(file[channel.group_name].properties), dict(file.properties))
@@ -101,7 +101,7 @@ def _describe_channel(
     start_time = properties.get("wf_start_time")
     return Channel(
         name,
-        partial(_read_samples, path, name, (channel.group_name, channel.name), dtype, interleaved, error),
+        partial(_read_samples, path, name, (channel.group_name, channel.name), dtype, error),
         unit,
         channel.name,
         length=len(channel),
@@ -116,7 +116,7 @@ def _describe_channel(
 
 
 def _read_samples(
-    path: Path, name: str, key: tuple[str, str], dtype: np.dtype[Any] | None, interleaved: bool, error: str
+    path: Path, name: str, key: tuple[str, str], dtype: np.dtype[Any] | None, error: str
 ) -> NDArray[Any]:
     called, size = f"{path.name}: channel {name!r}", path.stat().st_size
     if error:
@@ -129,15 +129,10 @@ def _read_samples(
         if n_values > size:  # no sample takes less than a byte
             raise ValueError(f"{path.name} is damaged: it claims {n_values} samples in {size} bytes")
         values: NDArray[Any] = np.empty(n_values, dtype if dtype is not None and dtype.kind == "M" else float)
-        parts = (chunk[:] for chunk in channel.data_chunks())
-        if interleaved:
-            rows = max(1, _BLOCK * n_values // max(size, 1))
-            starts = range(0, n_values, rows)
-            parts = (channel.read_data(start, min(rows, n_values - start)) for start in starts)
-        for part in parts:
-            if done + len(part) > n_values:
-                break
-            values[done : done + len(part)] = part
+        rows = max(1, _BLOCK * n_values // max(size, 1))
+        for start in range(0, n_values, rows):
+            part = channel.read_data(start, min(rows, n_values - start))
+            values[start : start + len(part)] = part
             done += len(part)
     if done != n_values:
         raise ValueError(f"{called} is not whole: {done} of {n_values} samples are there")
@@ -201,15 +196,15 @@ def _open_tdms(path: Path, end: int | None = None) -> Iterator[Any]:
         raise ValueError(f"{path.name} is damaged: {lost[0]}")
 
 
-def _check_segments(path: Path) -> tuple[bool, dict[str, list[tuple[int, int, float]]]]:
+def _check_segments(path: Path) -> dict[str, list[tuple[int, int, float]]]:
     """Check the lead-ins of all segments, and read the increments of waveforms from them.
 
-    Return True if any segment holds interleaved data, and for each channel's path its increments where they
-    change, with the number of the segment (from 1) and its first byte; npTDMS keeps only the last increment.
+    Return for each channel's path its increments where they change, with the number of the segment (from 1)
+    and its first byte; npTDMS keeps only the last increment.
     It reads what it can of a damaged file; a record that lost its end must not pass for a whole one.
     """
     size = path.stat().st_size
-    position, interleaved, number = 0, False, 0
+    position, number = 0, 0
     current: dict[str, float] = {}
     increments: dict[str, list[tuple[int, int, float]]] = {}
     with path.open("rb") as file:
@@ -233,7 +228,6 @@ def _check_segments(path: Path) -> tuple[bool, dict[str, list[tuple[int, int, fl
                 raise ValueError(f"{path.name}: {where} is of TDMS version {version}, not 4712 or 4713")
             if data > following:
                 raise ValueError(f"{path.name} is damaged: {where} has its data after its end")
-            interleaved |= bool(mask & (_INTERLEAVED | _DAQMX))
             owner = ""
             for match in _INCREMENT.finditer(file.read(data)):
                 owner = match[1].decode("utf-8", "replace") if match[1] else owner
@@ -245,7 +239,7 @@ def _check_segments(path: Path) -> tuple[bool, dict[str, list[tuple[int, int, fl
                     if not changes or changes[-1][2] != step:
                         changes.append((number, position, step))
             position = end
-    return interleaved, increments
+    return increments
 
 
 def _n_scales(properties: Mapping[str, Any]) -> int:

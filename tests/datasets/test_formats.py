@@ -77,10 +77,6 @@ def test_tdms_of_many_segments_and_groups(tmp_path):
     for arguments in ({}, {"channel": "torque"}):
         with pytest.raises(ValueError, match=r"channel ?= ?.*(a/torque.*b/torque|\[0, 1\])"):
             read_recording(path, **arguments)
-    with pytest.raises(
-        ValueError, match=r"channel = 'c' does not exist; channels are 'a/torque', 'b/torque'"
-    ):
-        read_recording(path, channel="c")
 
 
 def test_the_index_file_of_another_recording_is_not_believed(tmp_path):
@@ -117,7 +113,6 @@ def test_a_tdms_scale_is_applied_wherever_it_stands(tmp_path, place):
     "change",
     [
         {"NI_Scale[0]_Scale_Type": "Fancy"},
-        {"NI_Scale[0]_Scale_Type": ""},
         {"NI_Number_Of_Scales": 2},  # the second is not described
         {"NI_Number_Of_Scales": 2, "NI_Scale[1]_Scale_Type": "Strange"},
     ],
@@ -138,9 +133,6 @@ def test_tdms_counts_without_a_scale_need_one(tmp_path):
         tmp_path / "b.tdms", [ChannelObject("g", "torque", TORQUE, wave(NI_Scaling_Status="unscaled"))]
     )
     with pytest.raises(ValueError, match=r"holds raw counts \(float64\)"):
-        read_recording(path)
-    path = write_tdms(tmp_path / "c.tdms", [ChannelObject("g", "torque", TORQUE, wave("V"))])
-    with pytest.raises(ValueError, match=r"channel 'g/torque' is in 'V', known are Nm"):
         read_recording(path)
 
 
@@ -292,10 +284,6 @@ def test_matlab_structs_and_matrices(tmp_path, write):
     for channel, right in (("data(:,2)", -TORQUE), ("flat(2,:)", 3 * TORQUE)):
         got = read_recording(path, channel=channel, sampling_rate=RATE)
         np.testing.assert_array_equal(got.torque, right)
-    with pytest.raises(
-        ValueError, match=r"channel= must be given, .*: .*'(rig.out|other).torque', '(rig.out|other)"
-    ):
-        read_recording(path, sampling_rate=RATE)
     with pytest.raises(ValueError, match=r"channel = 'rig' does not exist; variables are .*'rig.out.torque'"):
         read_recording(path, channel="rig")
 

@@ -217,8 +217,6 @@ def test_a_scale_turns_volts_into_torque(tmp_path):
     recording = read_recording(path, sampling_rate=RATE, scale=-10)
     assert recording.torque.tolist() == [-10, -20]
     assert recording.meta["scale"] == -10
-    with pytest.raises(ValueError, match=r"column 'torque \[V\]' is in 'V', known are Nm.*scale="):
-        read_recording(path, sampling_rate=RATE)
 
 
 @STEADY
@@ -260,11 +258,6 @@ def test_the_angle_is_read_in_its_own_unit(tmp_path):
     with pytest.raises(ValueError, match=r"angle_unit = 'rad' contradicts the column 'angle"):
         read_recording(path, sampling_rate=1, angle_unit="rad")
     bare = write(tmp_path / "bare.csv", "torque,disc_angle\n1,0\n2,90\n3,180\n")
-    with pytest.raises(
-        ValueError,
-        match=r"'disc_angle' does not state .* angle_unit='rad', 'deg' or 'rev'.*angle_channel=False",
-    ):
-        read_recording(bare, sampling_rate=1)
     recording = read_recording(bare, sampling_rate=1, angle_unit="deg")
     np.testing.assert_allclose(recording.angle, [0, np.pi / 2, np.pi])
     assert recording.angle_of == "disc"
@@ -288,17 +281,10 @@ def test_what_was_assumed_is_stated(tmp_path):
 
 
 BAD_CSV = {
-    "no rate": (
-        "torque\n1\n2\n", "no sampling rate ... sampling_rate= ... time_channel=", {"sampling_rate": None}
-    ),
     "wrong column": ("torque,a\n1,2\n3,4\n", "channel = 'tork' ... 'torque', 'a'", {"channel": "tork"}),
     "wrong index": ("torque,a\n1,2\n3,4\n", "channel = 2 ... 'torque', 'a'", {"channel": 2}),
-    "negative index": ("torque,a\n1,2\n3,4\n", "channel = -1 ... 'torque', 'a'", {"channel": -1}),
     "index without names": ("1,2\n3,4\n", "channel = 2 ... 0, 1 (no names in the file)", {"channel": 2}),
-    "no column chosen": ("a1,a2\n1,2\n3,4\n", "channel= must be given ... 'a1', 'a2'"),
     "no column chosen, no names": ("1,2\n3,4\n", "channel= must be given ... 0, 1 (no names"),
-    "two columns fit": ("torque,torque_nm\n1,2\n3,4\n", "channel= must be given ... 'torque', 'torque_nm'"),
-    "a name twice": ("a,a\n1,2\n3,4\n", "channel = 'a' ... [0, 1] ... index", {"channel": "a"}),
     "wrong time column": ("torque\n1\n2\n", "time_channel = 'when' ... 'torque'", {"time_channel": "when"}),
     "wrong angle column": ("torque\n1\n2\n", "angle_channel = 'phi' ... 'torque'", {"angle_channel": "phi"}),
     "infinity": ("# a\n# b\ntorque\n1\n-inf\n3\n", "finite ... -inf ... line 5"),
@@ -324,7 +310,6 @@ BAD_CSV = {
     "an empty line": ("torque\n1\n\n2\n", "line 3 ... 1 columns ... an empty line"),
     "one sample": ("torque\n1\n", "at least 2 samples ... got 1"),
     "names only": ("torque,a\n", "no table of numbers in its first 1 lines ... table_line="),
-    "comments only": ("# a\n# b\n", "no row of data"),
     "blank": ("\n \n", "no row of data"),
     "an angle that leaps": (
         "torque,angle_deg\n1,200\n2,300\n3,40\n",
@@ -333,11 +318,9 @@ BAD_CSV = {
     "a word between spaces": (
         "time torque\n0 1\n1 x\n2 3\n", "line 3, column 'torque' holds 'x', which is not a number"
     ),
-    "a short row between spaces": ("time torque\n0 1\n1\n2 3\n", "line 3 ... 2 columns ... got 1 column"),
     "times that stand": (
         "time,torque\n1,1\n1,2\n", "time column 'time' must rise ... by 0 s", {"sampling_rate": None}
     ),
-    "times in V": ("time [V],torque\n1,1\n2,2\n", "'time [V]' ... s, ms ... 'V'", {"sampling_rate": None}),
     "a damaged header": (
         "# cyclofeat recording: 1\n# run: x\ntorque\n1\n2\n", "label 'run' ... not JSON ... 'x'"
     ),
@@ -467,22 +450,13 @@ def test_files_that_are_not_there_or_not_files(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "kind", "words"),
     [
-        ({"sampling_rate": 0}, ValueError, "sampling_rate must be a positive, finite number"),
         ({"sampling_rate": "fast"}, ValueError, "sampling_rate must be a positive, finite number.*'fast'"),
         ({"scale": 0}, ValueError, "scale must be a finite number other than 0"),
-        ({"scale": np.nan}, ValueError, "scale must be a finite number other than 0"),
         ({"pulses_per_turn": 0}, ValueError, "pulses_per_turn must be at least 1, got 0"),
         ({"pulses_per_turn": 2, "angle_unit": "deg"}, ValueError, "turn= has no effect with angle_unit="),
-        (
-            {"pulses_per_turn": 2, "angle_channel": False},
-            ValueError,
-            "has no effect with angle_channel=False",
-        ),
         ({"angle_unit": "turns"}, ValueError, "angle_unit must be one of 'rad', 'deg', 'rev', got 'turns'"),
         ({"delimiter": "|"}, ValueError, "delimiter must be one of ',', ';', .* got '.'"),
         ({"channel": True}, TypeError, "channel must be the column's name or index"),
-        ({"channel": 1.0}, TypeError, "channel must be the column's name or index"),
-        ({"angle_channel": True}, TypeError, "angle_channel must be the column's name or index"),
         ({"colour": "red"}, TypeError, "unknown option or label 'colour'; known are angle_channel"),
         ({"torque": [1]}, TypeError, "unknown option or label 'torque'"),
         ({"assembly": 1.5}, TypeError, "rig.csv: assembly must be text"),
@@ -518,10 +492,6 @@ def test_npz_of_others_needs_torque_and_rate_only(tmp_path):
 
 
 BAD_NPZ = {
-    "no torque": ({"x": [1, 2], "y": [3, 4]}, "channel= must be given ... 'x', 'y'"),
-    "wrong channel": ({"torque": [1, 2]}, "channel = 'x' ... 'torque'", {"channel": "x"}),
-    "wrong angle": ({"torque": [1, 2]}, "angle_channel = 'phi' ... 'torque'", {"angle_channel": "phi"}),
-    "no rate": ({"torque": [1, 2]}, "no sampling rate ... sampling_rate= ... 'torque'"),
     "own format without rate": ({"torque": [1, 2], "cyclofeat_recording": 2}, "add an array 'sampling_rate'"),
     "unit of the angle": (
         {"torque": [1, 2], "sampling_rate": 3, "angle": [1, 2], "angle_unit": "turns"},
@@ -531,7 +501,6 @@ BAD_NPZ = {
     "negative rate": ({"torque": [1, 2], "sampling_rate": -3}, "'sampling_rate' ... positive ... -3"),
     "a matrix": ({"torque": [[1], [2]], "sampling_rate": 3}, "'torque' ... 1-D ... (2, 1)"),
     "text": ({"torque": ["a", "b"], "sampling_rate": 3}, "'torque' ... real numbers ... <U1"),
-    "complex": ({"torque": [1j, 2], "sampling_rate": 3}, "'torque' ... real numbers ... complex128"),
     "one sample": ({"torque": [1], "sampling_rate": 3}, "at least 2 samples ... got 1"),
     "short angle": ({"torque": [1, 2], "sampling_rate": 3, "angle": [1]}, "angle ... at least 2"),
     "bad meta": ({"torque": [1, 2], "sampling_rate": 3, "meta": "[1]"}, "'meta' ... JSON object ... [1]"),
@@ -684,10 +653,6 @@ def test_what_is_no_angle_is_named_with_its_channel(tmp_path):
     path = tacho_file(tmp_path / "rig.npz", noise, "angle")
     with pytest.raises(ValueError, match=r"rig.npz: array 'angle': angle must rise .*angle_channel=False"):
         read_recording(path)
-    with pytest.raises(
-        ValueError, match=r"angle_channel= must be given, to say which array holds the pulses"
-    ):
-        read_recording(path, pulses_per_turn=60)
     lost = 1.0 * (60 * turned() / (2 * np.pi) % 1 < 0.5)
     lost[9000:9100] = 0
     with pytest.raises(ValueError, match=r"'tacho': signal must hold each pulse once"):
