@@ -18,7 +18,7 @@ from scipy.signal import lfilter, savgol_filter
 from benchmarks._markdown import table
 from benchmarks._measured_motions import load_double_pendulum, load_servo_pendulum
 from cyclofeat.gap.engine.problem import Array, Effect, Parameter, Rig, Session
-from cyclofeat.gap.engine.search import Explanation, Size, explain
+from cyclofeat.gap.engine.search import Explanation, explain
 from cyclofeat.gap.engine.sizes import fit_sizes, make_rig
 
 GRAVITY = 9.81
@@ -311,11 +311,11 @@ def explain_case(case: str, folder: Path | None, random_state: int = 0) -> tuple
         )
     ]
     rows = [
-        (name.replace("_", " "), f"{p:.3f}", answer.state(name), _size_text(answer.sizes.get(name, {})))
+        (name.replace("_", " "), f"{p:.3f}", answer.state(name), answer.describe_sizes(name))
         for name, p in sorted(answer.probabilities.items(), key=lambda row: -row[1])
     ]
     ties = [f"One of {' and '.join(sorted(tie)).replace('_', ' ')} is missing." for tie in answer.ties]
-    always = [f"Fitted with each set: {_size_text(answer.sizes[name])}." for name in start]
+    always = [f"Fitted with each set: {answer.describe_sizes(name)}." for name in start]
     first, last = (", ".join(f"{value:.1f}" for value in row) for row in answer.remainder)
     return answer, "\n".join(
         [
@@ -327,13 +327,6 @@ def explain_case(case: str, folder: Path | None, random_state: int = 0) -> tuple
             f"Remainder, in smallest differences that matter: {first} without the effects, {last} with them.",
             f"{seconds:.0f} s of a core.\n",
         ]
-    )
-
-
-def _size_text(sizes: Mapping[str, Size]) -> str:
-    return "; ".join(
-        f"{key.replace('_', ' ')} {size.value:.3g} ({size.low:.3g} to {size.high:.3g}) {size.unit}".strip()
-        for key, size in sizes.items()
     )
 
 

@@ -21,9 +21,9 @@ module             question
 """
 
 from cyclofeat.gap._workflow import compare_recordings, find_gap, hold_out
+from cyclofeat.gap.cases.held_drive import find_loop_gap
 from cyclofeat.gap.check import GapCheck, check_recordings
 from cyclofeat.gap.comparison import Comparison, GapSettings
-from cyclofeat.gap.loops.loop_gap import LoopModel, find_loop_gap
 from cyclofeat.gap.measured import Condition
 from cyclofeat.gap.posterior.effect_posterior import EffectPosterior, load_posterior
 from cyclofeat.gap.published.published_gap import find_published_gap
@@ -38,7 +38,6 @@ __all__ = [
     "GapCheck",
     "GapResult",
     "GapSettings",
-    "LoopModel",
     "World",
     "check_recordings",
     "compare_recordings",

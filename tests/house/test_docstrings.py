@@ -31,7 +31,6 @@ LONG = {
     "cyclofeat.counting.estimators.lobe_counter",
     "cyclofeat.counting.planning",
     "cyclofeat.gap._workflow",
-    "cyclofeat.gap.loops.loop_gap",
     "cyclofeat.gap.proof.prove",
     "cyclofeat.gap.published.published_gap",
     "cyclofeat.gap.where.locate",

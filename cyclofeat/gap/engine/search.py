@@ -6,16 +6,20 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy import stats
 from scipy.special import expit
 
+from cyclofeat._base.displays import data_frame
 from cyclofeat.gap.posterior.answers import ABSENT, NAMED, PRESENT, State, state_of
 
 from .problem import Array, Rig, Session
 from .sizes import RESOLUTION, Fit, descend, fit_sizes, make_rig
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Names = frozenset[str]
 LARGEST_SET = 6
@@ -50,6 +54,21 @@ class Explanation:
     def state(self, effect: str) -> State:
         """Return the word for an effect's probability."""
         return state_of(self.probabilities[effect])
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return probability, state and sizes of each effect, the most probable first; needs pandas."""
+        rows = [
+            {"effect": name, "probability": p, "state": self.state(name), "size": self.describe_sizes(name)}
+            for name, p in sorted(self.probabilities.items(), key=lambda row: -row[1])
+        ]
+        return data_frame(rows)
+
+    def describe_sizes(self, effect: str) -> str:
+        """Return the sizes of an effect with their intervals in words; nothing for one that is not named."""
+        return "; ".join(
+            f"{key.replace('_', ' ')} {x.value:.3g} ({x.low:.3g} to {x.high:.3g}) {x.unit}".strip()
+            for key, x in self.sizes.get(effect, {}).items()
+        )
 
 
 class _Search:

@@ -1,0 +1,1 @@
+"""Measurements without recordings of torque over time, as problems of the engine."""
