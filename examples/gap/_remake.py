@@ -3,11 +3,11 @@
 from _stored import DATA
 
 from cyclofeat.datasets import load_published_tables
-from cyclofeat.gap import Comparison, find_published_gap
+from cyclofeat.gap import Comparison
+from cyclofeat.gap.cases.published_table import published_session
+from cyclofeat.gap.engine.search import explain
 
 if __name__ == "__main__":
-    tables = load_published_tables()
-    entropy = tables.spectral_entropy["entropy_bits"]
-    gap = find_published_gap(Comparison(sampling_rate=25_600), tables.signal_statistics, entropy)
-    gap.save_table(DATA / "published_tables.npz")
-    print(f"{gap.n_simulated} records simulated, {gap.n_failed} failed")
+    session = published_session(Comparison(sampling_rate=25_600), load_published_tables().signal_statistics)
+    explain(session)
+    session.problem.save(DATA / "published_tables.npz")

@@ -105,7 +105,7 @@ def test_no_effect_is_named_where_the_model_is_right():
     assert gap.rig == {}
 
 
-def test_what_matters_is_the_opening_of_the_loops():
+def test_what_matters_is_the_largest_opening_of_a_loop():
     loop = loop_of({"torsional_compliance": {"compliance": 1 / 300}}, 5.0)
     assert loop_session([loop]).problem.floors == pytest.approx(0.02)
     loop.deflection = loop.deflection + np.linspace(0, 0.3, 400) * loop.deflection.std()

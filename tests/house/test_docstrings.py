@@ -32,7 +32,6 @@ LONG = {
     "cyclofeat.counting.planning",
     "cyclofeat.gap._workflow",
     "cyclofeat.gap.proof.prove",
-    "cyclofeat.gap.published.published_gap",
     "cyclofeat.gap.where.locate",
     "cyclofeat.history.alarm",
     "cyclofeat.plotting._gap_correction",

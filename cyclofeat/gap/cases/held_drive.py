@@ -93,8 +93,8 @@ def centre_loop(deflection: Float) -> Float:
 def loop_session(loops: Sequence[Any], gearbox: CycloidalGearbox | None = None) -> Session:
     """Return loops at points that are evenly spaced along the path of their torque.
 
-    What matters is the rms by which the loops fail to close, at least 2 %, of the rms deflection. See
-    :func:`find_loop_gap` for the arguments.
+    Differences of the deflection matter from the largest by which a loop fails to close, at least 2 %, of
+    the rms deflection. See :func:`find_loop_gap` for the arguments.
     """
     conditions, cells, openings = [], [], []
     for loop in loops:
@@ -117,11 +117,11 @@ def loop_session(loops: Sequence[Any], gearbox: CycloidalGearbox | None = None) 
         rms = float(np.sqrt(np.mean(centred**2)))
         conditions.append(Loop(np.interp(at, path[kept], t[kept]), rms))
         cells.append(centred / rms)
-        openings.append(np.ptp(cells[-1][[0, -1]]))
+        openings.append(float(np.ptp(cells[-1][[0, -1]])))
     if not cells:
         raise ValueError("loops must hold at least one loop, got none")
-    floor = max(float(np.sqrt(np.mean(np.square(openings)))), 0.02)
-    problem = HeldDrive(CycloidalGearbox.printed_14_pin() if gearbox is None else gearbox, floor)
+    gearbox = CycloidalGearbox.printed_14_pin() if gearbox is None else gearbox
+    problem = HeldDrive(gearbox, max(0.02, *openings))
     return Session(problem, conditions, np.array(cells))
 
 

@@ -32,12 +32,14 @@ class Effect:
     """Effect that a rig may have.
 
     `parameters` by name, the strength first; `always`: every rig has the effect and only its sizes are
-    unknown; `refines`: effects of which at least one must be present.
+    unknown; `refines`: effects of which at least one must be present; `excludes`: effects of which none may
+    be present.
     """
 
     parameters: Mapping[str, Parameter]
     always: bool = False
     refines: tuple[str, ...] = ()
+    excludes: tuple[str, ...] = ()
 
 
 class Problem(Protocol):

@@ -81,9 +81,12 @@ class _Search:
         self.left_out: dict[Names, list[tuple[float, Array]]] = {}
 
     def possible(self, present: Names) -> bool:
-        """Return whether each refinement stands beside something that it refines, and the set is small."""
-        refined = [self.effects[name].refines for name in present]
-        return len(present) <= LARGEST_SET and all(not names or present & {*names} for names in refined)
+        """Return whether effects stand beside what they refine, without what they exclude, and are few."""
+        effects = [self.effects[name] for name in present]
+        return len(present) <= LARGEST_SET and all(
+            (not effect.refines or present & {*effect.refines}) and not present & {*effect.excludes}
+            for effect in effects
+        )
 
     def without(self, present: Names, effect: str) -> Names:
         """Return a set without an effect, and without what refined it alone."""

@@ -1,1 +1,0 @@
-"""The gap in published statistics, without recordings (:func:`find_published_gap`)."""
