@@ -1,4 +1,4 @@
-"""Simulate the statistics of ``data/published_tables.npz`` again: 3000 records, half an hour on one core."""
+"""Simulate the statistics of ``data/published_tables.npz`` again: 2500 records, half an hour on one core."""
 
 from _stored import DATA
 

@@ -5,9 +5,9 @@ What eight published records say about a missing effect
 Paper A publishes minimum, maximum, mean and standard deviation of the torque measured with eight discs, one
 record each (table 4), and no torque. These numbers show where the simulator disagrees, which effects of the
 library would explain it, and how well they predict a disc that was not used in the fit. The 32 numbers are
-measured; everything compared with them is **surrogate** torque, from some 4000 simulated rigs whose
+measured; everything compared with them is **surrogate** torque, from 2388 simulated rigs whose
 statistics are stored beside this script. Without the stored statistics (``table`` left out), it simulates
-3000 records, which takes a quarter of an hour on one core.
+2500 records, which takes a quarter of an hour on one core.
 """
 
 import matplotlib.pyplot as plt
