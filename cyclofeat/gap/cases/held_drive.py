@@ -65,8 +65,10 @@ class HeldDrive:
     def __init__(self, gearbox: CycloidalGearbox, floor: float) -> None:
         self.gearbox, self.floors = gearbox, np.full(_N_POINTS, floor)
 
-    def simulate(self, conditions: Sequence[Loop], rigs: Sequence[Rig], random_state: int = 0) -> list[Float]:
-        """Return deflections over the rms of the measured one, each (n_loops, n_points)."""
+    def simulate(
+        self, conditions: Sequence[Loop], rigs: Sequence[Rig], random_state: int = 0
+    ) -> list[list[Float]]:
+        """Return deflections over the rms of the measured one, (n_points,), of the loops of each rig."""
 
         def sizes(effect: str, key: str, neutral: float = 0.0) -> Float:
             return np.array([rig.get(effect, {}).get(key, neutral) for rig in rigs])[:, None, None]
@@ -78,7 +80,8 @@ class HeldDrive:
         softness = sizes("contact_softness", "factor", 1.0)
         x = contact_deflection(self.gearbox, elastic, sizes("clearance", "clearance"), softness)
         x += elastic * sizes("torsional_compliance", "compliance")[..., None]
-        return list(x.mean(axis=2) / np.array([loop.rms for loop in conditions])[:, None])
+        relative = x.mean(axis=2) / np.array([loop.rms for loop in conditions])[:, None]
+        return [list(rig) for rig in relative]
 
     def summarise(self, channels: Float) -> Float:
         """Return the deflection centred between its extremes."""

@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import os
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -61,15 +61,17 @@ class PublishedTable:
         n_samples = round(duration * comparison.sampling_rate)
         self.population: Population = dataclasses.replace(comparison.population, n_samples=n_samples)
         self.set_point = float(self.population.rig.gearbox.load_torque)
-        self.effects = published_effects()
+        self.effects: Mapping[str, Effect] = published_effects()
         self.tables: dict[Names, tuple[Float, Float]] = {}
         self.stated = repr(
             (counts.tolist(), n_samples, comparison.sampling_rate, n_draws, comparison.random_state)
         )
         self._interpolations: dict[Names, Callable[[Float], Float]] = {}
 
-    def simulate(self, conditions: Sequence[int], rigs: Sequence[Rig], random_state: int = 0) -> list[Float]:
-        """Return the expected statistics of the discs of each rig, each (n_discs, 4)."""
+    def simulate(
+        self, conditions: Sequence[int], rigs: Sequence[Rig], random_state: int = 0
+    ) -> list[list[Float]]:
+        """Return the expected statistics, (4,), of the discs of each rig."""
         sets = [tuple(name for name in self.effects if name in rig) for rig in rigs]
         results = np.zeros((len(rigs), len(conditions), 4))
         for names in set(sets):
@@ -77,7 +79,7 @@ class PublishedTable:
             theta = np.array([[x for name in names for x in rigs[k][name].values()] for k in at])
             key = tuple(name.split(" ")[0] for name in names)
             results[at] = self.interpolate(key)(theta)[:, list(conditions)]
-        return list(results)
+        return [list(rig) for rig in results]
 
     def summarise(self, channels: Float) -> Float:
         """Return the statistics of a disc."""
@@ -246,7 +248,7 @@ def parameters_of(name: str) -> dict[str, EffectParameter]:
     return {key: kind.parameters[key] for key in kind.vector_names()}
 
 
-def make_effect(name: str, values: Sequence[float]) -> SimulatedEffect:
+def make_effect(name: str, values: Iterable[float]) -> SimulatedEffect:
     """Return an effect with fitted parameters."""
     return known_effects()[name].with_parameters(
         **dict(zip(parameters_of(name), map(float, values), strict=True))
