@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
+from scipy.linalg import block_diag
 
 from cyclofeat.gap.confirm.changes import TOLERANCE, DrawnRig, Point, RigChange, relative_units, with_strength
 from cyclofeat.gap.confirm.remainder import RemainderTest, judge_remainder
@@ -145,14 +146,16 @@ def confirm_effects(
         present = {effect.effect_id: effect for effect in moved.effects}
         named = set(named_effects(after)) if of_sets else set(present)
         stands = named == present.keys() and bool(np.all(np.abs(move) <= spreads))
-        if of_sets:
-            rounds.append(_conclude(projection, columns, shown, moved, covariance, dict(after)))
-            if stands or number == _MOST_ROUNDS - 1:
-                break
         dropped |= present.keys() - named
         guessed |= present | {
             name: with_strength(guessed[name], fit.strengths[name]) for name in named - present.keys()
         }
+        if of_sets:
+            added = [guessed[name] for name in before if name in named - present.keys()]
+            rounds.append(_conclude(projection, columns, shown, moved, covariance, dict(after), added))
+            # An effect that the last round names gets one more for its sizes.
+            if stands or number >= _MOST_ROUNDS - (not added):
+                break
         steps = dict(zip(point.names, np.maximum(spreads, np.abs(move)).tolist(), strict=True))
         effects = tuple(guessed[name] for name in before if name in named)
         point = Point(effects, moved.tolerance, guesses, steps)
@@ -226,13 +229,25 @@ def _conclude(
     point: Point,
     covariance: Float,
     presence: Mapping[str, float],
+    added: Sequence[Effect],
 ) -> Confirmation:
-    """Return what a round concludes: its sizes, wider where they leave more than chance does."""
+    """Return what a round concludes: its sizes, wider where they leave more than chance does.
+
+    Effects of the point that are no longer named are left out, ``added`` ones have the sizes of their guess.
+    """
     remainder = _judge(projection, columns, session)
     accepted = remainder.p >= _REJECTED
-    covariance = covariance[:-1, :-1] * (1.0 if accepted else max(remainder.excess, 1.0))
+    named = set(named_effects(presence))
+    kept = [effect for effect in point.effects if effect.effect_id in named]
+    own = np.array([name.partition(".")[0] in named for name in point.names])
+    names = [f"{effect.effect_id}.{name}" for effect in added for name in effect.vector_names()]
+    covariance = block_diag(
+        covariance[np.ix_(own, own)] * (1.0 if accepted else max(remainder.excess, 1.0)),
+        np.diag([point.guesses[name][1] ** 2 for name in names]),
+    )
+    mean = np.concatenate([point.coordinates[own], *(effect.to_vector() for effect in added)])
     return Confirmation(
-        point.effects, Gaussian(point.coordinates[:-1], covariance), presence, remainder, accepted,
+        (*kept, *added), Gaussian(mean, covariance), presence, remainder, accepted,
         session.values.mean(axis=0) - projection.centre.mean(axis=0),
         not accepted and remainder.p_undecided >= _NOT_OPEN,
     )  # fmt: skip
