@@ -86,16 +86,11 @@ def find_gap(
     """
     began = time.monotonic()
     settings, say = settings or GapSettings(), progress or (lambda _: None)
-    if posterior is None:
-        given = tuple(measured)
-        world = MeasuredRig.of(given, model or Rig()).world(World(rig=model or Rig()))
-        posterior = posterior_of_world(world, cache=settings.cache, n_jobs=settings.n_jobs, progress=say)
-        measured = given
-    elif model is not None and not is_of_model(posterior, model):
-        raise ValueError(
-            "posterior must have been learned from model, got one of another rig: leave posterior out to "
-            "learn one, or prepare it for this model"
-        )
+    measured = tuple(measured)
+    posterior = _check_posterior(posterior, model) or posterior_of_world(
+        MeasuredRig.of(measured, model or Rig()).world(World(rig=model or Rig())),
+        cache=settings.cache, n_jobs=settings.n_jobs, progress=say,
+    )  # fmt: skip
     world = posterior.world
     rig = MeasuredRig.of(measured, world.rig, world.sampling_rate, quantity=world.quantity)
     session = rig.session(one_assembly=settings.one_assembly)
@@ -145,6 +140,16 @@ def find_gap(
         warnings=(*([note] if note else ()), *rig.warnings, *rig.doubts),
         seconds=time.monotonic() - began,
     )
+
+
+def _check_posterior(posterior: EffectPosterior | None, model: Rig | None) -> EffectPosterior | None:
+    """Raise ValueError if a posterior was learned from another model."""
+    if posterior is not None and model is not None and not is_of_model(posterior, model):
+        raise ValueError(
+            "posterior must have been learned from model, got one of another rig: leave posterior out to "
+            "learn one, or prepare it for this model"
+        )
+    return posterior
 
 
 def _recorded_at(rig: MeasuredRig) -> dict[str, tuple[float, float]]:

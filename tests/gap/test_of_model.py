@@ -6,11 +6,13 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from cyclofeat.gap import EffectPosterior, World, load_posterior
+from cyclofeat.gap import EffectPosterior, World, find_gap, load_posterior
 from cyclofeat.gap.posterior import of_model
 from cyclofeat.gap.posterior.of_model import covers_world, posterior_of_world
+from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Hum, Noise, Rig
 
 GEARBOX = Rig().gearbox
@@ -73,6 +75,15 @@ def test_another_posterior_is_learned_once_and_kept(learned: list[dict[str, Any]
     # Fewer bands: networks of their own.
     posterior_of_world(dataclasses.replace(world, sampling_rate=6400.0), cache=tmp_path)
     assert (learned[1]["start"], learned[1]["epochs"]) == (None, EffectPosterior().epochs)
+
+
+def test_a_posterior_of_another_model_is_refused() -> None:
+    torque = np.random.default_rng(0).normal(22, 0.1, 51_200)
+    recordings = [Recording(torque, 25_600, speed_rpm=500, load_nm=22) for _ in range(2)]
+    with pytest.raises(
+        ValueError, match="posterior must have been learned from model, got one of another rig"
+    ):
+        find_gap(recordings, model=Rig(effects=[Hum(0.1)]), posterior=load_posterior())
 
 
 def test_it_is_kept_in_the_user_s_cache(

@@ -109,27 +109,12 @@ def project(measured: Float, base: Float, changes: Sequence[Change], floors: Flo
         return np.asarray(_compressed(cells, centre, spread) - offset)
 
     sessions = deviations(base)
-    terms, halves, noise = [], [], []
-    spread_slopes = np.zeros((len(changes), len(floors)))
-    for k, change in enumerate(changes):
-        changed = deviations(change.cells)
-        complete = np.asarray(np.isfinite(changed).all(axis=(0, 2, 3)))
-        paired = np.flatnonzero(complete & usable[: changed.shape[1]])
-        changed, unchanged = changed[:, paired], sessions[: changed.shape[1]][paired]
-        pairs = changed - unchanged
-        if pairs.shape[1] < 2 or np.abs(pairs).max() < _NO_RESPONSE:
-            continue
-        wider = log_spreads(changed[0]) - log_spreads(unchanged)
-        noise_share = (
-            wider.var(axis=0, ddof=1) / len(wider) / np.maximum(wider.mean(axis=0) ** 2, _NO_RESPONSE)
-        )
-        spread_slopes[k] = wider.mean(axis=0) * np.clip(1 - noise_share, 0, None) / change.places[0]
-        for power, of_pairs in enumerate(_power_series(pairs, change.places), start=1):
-            half = len(of_pairs) // 2
-            halves.append([_shrunk_mean(part)[0] for part in (of_pairs[:half], of_pairs[half:])])
-            terms.append((k, power))
-            if power == 1:
-                noise.append(_shrunk_mean(of_pairs)[1] * change.places[0] ** 2)
+    terms, halves, noise, spread_slopes = _measure_responses(
+        [deviations(change.cells) for change in changes],
+        [change.places for change in changes],
+        sessions,
+        usable,
+    )
     sessions = sessions[usable]
     n_recordings, n_cells = measured.shape
     ridge = np.median(noise, axis=0) if noise else np.zeros(n_cells)
@@ -171,6 +156,41 @@ def project(measured: Float, base: Float, changes: Sequence[Change], floors: Flo
         offset,
         sessions,
     )
+
+
+def _measure_responses(
+    deviations: Sequence[Float],
+    all_places: Sequence[tuple[float, ...]],
+    sessions: Float,
+    usable: NDArray[np.bool_],
+) -> tuple[list[tuple[int, int]], list[list[Float]], list[Float], Float]:
+    """Return change and power of each response, its means over two halves of the pairs, noise, spread slopes.
+
+    ``deviations`` and places are those of each change, ``sessions`` those without a change.
+    """
+    terms: list[tuple[int, int]] = []
+    halves: list[list[Float]] = []
+    noise: list[Float] = []
+    spread_slopes = np.zeros((len(deviations), sessions.shape[-1]))
+    for k, (changed, places) in enumerate(zip(deviations, all_places, strict=True)):
+        complete = np.asarray(np.isfinite(changed).all(axis=(0, 2, 3)))
+        paired = np.flatnonzero(complete & usable[: changed.shape[1]])
+        changed, unchanged = changed[:, paired], sessions[: changed.shape[1]][paired]
+        pairs = changed - unchanged
+        if pairs.shape[1] < 2 or np.abs(pairs).max() < _NO_RESPONSE:
+            continue
+        wider = log_spreads(changed[0]) - log_spreads(unchanged)
+        noise_share = (
+            wider.var(axis=0, ddof=1) / len(wider) / np.maximum(wider.mean(axis=0) ** 2, _NO_RESPONSE)
+        )
+        spread_slopes[k] = wider.mean(axis=0) * np.clip(1 - noise_share, 0, None) / places[0]
+        for power, of_pairs in enumerate(_power_series(pairs, places), start=1):
+            half = len(of_pairs) // 2
+            halves.append([_shrunk_mean(part)[0] for part in (of_pairs[:half], of_pairs[half:])])
+            terms.append((k, power))
+            if power == 1:
+                noise.append(_shrunk_mean(of_pairs)[1] * places[0] ** 2)
+    return terms, halves, noise, spread_slopes
 
 
 def log_spreads(deviations: Float) -> Float:

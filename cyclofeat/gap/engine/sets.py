@@ -167,14 +167,7 @@ def weigh_sets(
     sure = {"", *certain}  # "" is no effect: always there
     every = np.array([*itertools.product((False, True), repeat=len(candidates))], dtype=bool)
     flags = every[len(certain) + every.sum(axis=1) <= most]
-    odds = [
-        math.log(p / (1 - p)) - math.log(most / 2 / (len(presence) - most / 2))
-        for name in candidates
-        for p in [min(max(presence[name], _SURE), 1 - _SURE)]
-    ]
-    prior = _PRIOR_WEIGHT * (flags @ odds) - np.log(
-        [math.comb(len(presence), len(certain) + n) for n in flags.sum(axis=1).tolist()]
-    )
+    prior = _log_prior(flags, [presence[name] for name in candidates], len(certain), len(presence), most)
     has = np.array(
         [
             flags[:, candidates.index(owner)] if owner in candidates else np.full(len(flags), owner in sure)
@@ -210,6 +203,18 @@ def weigh_sets(
             if owners[k] in candidates
         },
     )
+
+
+def _log_prior(
+    flags: NDArray[np.bool_], presence: Sequence[float], n_certain: int, n_effects: int, most: int
+) -> Float:
+    """Return the log prior of sets (n_sets, n_candidates): equal for each number of effects, but for odds."""
+    odds = [
+        math.log(p / (1 - p)) - math.log(most / 2 / (n_effects - most / 2))
+        for p in np.clip(presence, _SURE, 1 - _SURE).tolist()
+    ]
+    ways = [math.comb(n_effects, n_certain + n) for n in flags.sum(axis=1).tolist()]
+    return np.asarray(_PRIOR_WEIGHT * (flags @ odds) - np.log(ways))
 
 
 def _solve_sets(
