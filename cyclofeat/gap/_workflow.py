@@ -95,11 +95,13 @@ def find_gap(
     rig = MeasuredRig.of(measured, world.rig, world.sampling_rate, quantity=world.quantity)
     session = rig.session(one_assembly=settings.one_assembly)
     presence = posterior.presence(session)
-    held = None
-    if held_out is not None:
-        held = MeasuredRig.of(
+    held = (
+        None
+        if held_out is None
+        else MeasuredRig.of(
             held_out, world.rig, world.sampling_rate, quantity=world.quantity, conditions=rig.conditions
         )
+    )
     say("comparing measurement and model")
     located = locate_all(rig, world, settings)
     confirmed = confirm_effects(
@@ -116,15 +118,9 @@ def find_gap(
     if held is not None and confirmed.effects:
         say("judging on recordings held out")
         proof = prove_all(rig, held, corrected, world, settings)
-    effects, note = _effect_rows(posterior, session, presence, confirmed, variants), ""
-    if confirmed.effects and remainder.cause != "chance":
-        left = LEFT[remainder.cause]
-        note = f"sizes are wider, because the corrected model leaves {left}"
-    undecided = {
-        row.effect: float(entropy([row.probability, 1 - row.probability], base=2))
-        for row in effects
-        if row.state in ("probably missing", "undecided")
-    }
+    effects = _effect_rows(posterior, session, presence, confirmed, variants)
+    left = LEFT[remainder.cause] if confirmed.effects and remainder.cause != "chance" else ""
+    note = f"sizes are wider, because the corrected model leaves {left}" if left else ""
     return GapResult(
         where=tuple(where_of(gap, pictures=settings.pictures) for gap in located),
         rig=corrected,
@@ -134,12 +130,21 @@ def find_gap(
         named=confirmed.effects,
         remainder=remainder,
         size_note=note,
-        next_measurements=rank_measurements(undecided, session, world),
+        next_measurements=rank_measurements(_undecided_bits(effects), session, world),
         overlays=_simulate_overlays(located, settings, corrected),
         proof=proof,
         warnings=(*([note] if note else ()), *rig.warnings, *rig.doubts),
         seconds=time.monotonic() - began,
     )
+
+
+def _undecided_bits(effects: Iterable[FoundEffect]) -> dict[str, float]:
+    """Return how much is not known of each effect that is probably missing or undecided, in bits."""
+    return {
+        row.effect: float(entropy([row.probability, 1 - row.probability], base=2))
+        for row in effects
+        if row.state in ("probably missing", "undecided")
+    }
 
 
 def _check_posterior(posterior: EffectPosterior | None, model: Rig | None) -> EffectPosterior | None:
