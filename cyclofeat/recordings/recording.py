@@ -512,12 +512,15 @@ class Recording:
         removed, bridged = (self.meta or {}).get("removed_mean", 0.0), self._bridge_torque()
         if not removed and bridged is self.torque:
             return self
-        return self.replace(torque=bridged + removed, meta={**(self.meta or {}), "removed_mean": 0.0})
+        counted = self.replace(torque=bridged + removed, meta={**(self.meta or {}), "removed_mean": 0.0})
+        vars(counted)["_is_bridged"] = True  # a count asks several times
+        return counted
 
     def _bridge_torque(self) -> Float:
-        time = np.arange(self.n_samples if self.bad_spans else 0) / self.sampling_rate
+        spans = () if "_is_bridged" in vars(self) else self.bad_spans
+        time = np.arange(self.n_samples if spans else 0) / self.sampling_rate
         bad = np.zeros(time.size, dtype=bool)
-        for start, stop in self.bad_spans:
+        for start, stop in spans:
             bad |= (time >= start) & (time < stop)
         return np.interp(time, time[~bad], self.torque[~bad]) if 0 < bad.sum() < bad.size else self.torque
 

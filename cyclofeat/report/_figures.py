@@ -279,7 +279,8 @@ def window_spans(windows: Sequence[WindowCount]) -> list[Span]:
 def draw_recording(recording: Recording, size: tuple[float, float]) -> Picture:
     """Draw a whole recording with its gaps, bad spans, lost and clipped samples."""
     display, rate, torque = TorqueDisplay.from_recording(recording), recording.sampling_rate, recording.torque
-    display.quantity = str((recording.meta or {}).get("channel", display.quantity))
+    channel = str((recording.meta or {}).get("channel", display.quantity))
+    display.quantity = channel.removesuffix(f" [{display.unit}]")
     marked: list[tuple[str, NDArray[np.bool_]]] = []
     if torque.min() < torque.max():
         marked = [("lost samples", mark_dropouts(torque))]
