@@ -196,13 +196,9 @@ class Source:
         """Return what messages call a channel."""
         return f"{self.file}: {self.noun} {channel.name!r}"
 
-    def column_values(self, channel: Channel) -> Float:
-        """Numbers of one channel, checked: real, finite, at least two."""
-        return self.check_values(channel, channel.read())
-
-    def check_values(self, channel: Channel, values: NDArray[Any]) -> Float:
-        """Return values as numbers; raise ``ValueError`` where they are no finite real numbers."""
-        called = self.call(channel)
+    def column_values(self, channel: Channel, read: NDArray[Any] | None = None) -> Float:
+        """Return a channel's numbers; raise ``ValueError`` unless real, finite and at least two."""
+        called, values = self.call(channel), channel.read() if read is None else read
         if values.dtype.kind not in "iuf" or values.ndim != 1:
             raise ValueError(
                 f"{called} must be 1-D and hold real numbers, got shape {values.shape} of dtype "
