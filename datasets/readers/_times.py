@@ -137,14 +137,8 @@ def time_base(
         rate, chosen = statements[0].rate, "time channel chosen"
         taken = [statement for statement in statements if statement.agrees(rate)]
         if len(taken) < len(statements):
-            listed = ", ".join(f"{other.source} says {other.rate:.6g} Hz" for other in statements)
-            choices = [f"sampling_rate = {other.rate:.10g}" for other in statements]
-            choices += [other.choice for other in statements if other.choice]
-            choices += ["gaps='cut' (for each segment by itself)"] if torque.segments else []
-            raise ValueError(
-                f"{source.file}: the sampling rate is contradicted: {listed}; give "
-                f"{' or '.join(dict.fromkeys(choices))}"
-            )
+            choices = ["gaps='cut' (for each segment by itself)"] if torque.segments else []
+            raise ValueError(f"{source.file}: {_contradiction(statements, choices)}")
     for other in (*stated, *times):
         if not other.agrees(rate):
             notes.append(
@@ -153,6 +147,14 @@ def time_base(
     meta["rate_from"] = " and ".join(statement.source for statement in taken)
     meta |= {"time_notes": [*dict.fromkeys(notes)]} if notes else {}
     return [(start, rate) for start, _ in starts], meta
+
+
+def _contradiction(statements: Sequence[Statement], choices: Sequence[str]) -> str:
+    """Return the message of statements that disagree, with the options that choose one."""
+    listed = ", ".join(f"{statement.source} says {statement.rate:.6g} Hz" for statement in statements)
+    rates = [f"sampling_rate = {statement.rate:.10g}" for statement in statements]
+    choices = [*rates, *(statement.choice for statement in statements if statement.choice), *choices]
+    return f"the sampling rate is contradicted: {listed}; give {' or '.join(dict.fromkeys(choices))}"
 
 
 def _candidates(source: Source, torque: Channel, reading: ReadingOptions) -> Sequence[Channel]:
