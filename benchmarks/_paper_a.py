@@ -122,7 +122,7 @@ def a6() -> list[Part]:
 def a7() -> list[Part]:
     table = load_published_tables().spectral_centroid["centroid"]
     order = spearmanr(range(8), table)
-    rolloff = first_feature(SpectralRolloff(p.RIG_RATE, preset="ripple"))
+    rolloff = first_feature(SpectralRolloff(p.RIG_RATE))
     return [
         (
             "table 5: no gradual dependence",
@@ -134,12 +134,12 @@ def a7() -> list[Part]:
 
 
 def a8() -> list[Part]:
-    ratio = NarrowbandRatio(p.RIG_RATE, fundamental_hz=100.0, preset="ripple")
+    ratio = NarrowbandRatio(p.RIG_RATE, fundamental_hz=100.0)
     return [("energy at n x 100 Hz over total: random", course(first_feature(ratio)), None)]
 
 
 def a9() -> list[Part]:
-    flatness = first_feature(SpectralFlatness(p.RIG_RATE))
+    flatness = first_feature(SpectralFlatness(p.RIG_RATE, "matlab_pwelch"))
     return [("flatness does not tell counts apart", course(flatness), None)]
 
 

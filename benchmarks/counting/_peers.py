@@ -24,15 +24,16 @@ from cyclofeat.recordings import WindowSet
 
 Float = NDArray[np.float64]
 
+_WITH_MEAN = {"preset": "matlab_pwelch"}  # as in the papers
 # Transformers of the papers' methods, with the label of each row.
 METHODS: dict[str, tuple[type[WindowTransformer], dict[str, Any]]] = {
     "A table 4: min, max, mean, std, range": (features.TorqueStatistics, {}),
     "A 5.3: Shannon entropy": (features.SpectralEntropy, {}),
     "A 5.3: normalised entropy": (features.SpectralEntropy, {"normalize": True}),
-    "A 5.4: spectral centroid": (features.SpectralCentroid, {"n_parts": 4}),
-    "A 5.4: 95 % roll-off": (features.SpectralRolloff, {"n_parts": 4}),
-    "A 5.5: narrowband ratio": (features.NarrowbandRatio, {}),
-    "A 5.6: spectral flatness": (features.SpectralFlatness, {}),
+    "A 5.4: spectral centroid": (features.SpectralCentroid, {"n_parts": 4, **_WITH_MEAN}),
+    "A 5.4: 95 % roll-off": (features.SpectralRolloff, {"n_parts": 4, **_WITH_MEAN}),
+    "A 5.5: narrowband ratio": (features.NarrowbandRatio, _WITH_MEAN),
+    "A 5.6: spectral flatness": (features.SpectralFlatness, _WITH_MEAN),
     "A 6: power in bands": (features.BandPower, {}),
     "A 5.1: envelope of the mesh level": (features.WaveletEnvelopeSpectrum, {}),
     "B 5: wavelet levels (mb32.3)": (features.WaveletLevelStatistics, {}),

@@ -11,6 +11,7 @@ name                         job
 ``ConformalRegressor``       a number with an interval of a chosen coverage
 ``TrainingDomain``           test of whether windows resemble those of training
 ``evaluate``                 test with whole assemblies, or whole conditions, held out
+``rank_features``            table of features by how they depend on the count
 ``LobeModel``                estimator that counts and locates the worn lobes of recordings
 ``LobeStream``               the same for samples that arrive in pieces
 ``RadialWear``               count and depth of radial wear from several windows in a row
@@ -36,6 +37,7 @@ from cyclofeat.counting.estimators.pipelines import make_entropy_counter, make_l
 from cyclofeat.counting.evaluation.assembly_folds import grouped_folds as grouped_folds
 from cyclofeat.counting.evaluation.evaluate import Protocol, evaluate
 from cyclofeat.counting.evaluation.evaluation import Evaluation
+from cyclofeat.counting.evaluation.rank_features import rank_features
 from cyclofeat.counting.model._training import samples_per_turn_at as samples_per_turn_at
 from cyclofeat.counting.model.lobe_count import LobeCount, counts_frame
 from cyclofeat.counting.model.lobe_model import LobeModel
@@ -67,6 +69,7 @@ __all__ = [
     "make_lobe_counter",
     "passage_of_lobe_zero",
     "plan_measurement",
+    "rank_features",
 ]
 
 if not TYPE_CHECKING:

@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.utils.validation import check_consistent_length, column_or_1d
 
 from cyclofeat.features.base import WindowTransformer
-from cyclofeat.features.registry import REGISTRY, band_qualifier
+from cyclofeat.features.registry import EIGHT_SEGMENTS, REGISTRY, band_qualifier
 from cyclofeat.signal import octave_bands
 from cyclofeat.signal.density import band_slice, checked_bands
 from cyclofeat.signal.welch import (
+    FEWEST_SAMPLES,
     PRESETS,
     SegmentTransforms,
     coherence_of_transforms,
@@ -73,7 +74,7 @@ class CoherenceToReference(WindowTransformer):
     A reference that equals the window to 1e-6 of its largest sample is left out: with itself a window has
     coherence 1, which would give the label away in training. A window without any other reference, and one
     without power, has coherence 0. Where windows of one recording are both references and evaluated, what
-    repeats in that recording alone raises their coherence: split by assembly.
+    repeats in that recording alone raises their coherence: split by assembly. Windows must hold 288 samples.
 
     Examples
     --------
@@ -94,8 +95,13 @@ class CoherenceToReference(WindowTransformer):
         "bands": [tuple, list, None],
     }
 
+    needs: ClassVar[str] = EIGHT_SEGMENTS
+
     reference: str | float = "healthy"
     bands: Sequence[tuple[float, float]] | None = None
+
+    def needed_samples(self) -> int:
+        return FEWEST_SAMPLES
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         self.frequencies_ = welch_frequencies(X.shape[1], self.sampling_rate)

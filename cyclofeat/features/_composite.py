@@ -87,7 +87,8 @@ class TorqueFeatures(WindowTransformer):
     """All features of a window in one row, from one density, one wavelet transform and one input speed.
 
     The parts are the transformers of this package with their own defaults and the parameters below; their
-    columns stand side by side, under their own names. What several parts need is computed once.
+    columns stand side by side, under their own names. What several parts need is computed once. Windows must
+    be as long as the part that needs the longest takes.
 
     Parameters
     ----------
@@ -100,8 +101,10 @@ class TorqueFeatures(WindowTransformer):
         ``WaveletEnvelopeSpectrum``, ``WaveletLevelStatistics``, ``LobeMap``, ``OrderSpectrum`` - these are
         ``"all"`` - and, by name only, the whole spectra ``WelchPSD`` and ``AmplitudeSpectrum`` with thousands
         of columns.
-    preset, wavelet
-        See :class:`SpectralEntropy` and :class:`WaveletLevelStatistics`, for the parts that take one.
+    preset : {"ripple", "matlab_pwelch"}, default="ripple"
+        Definition of the density of all parts, see :class:`SpectralEntropy`: they share one.
+    wavelet
+        See :class:`WaveletLevelStatistics`, for the parts that take one.
     input_speed_hz, n_lobes, speed_tolerance
         See :class:`LobeMap`.
     n_jobs : int, default=None
@@ -126,8 +129,8 @@ class TorqueFeatures(WindowTransformer):
     >>> torque = 22 + np.outer([1, 2], np.sin(16 * phase))
     >>> features = TorqueFeatures(sampling_rate=25_600, features=["SpectralEntropy", "SpectralCentroid"])
     >>> features.fit_transform(torque).round(2)
-    array([[1.27, 1.1 ],
-           [1.3 , 1.51]])
+    array([[  1.93, 133.33],
+           [  1.93, 133.33]])
     >>> len(features.set_params(features="all").fit(torque).get_feature_names_out())
     340
     """
@@ -141,7 +144,7 @@ class TorqueFeatures(WindowTransformer):
     }
 
     features: str | Sequence[str] = "all"
-    preset: str = "matlab_pwelch"
+    preset: str = "ripple"
     wavelet: AnyWavelet = "mb32.3"
     input_speed_hz: float = 500 / 60
     n_lobes: int = 15
@@ -163,6 +166,9 @@ class TorqueFeatures(WindowTransformer):
             part.n_features_in_ = X.shape[1]
             part._fit_windows(X, y)
         self.parts_ = parts
+
+    def _warn_of_short_windows(self, X: NDArray[Any]) -> None:
+        max(self.parts_.values(), key=lambda part: part.needed_samples())._warn_of_short_windows(X)
 
     def _feature_names(self) -> list[str]:
         return [column for part in self.parts_.values() for column in part._feature_names()]

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.sklearn_private import Interval, StrOptions
-from cyclofeat.features.base import SPEED_CONSTRAINTS, WindowTransformer
-from cyclofeat.features.registry import REGISTRY
+from cyclofeat.features.base import SPEED_CONSTRAINTS, WindowTransformer, half_turn
+from cyclofeat.features.registry import HALF_TURN, REGISTRY
 from cyclofeat.signal import lobes
 from cyclofeat.signal.windows import Float
 
@@ -48,8 +48,8 @@ class LobeMap(WindowTransformer):
     Notes
     -----
     Run-out (order 1) and lobes (order 16/15) are resolved over a whole output turn, 1.8 s at 500 RPM.
-    A window of less than two lobe periods (0.225 s at 500 RPM) and one without torque variation have slots 0
-    and lines -30 dB. No feature depends on the scale of the torque.
+    Windows must hold half of one. A window of less than two lobe periods (0.225 s at 500 RPM) and one without
+    torque variation have slots 0 and lines -30 dB. No feature depends on the scale of the torque.
 
     Examples
     --------
@@ -72,12 +72,17 @@ class LobeMap(WindowTransformer):
         "align": [StrOptions({"energy", "start"})],
     }
 
+    needs: ClassVar[str] = HALF_TURN
+
     input_speed_hz: float = 500 / 60
     n_lobes: int = 15
     n_lines: int = lobes.N_LINES
     ar_order: int = 16
     speed_tolerance: float = 0.015
     align: str = "energy"
+
+    def needed_samples(self) -> int:
+        return half_turn(self.sampling_rate, self.input_speed_hz, self.n_lobes)
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         highest = lobes.highest_frequency(

@@ -16,8 +16,8 @@ from sklearn.utils import check_consistent_length, column_or_1d
 
 from cyclofeat._base.sklearn_private import Interval, StrOptions
 from cyclofeat.features._wavelets import WaveletTransformer
-from cyclofeat.features.base import SPEED_CONSTRAINTS
-from cyclofeat.features.registry import REGISTRY
+from cyclofeat.features.base import SPEED_CONSTRAINTS, half_turn
+from cyclofeat.features.registry import DEEPEST_LEVEL, HALF_TURN, REGISTRY
 from cyclofeat.signal import lobes
 from cyclofeat.signal.wavelets import dwt, lowest_colour, visible, wavelet_qualifier
 from cyclofeat.signal.windows import Float
@@ -68,9 +68,9 @@ class WaveletMinimaOverlap(WaveletTransformer):
     **Alignment.** The compared part of the scalogram begins at the border of two coefficients nearest to the
     window's lobe phase and is one lobe period (15/16 of an input turn) shorter than the window, so that it
     fits behind every phase. From level 8 on (at 25.6 kHz) a coefficient is longer than a slot, and alignment
-    means little. Colours are those of the whole window. Windows of less than two lobe periods (0.225 s at
-    500 RPM) are compared from their first sample on. With ``"none"``, coefficients count by their cells in
-    the central cut: the exact share of MATLAB's picture.
+    means little. Colours are those of the whole window. With ``"none"``, coefficients count by their cells in
+    the central cut: the exact share of MATLAB's picture. Windows must hold ``2 ** levels`` samples and, to be
+    aligned, half an output turn; those of less than two lobe periods are compared from their first sample on.
 
     A constant window is of the lowest colour throughout. A peaked level has many cells of the lowest colour
     and shares many with any other, so that the worst class need not have the largest overlap. Paper A found
@@ -101,6 +101,8 @@ class WaveletMinimaOverlap(WaveletTransformer):
         **SPEED_CONSTRAINTS,
     }
 
+    needs: ClassVar[str] = f"{DEEPEST_LEVEL}; to be aligned, {HALF_TURN}"
+
     levels: int = 12
     colours: int = 64
     reference: float | str = "worst"
@@ -108,6 +110,11 @@ class WaveletMinimaOverlap(WaveletTransformer):
     input_speed_hz: float = 500 / 60
     n_lobes: int = 15
     speed_tolerance: float = 0.015
+
+    def needed_samples(self) -> int:
+        aligned = self.align == "energy"
+        turn = half_turn(self.sampling_rate, self.input_speed_hz, self.n_lobes) if aligned else 0
+        return int(max(1 << self.levels, turn))
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         super()._fit_windows(X, y)

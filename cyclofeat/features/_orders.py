@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.sklearn_private import Interval, StrOptions
-from cyclofeat.features.base import SPEED_CONSTRAINTS, WindowTransformer
-from cyclofeat.features.registry import REGISTRY
+from cyclofeat.features.base import SPEED_CONSTRAINTS, WindowTransformer, half_turn
+from cyclofeat.features.registry import HALF_TURN, REGISTRY
 from cyclofeat.signal.orders import COMBS, comb_lines, estimate_input_speed, order_lines
 from cyclofeat.signal.windows import Float
 
@@ -40,7 +40,8 @@ class OrderSpectrum(WindowTransformer):
 
     Notes
     -----
-    In windows of less than an output turn (1.8 s at 500 RPM) neighbouring lines of the output turn blend.
+    In windows of less than an output turn (1.8 s at 500 RPM) neighbouring lines of the output turn blend;
+    they must hold half of one.
     Drift of the brake leaks into the lowest lines; :class:`HighPass` takes it out.
 
     Examples
@@ -68,6 +69,8 @@ class OrderSpectrum(WindowTransformer):
         "comb": [StrOptions(set(COMBS))],
     }
 
+    needs: ClassVar[str] = HALF_TURN
+
     input_speed_hz: float = 500 / 60
     n_lines: int = 48
     n_mesh_lines: int = 2
@@ -82,6 +85,9 @@ class OrderSpectrum(WindowTransformer):
         around = np.add.outer(mesh * np.arange(1, self.n_mesh_lines + 1), aside).ravel()
         lines = np.union1d(np.arange(1, self.n_lines + 1), around)
         return lines[lines > 0]
+
+    def needed_samples(self) -> int:
+        return half_turn(self.sampling_rate, self.input_speed_hz, self.n_lobes)
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         last = int(self._line_numbers()[-1])

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.sklearn_private import Interval, StrOptions
 from cyclofeat.features.base import WindowTransformer
-from cyclofeat.features.registry import REGISTRY, band_qualifier
+from cyclofeat.features.registry import EIGHT_SEGMENTS, ONE_BLOCK, REGISTRY, band_qualifier
 from cyclofeat.signal import (
     amplitude_spectrum,
     band_power,
@@ -26,7 +26,7 @@ from cyclofeat.signal import (
     welch_psd,
 )
 from cyclofeat.signal.density import band_mask, checked_bands, narrowband_mask
-from cyclofeat.signal.welch import AMPLITUDE_WINDOWS, PRESETS, welch_frequencies
+from cyclofeat.signal.welch import AMPLITUDE_WINDOWS, FEWEST_SAMPLES, PRESETS, welch_frequencies
 from cyclofeat.signal.windows import Float
 
 
@@ -40,7 +40,7 @@ class SpectralTransformer(WindowTransformer):
     """Base of the transformers that need nothing but Welch's power spectral density of each window.
 
     A subclass implements ``_from_psd`` in place of ``_compute_features``, which lets a composite share one
-    density. ``frequencies_`` are those of the density in Hz.
+    density. ``frequencies_`` are those of the density in Hz. Windows, or their parts, must hold 288 samples.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -48,7 +48,12 @@ class SpectralTransformer(WindowTransformer):
         "preset": [StrOptions(set(PRESETS))],
     }
 
+    needs: ClassVar[str] = EIGHT_SEGMENTS
+
     preset: str = "matlab_pwelch"
+
+    def needed_samples(self) -> int:
+        return FEWEST_SAMPLES
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         self.frequencies_ = welch_frequencies(X.shape[1], self.sampling_rate)
@@ -74,8 +79,12 @@ class CourseTransformer(SpectralTransformer):
         "n_parts": [Interval(Integral, 1, None, closed="left")],
     }
 
+    preset: str = "ripple"
     band: tuple[float, float] | None = None
     n_parts: int = 1
+
+    def needed_samples(self) -> int:
+        return super().needed_samples() * self.n_parts
 
     @abstractmethod
     def _compute_value(self, frequencies: Float, psd: Float) -> Float:
@@ -118,8 +127,9 @@ class SpectralEntropy(CourseTransformer):
     sampling_rate : float
         Samples per second in Hz.
     preset : {"matlab_pwelch", "ripple"}, default="matlab_pwelch"
-        Definition of the density (``cyclofeat.signal.welch.PRESETS``). The default is paper A's: with the
-        mean kept, the entropy over all frequencies mostly measures the ratio of ripple to mean.
+        Definition of the density (``cyclofeat.signal.welch.PRESETS``): the papers', with the mean kept, or
+        the torque ripple alone. The default is paper A's entropy, which mostly measures the ratio of ripple
+        to mean.
     band : tuple of float, default=None
         Lower and upper limit in Hz, both included. ``None`` takes all frequencies.
     n_parts : int, default=1
@@ -151,6 +161,7 @@ class SpectralEntropy(CourseTransformer):
         "normalize": ["boolean"],
     }
 
+    preset: str = "matlab_pwelch"
     normalize: bool = False
 
     def _feature_names(self) -> list[str]:
@@ -166,8 +177,10 @@ class SpectralFlatness(CourseTransformer):
 
     Parameters
     ----------
-    sampling_rate, preset, band, n_parts
+    sampling_rate, band, n_parts
         See :class:`SpectralEntropy`.
+    preset : {"ripple", "matlab_pwelch"}, default="ripple"
+        The torque ripple alone, or the papers' definition, in which the mean torque's line outweighs all.
 
     Examples
     --------
@@ -175,7 +188,7 @@ class SpectralFlatness(CourseTransformer):
     >>> from cyclofeat.features import SpectralFlatness
     >>> noise = np.random.default_rng(0).normal(size=(2, 46_080))
     >>> noise[1] += 22
-    >>> SpectralFlatness(sampling_rate=25_600).fit_transform(noise).round(2)
+    >>> SpectralFlatness(sampling_rate=25_600, preset="matlab_pwelch").fit_transform(noise).round(2)
     array([[0.93],
            [0.  ]])
     """
@@ -193,7 +206,7 @@ class SpectralCentroid(CourseTransformer):
     Parameters
     ----------
     sampling_rate, preset, band, n_parts
-        See :class:`SpectralEntropy`; paper A fig. 14 shows such a course.
+        See :class:`SpectralFlatness`; paper A fig. 14 shows such a course.
 
     Examples
     --------
@@ -203,7 +216,7 @@ class SpectralCentroid(CourseTransformer):
     >>> from cyclofeat.features import SpectralCentroid
     >>> time = np.arange(46_080) / 25_600
     >>> torque = 22 + np.where(time < 0.9, np.sin(2e3 * np.pi / 2 * time), np.sin(4e3 * np.pi * time))
-    >>> course = SpectralCentroid(sampling_rate=25_600, preset="ripple", n_parts=2)
+    >>> course = SpectralCentroid(sampling_rate=25_600, n_parts=2)
     >>> course.fit_transform(torque[np.newaxis]).round()
     array([[ 500., 2000.]])
     """
@@ -222,7 +235,7 @@ class SpectralRolloff(CourseTransformer):
     Parameters
     ----------
     sampling_rate, preset, band, n_parts
-        See :class:`SpectralEntropy`. With the mean kept, more than 95 % of the power of most torque lies
+        See :class:`SpectralFlatness`. With the mean kept, more than 95 % of the power of most torque lies
         next to 0 Hz.
     fraction : float, default=0.95
         Fraction of the power, above 0 and at most 1.
@@ -238,7 +251,7 @@ class SpectralRolloff(CourseTransformer):
     >>> from cyclofeat.features import SpectralRolloff
     >>> time = np.arange(46_080) / 25_600
     >>> torque = 22 + np.sin(2 * np.pi * 400 * time) + 0.1 * np.sin(2 * np.pi * 4000 * time)
-    >>> SpectralRolloff(sampling_rate=25_600, preset="ripple").fit_transform(torque[np.newaxis])
+    >>> SpectralRolloff(sampling_rate=25_600).fit_transform(torque[np.newaxis])
     array([[403.125]])
     """
 
@@ -263,7 +276,7 @@ class NarrowbandRatio(SpectralTransformer):
     Parameters
     ----------
     sampling_rate, preset
-        See :class:`SpectralEntropy`.
+        See :class:`SpectralFlatness`.
     fundamental_hz : float, default=100.0
         Fundamental in Hz. Paper A's 100 Hz is order 12 at 500 RPM, and the mains' second harmonic.
     half_width_hz : float, default=5.0
@@ -277,7 +290,7 @@ class NarrowbandRatio(SpectralTransformer):
     >>> from cyclofeat.features import NarrowbandRatio
     >>> phase = 2 * np.pi * np.arange(46_080) / 25_600
     >>> torque = 22 + np.sin(300 * phase) + np.sin(350 * phase)
-    >>> NarrowbandRatio(sampling_rate=25_600, preset="ripple").fit_transform(torque[np.newaxis]).round(3)
+    >>> NarrowbandRatio(sampling_rate=25_600).fit_transform(torque[np.newaxis]).round(3)
     array([[0.5]])
     """
 
@@ -288,6 +301,7 @@ class NarrowbandRatio(SpectralTransformer):
         "n_harmonics": [Interval(Integral, 1, None, closed="left"), None],
     }
 
+    preset: str = "ripple"
     fundamental_hz: float = 100.0
     half_width_hz: float = 5.0
     n_harmonics: int | None = None
@@ -433,9 +447,14 @@ class AmplitudeSpectrum(WindowTransformer):
         "band": [tuple, list, None],
     }
 
+    needs: ClassVar[str] = ONE_BLOCK
+
     n_fft: int = 8192
     window: str = "hamming"
     band: tuple[float, float] | None = None
+
+    def needed_samples(self) -> int:
+        return self.n_fft
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         # One window's spectrum: raises where a parameter does not fit.

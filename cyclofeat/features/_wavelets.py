@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.sklearn_private import Interval
 from cyclofeat.features.base import WindowTransformer
-from cyclofeat.features.registry import REGISTRY
+from cyclofeat.features.registry import DEEPEST_LEVEL, FOUR_PERIODS, REGISTRY
 from cyclofeat.signal.wavelets import (
     AnyWavelet,
     as_wavelet,
@@ -86,8 +86,8 @@ class WaveletLevelStatistics(WaveletTransformer):
 
     Notes
     -----
-    A constant window has rms, share and kurtosis 0 and is of the lowest colour throughout. In short windows,
-    deep levels show how the window was continued beyond its ends.
+    A constant window has rms, share and kurtosis 0 and is of the lowest colour throughout. Windows must
+    hold ``2 ** levels`` samples: in shorter ones, deep levels show how the window was continued.
 
     Examples
     --------
@@ -110,8 +110,13 @@ class WaveletLevelStatistics(WaveletTransformer):
         "colours": [Interval(Integral, 2, None, closed="left")],
     }
 
+    needs: ClassVar[str] = DEEPEST_LEVEL
+
     levels: int = 12
     colours: int = 64
+
+    def needed_samples(self) -> int:
+        return int(1 << self.levels)
 
     def _feature_names(self) -> list[str]:
         columns = []
@@ -163,7 +168,7 @@ class WaveletEnvelopeSpectrum(WaveletTransformer):
 
     Notes
     -----
-    Only windows of several input turns resolve the shaft's harmonics. A constant window has features 0.
+    Only windows of four input turns resolve the shaft's harmonics. A constant window has features 0.
 
     A level taken alone has an image: a tone at f comes with a weaker one at fs/2^j - f, which other levels
     would have cancelled. At 500 RPM and 25.6 kHz the mesh's 133.3 Hz has its image at 66.7 Hz, and the two
@@ -192,11 +197,17 @@ class WaveletEnvelopeSpectrum(WaveletTransformer):
         "speed_tolerance": [Interval(Real, 0, 0.2, closed="left")],
     }
 
+    needs: ClassVar[str] = FOUR_PERIODS
+
     shaft_hz: float = 500 / 60
     n_pins: int = 16
     n_shaft_harmonics: int = 15
     n_mesh_harmonics: int = 3
     speed_tolerance: float = 0.015
+
+    def needed_samples(self) -> int:
+        lowest = self.shaft_hz if self.n_shaft_harmonics else self.shaft_hz * self.n_pins
+        return int(4 * self.sampling_rate / lowest)
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         super()._fit_windows(X, y)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any, ClassVar, Self
@@ -20,6 +22,7 @@ from cyclofeat._base.sklearn_private import (
     check_feature_names_in,
     fit_context,
 )
+from cyclofeat.features.registry import TWO_SAMPLES
 from cyclofeat.signal.windows import Float
 
 # Parameters of the transformers that refine the input speed by the lobe lines.
@@ -38,6 +41,23 @@ def windows_per_chunk(n_samples: int) -> int:
     return min(max(samples // n_samples, 1), _CHUNK_WINDOWS)
 
 
+class ShortWindowWarning(UserWarning, ValueError):
+    """Warning that windows hold fewer samples than a method needs; an error where counters are trained."""
+
+
+@contextmanager
+def reject_short_windows() -> Iterator[None]:
+    """Raise :class:`ShortWindowWarning` as an error."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ShortWindowWarning)
+        yield
+
+
+def half_turn(sampling_rate: float, input_speed_hz: float, n_lobes: int) -> int:
+    """Return the samples of half an output turn, without which no lobe differs from run-out."""
+    return int(sampling_rate * n_lobes / input_speed_hz / 2)
+
+
 @dataclass(eq=False, repr=False)
 class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
     """Base of the transformers that turn each window into one row of features.
@@ -45,15 +65,37 @@ class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
     A subclass states its parameters as fields of a dataclass (``eq=False, repr=False``) or stores them in
     ``__init__``, extends ``_parameter_constraints`` by one entry per parameter, and implements
     ``_feature_names`` and ``_compute_features``. One that learns from training windows, or whose parameters
-    must fit the windows, implements ``_fit_windows``. Windows are processed in chunks, so that spectra never
-    fill the memory.
+    must fit the windows, implements ``_fit_windows``. One whose method needs windows of some length states it
+    in ``needs`` and ``needed_samples``. Windows are processed in chunks: spectra never fill the memory.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
         "sampling_rate": [Interval(Real, 0, None, closed="neither")],
     }
 
+    needs: ClassVar[str] = TWO_SAMPLES
+
     sampling_rate: float
+
+    def needed_samples(self) -> int:
+        """Return the fewest samples of a window from which the features mean something.
+
+        Returns
+        -------
+        int
+        """
+        return 2
+
+    def _warn_of_short_windows(self, X: NDArray[Any]) -> None:
+        (n_windows, n_samples), needed = X.shape, self.needed_samples()
+        if n_samples < needed:
+            turned = f"; is X, of shape {X.shape}, transposed?" if n_windows > n_samples else ""
+            warnings.warn(
+                f"{type(self).__name__} needs windows of at least {needed} samples ({self.needs}), got "
+                f"{n_samples}: its features mean little{turned}",
+                ShortWindowWarning,
+                stacklevel=1,  # from one place, so that fit_transform shows it once
+            )
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         """Check parameters against validated windows and learn state; ``y`` is as given."""
@@ -74,6 +116,8 @@ class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
     def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> Self:
         """Check the parameters against the windows and learn what there is to learn.
 
+        Windows with fewer than :meth:`needed_samples` give a warning, here and in :meth:`transform`.
+
         Parameters
         ----------
         X : array-like, shape (n_windows, n_samples)
@@ -87,6 +131,7 @@ class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
         """
         windows = validate_data(self, X, dtype=[np.float64, np.float32])
         self._fit_windows(windows, y)
+        self._warn_of_short_windows(windows)
         return self
 
     def transform(self, X: ArrayLike) -> Float:
@@ -104,6 +149,7 @@ class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
         """
         check_is_fitted(self)
         windows = validate_data(self, X, reset=False, dtype=[np.float64, np.float32])
+        self._warn_of_short_windows(windows)
         n_windows, n_samples = windows.shape
         parts = gen_batches(n_windows, windows_per_chunk(n_samples))
         # C order: sums over columns-first arrays round differently.

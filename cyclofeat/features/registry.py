@@ -17,6 +17,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+#: What methods need of a window.
+TWO_SAMPLES = "two samples"
+HALF_TURN = "half an output turn"
+EIGHT_SEGMENTS = "eight half-overlapping segments of 64 samples"
+ONE_BLOCK = "one block of the transform"
+DEEPEST_LEVEL = "one coefficient of the deepest level"
+FOUR_PERIODS = "four turns of the shaft, or four periods of the mesh without shaft harmonics"
+
 _UNIT_IN_NAME = {
     "Nm": "_nm",
     "Nm^2": "_nm2",
@@ -44,6 +52,8 @@ class Feature:
         Where the formula comes from.
     version : int, default=1
         Version of the definition.
+    needs : str
+        Shortest window from which it means something.
     """
 
     name: str
@@ -51,6 +61,7 @@ class Feature:
     formula: str
     source: str
     version: int = 1
+    needs: str = TWO_SAMPLES
 
     def column(self, *qualifiers: str) -> str:
         """Name of the feature's column.
@@ -96,44 +107,52 @@ _ROWS = (
     Feature("torque_skewness", "1", "m3 / m2^(3/2), mk = sum((x - mean)^k) / n", "MATLAB skewness"),
     Feature("torque_kurtosis", "1", "m4 / m2^2, mk = sum((x - mean)^k) / n", "MATLAB kurtosis"),
     Feature("torque_ripple", "1", "std / abs(mean)", "standard definition"),
-    Feature("shannon_entropy", "bit", "-sum(p log2(p)), p = psd / sum(psd)", "paper A eq. 8"),
+    Feature("shannon_entropy", "bit", "-sum(p log2(p)), p = psd / sum(psd)", "paper A eq. 8",
+        needs=EIGHT_SEGMENTS),
     Feature("normalized_entropy", "1", "-sum(p log2(p + 2^-52)) / log2(N), p = psd / sum(psd)",
-        "paper A eq. 4-7, epsilon assumed"),
+        "paper A eq. 4-7, epsilon assumed", needs=EIGHT_SEGMENTS),
     Feature("spectral_flatness", "1", "N exp(sum(log(p)) / N), p = psd / sum(psd)",
-        "paper A eq. 9, log domain"),
-    Feature("spectral_centroid", "Hz", "sum(f psd) / sum(psd)", "paper A 5.4"),
-    Feature("spectral_rolloff", "Hz", "min f with cumsum(psd) >= fraction sum(psd)", "paper A 5.4"),
+        "paper A eq. 9, log domain", needs=EIGHT_SEGMENTS),
+    Feature("spectral_centroid", "Hz", "sum(f psd) / sum(psd)", "paper A 5.4", needs=EIGHT_SEGMENTS),
+    Feature("spectral_rolloff", "Hz", "min f with cumsum(psd) >= fraction sum(psd)", "paper A 5.4",
+        needs=EIGHT_SEGMENTS),
     Feature("narrowband_ratio", "1", "sum(psd within half a width of n f0 and nearest to it) / sum(psd)",
-        "paper A 5.5, width assumed"),
-    Feature("band_power", "Nm^2", "df sum(psd in the band)", "standard definition"),
-    Feature("psd", "Nm^2/Hz", "Welch's density, one-sided", "paper A 5.3, MATLAB pwelch"),
-    Feature("psd_level", "dB", "10 log10(max(psd, 1e-30)), psd in Nm^2/Hz", "paper A 5.3, MATLAB pwelch"),
+        "paper A 5.5, width assumed", needs=EIGHT_SEGMENTS),
+    Feature("band_power", "Nm^2", "df sum(psd in the band)", "standard definition", needs=EIGHT_SEGMENTS),
+    Feature("psd", "Nm^2/Hz", "Welch's density, one-sided", "paper A 5.3, MATLAB pwelch",
+        needs=EIGHT_SEGMENTS),
+    Feature("psd_level", "dB", "10 log10(max(psd, 1e-30)), psd in Nm^2/Hz", "paper A 5.3, MATLAB pwelch",
+        needs=EIGHT_SEGMENTS),
     Feature("amplitude", "Nm", "c sqrt(mean over blocks(|dft(w x)|^2)) / sum(w)",
-        "paper B 6, average assumed"),
+        "paper B 6, average assumed", needs=ONE_BLOCK),
     Feature("coherence", "1", "median over references(mean in the band(|Sxr|^2 / (Sxx Srr)))",
-        "paper A 5.2, paper B 5, MATLAB mscohere"),
+        "paper A 5.2, paper B 5, MATLAB mscohere", needs=EIGHT_SEGMENTS),
     Feature("order_amplitude", "Nm", "2 |mean(x exp(-2 pi i f k t))| over whole turns, f refined",
-        "cyclofeat.signal.orders", 2),
+        "cyclofeat.signal.orders", 2, needs=HALF_TURN),
     Feature("lobe_slot_mean", "1", "mean of the whitened, folded torque in a slot",
-        "cyclofeat.signal.lobes", 2),
+        "cyclofeat.signal.lobes", 2, needs=HALF_TURN),
     Feature("lobe_slot_rms", "1", "std of the whitened, folded torque in a slot",
-        "cyclofeat.signal.lobes", 2),
-    Feature("lobe_line_prominence", "dB", "10 log10(|c_k|^2 / floor_k + 0.001)", "cyclofeat.signal.lobes", 2),
+        "cyclofeat.signal.lobes", 2, needs=HALF_TURN),
+    Feature("lobe_line_prominence", "dB", "10 log10(|c_k|^2 / floor_k + 0.001)", "cyclofeat.signal.lobes", 2,
+        needs=HALF_TURN),
     Feature("lobe_line_contrast", "dB", "10 log10(|c_k|^2 / mean(|c_(k-2..k+2)|^2) + 0.001)",
-        "cyclofeat.signal.lobes", 2),
+        "cyclofeat.signal.lobes", 2, needs=HALF_TURN),
     Feature("minima_overlap", "1",
         "median over the reference of: cells of a level with the lowest colour in both / cells",
-        "paper B section 7, paper A section 5.1", 2),
+        "paper B section 7, paper A section 5.1", 2, needs=HALF_TURN),
     Feature("wavelet_envelope_mean", "Nm", "mean(abs(analytic signal of the level that holds the mesh))",
-        "paper A 5.1"),
+        "paper A 5.1", needs=FOUR_PERIODS),
     Feature("wavelet_envelope_line", "Nm",
         "largest Hann amplitude of that envelope within the speed tolerance of a harmonic",
-        "paper A section 5.1"),
-    Feature("wavelet_rms", "Nm", "sqrt(mean(c^2) / 2^level) over cells", "paper B figs. 10-12"),
-    Feature("wavelet_energy_share", "1", "rms^2 / sum over levels(rms^2)", "paper B figs. 10-12"),
-    Feature("wavelet_kurtosis", "1", "m4 / m2^2, mk = mean((c - mean)^k) over cells", "standard definition"),
+        "paper A section 5.1", needs=FOUR_PERIODS),
+    Feature("wavelet_rms", "Nm", "sqrt(mean(c^2) / 2^level) over cells", "paper B figs. 10-12",
+        needs=DEEPEST_LEVEL),
+    Feature("wavelet_energy_share", "1", "rms^2 / sum over levels(rms^2)", "paper B figs. 10-12",
+        needs=DEEPEST_LEVEL),
+    Feature("wavelet_kurtosis", "1", "m4 / m2^2, mk = mean((c - mean)^k) over cells", "standard definition",
+        needs=DEEPEST_LEVEL),
     Feature("wavelet_lowest_colour", "1", "cells of a level with the lowest colour / cells",
-        "paper B figs. 10-12"),
+        "paper B figs. 10-12", needs=DEEPEST_LEVEL),
 )  # fmt: skip
 
 REGISTRY: Mapping[str, Feature] = MappingProxyType({row.name: row for row in _ROWS})

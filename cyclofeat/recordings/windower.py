@@ -27,6 +27,8 @@ SAMPLES_PER_TURN = 128
 #: windows although its true speed is a per cent lower.
 WINDOW_TURNS = 0.98
 
+# Output turns of the shortest window in which lobes can be told from run-out, roughly.
+_LEAST_TURNS = 0.5
 # Assemblies of one nominal speed differ by a per cent or two (motor slip); 400 and 500 RPM by a fifth.
 _SPEED_TOLERANCE = 0.05
 # Two statements of one rate or speed, as they come back from text files.
@@ -121,7 +123,7 @@ class Windower:
     Parameters
     ----------
     output_turns : float, default 1
-        Length of a window in output turns.
+        Length of a window in output turns, at least 0.5.
     duration : float, optional
         Length of a window in s instead, e.g. the papers' 0.6 s.
     input_speed_hz : float, optional
@@ -177,7 +179,11 @@ class Windower:
     remove_mean: bool = False
 
     def __post_init__(self) -> None:
-        positive("output_turns", self.output_turns)
+        if positive("output_turns", self.output_turns) < _LEAST_TURNS:
+            raise ValueError(
+                f"output_turns must be at least {_LEAST_TURNS}, as shorter windows cannot tell lobes from "
+                f"run-out, got {self.output_turns!r}: give the papers' shorter windows as duration=..."
+            )
         if self.reduction is not None:
             whole("reduction", self.reduction, 2)
         for name in ("duration", "input_speed_hz"):

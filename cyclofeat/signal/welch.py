@@ -65,6 +65,10 @@ def get_preset(name: str) -> WelchPreset:
     return PRESETS[one_of("preset", name, PRESETS)]
 
 
+#: Samples of a window whose segments hold 64.
+FEWEST_SAMPLES = 288
+
+
 def segment_length(n_samples: int) -> int:
     """Samples in a segment: ``floor(n_samples / 4.5)``, which makes 8 segments with 50 % overlap.
 

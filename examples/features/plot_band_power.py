@@ -29,7 +29,7 @@ axes[0].set(title="power in octaves, medians", xlabel="band in Hz", ylabel="Nm²
 axes[0].legend(title="worn lobes", ncols=2, fontsize="small")
 
 for ax, fundamental, name in ((axes[1], 100.0, "100 Hz"), (axes[2], 400 / 3, "133.3 Hz")):
-    transformer = NarrowbandRatio(SAMPLING_RATE, preset="ripple", fundamental_hz=fundamental)
+    transformer = NarrowbandRatio(SAMPLING_RATE, fundamental_hz=fundamental)
     ratio = transformer.fit_transform(X)[:, 0]
     dots_by_count(ax, y, 100 * ratio, f"within 5 Hz of n × {name}", "% of the power")
 plt.show()

@@ -19,8 +19,8 @@ sets = surrogate_sets()
 n_parts = 9
 middles = (np.arange(n_parts) + 0.5) * sets.shape[-1] / RIG_RATE / n_parts
 kept = {"sampling_rate": RIG_RATE, "n_parts": n_parts}
-centroid = SpectralCentroid(**kept).fit_transform(sets[0])
-rolloff = SpectralRolloff(preset="ripple", **kept).fit_transform(sets[0])
+centroid = SpectralCentroid(preset="matlab_pwelch", **kept).fit_transform(sets[0])
+rolloff = SpectralRolloff(**kept).fit_transform(sets[0])
 
 axes = panels(4, "time in s", "Hz", "one set, parts of 0.2 s (fig. 14)")
 for count, ax in enumerate(axes.flat):
@@ -35,7 +35,8 @@ plt.show()
 # Whole recordings beside table 5, which does not state its unit (probably Hz, with the mean torque kept).
 
 published = load_published_tables().spectral_centroid["centroid"]
-whole = np.array([SpectralCentroid(RIG_RATE).fit_transform(records)[:, 0] for records in sets])
+of_mean = SpectralCentroid(RIG_RATE, preset="matlab_pwelch")
+whole = np.array([of_mean.fit_transform(records)[:, 0] for records in sets])
 fig, ax = plt.subplots(figsize=(7, 4), layout="constrained")
 ax.plot(COUNTS, whole.T, "o-", lw=0.6, color="C0", alpha=0.5)
 ax.plot(COUNTS, published, "kx-", label="measured (table 5)")
@@ -43,7 +44,7 @@ ax.plot([], [], "o-", color="C0", alpha=0.5, label="surrogate, four sets, Hz")
 ax.set(xlabel="worn lobes", ylabel="centroid", ylim=(0, None))
 ax.legend()
 plt.show()
-with_mean = SpectralRolloff(RIG_RATE).fit_transform(sets[0])[:, 0]
+with_mean = SpectralRolloff(RIG_RATE, preset="matlab_pwelch").fit_transform(sets[0])[:, 0]
 print(f"95 % roll-off with the mean left in: {with_mean.min():.3f} to {with_mean.max():.3f} Hz")
 
 # %%

@@ -32,7 +32,7 @@ plt.show()
 
 fig, axes = plt.subplots(1, 2, figsize=(11, 3.8), layout="constrained", sharey=True)
 for ax, f0, name in ((axes[0], 100.0, "100 Hz (fig. 17)"), (axes[1], 400 / 3, "133.3 Hz, the mesh")):
-    transformer = NarrowbandRatio(RIG_RATE, fundamental_hz=f0, preset="ripple")
+    transformer = NarrowbandRatio(RIG_RATE, fundamental_hz=f0)
     shares = np.array([100 * transformer.fit_transform(records)[:, 0] for records in sets])
     ax.bar(COUNTS, shares[0], color="0.8", label="one set")
     ax.plot(COUNTS, shares.T, "o", color="C0", alpha=0.6)

@@ -11,7 +11,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from sklearn import config_context
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
-from transformers import SPECTRAL, STATISTICS, WAVELET, torque
+from transformers import SAMPLING_RATE, SPECTRAL, STATISTICS, WAVELET, torque
+
+from cyclofeat.features import LobeMap, SpectralRolloff, TorqueFeatures
+from cyclofeat.features.base import ShortWindowWarning, reject_short_windows
 
 every_transformer = pytest.mark.parametrize(
     "transformer", STATISTICS + SPECTRAL + WAVELET, ids=lambda t: repr(t)[:60]
@@ -85,3 +88,24 @@ def test_bad_windows(transformer):
         fitted.transform(X[:, :99])
     with pytest.raises(ValueError, match="Expected 2D array, got 1D array"):
         fitted.transform(X[0])
+
+
+@pytest.mark.parametrize("transformer", [LobeMap(SAMPLING_RATE), TorqueFeatures(SAMPLING_RATE)])
+def test_windows_that_are_too_short_are_told_once_and_are_an_error_in_training(transformer):
+    words = r"LobeMap needs windows of at least 23040 samples \(half an output turn\), got 3: .* little"
+    turned = torque(3, 23_040).T[:2000]
+    for method in (clone(transformer).fit, clone(transformer).fit(turned).transform):
+        with pytest.warns(UserWarning, match=words + r"; is X, of shape \(2000, 3\), transposed\?") as told:
+            method(turned)
+        assert len(told) == 1
+    with reject_short_windows(), pytest.raises(ValueError, match=words + "$"):
+        clone(transformer).fit(torque(2, 3))
+    with reject_short_windows():
+        clone(transformer).fit(torque(2, 23_040))
+    assert issubclass(ShortWindowWarning, UserWarning)
+
+
+def test_defaults_describe_the_ripple():
+    X = torque(4, 46_080)
+    assert np.ptp(SpectralRolloff(SAMPLING_RATE).fit_transform(X)) > 100
+    assert (SpectralRolloff(SAMPLING_RATE, preset="matlab_pwelch").fit_transform(X) == 3.125).all()

@@ -48,16 +48,16 @@ def test_names_and_order_of_the_features():
     X = torque(2, 500)
     names = [clone(t).fit(X).get_feature_names_out().tolist() for t in SPECTRAL[:-2]]
     expected = [
-        ["spectral_flatness(matlab_pwelch)"],
+        ["spectral_flatness(ripple)"],
         [
             "spectral_flatness(ripple;100..5000Hz;part0of2)",
             "spectral_flatness(ripple;100..5000Hz;part1of2)",
         ],
-        ["spectral_centroid_hz(matlab_pwelch)"],
-        [f"spectral_centroid_hz(matlab_pwelch;part{part:02d}of12)" for part in range(12)],
-        ["spectral_rolloff_hz(matlab_pwelch;fraction0.95)"],
+        ["spectral_centroid_hz(ripple)"],
+        [f"spectral_centroid_hz(ripple;part{part:02d}of12)" for part in range(12)],
+        ["spectral_rolloff_hz(ripple;fraction0.95)"],
         ["spectral_rolloff_hz(ripple;100..5000Hz;fraction0.5)"],
-        ["narrowband_ratio(matlab_pwelch;allx100Hz+-5Hz)"],
+        ["narrowband_ratio(ripple;allx100Hz+-5Hz)"],
         ["narrowband_ratio(ripple;7x133.3Hz+-10.5Hz)"],
         ["band_power_nm2(matlab_pwelch;0..1500Hz)", "band_power_nm2(matlab_pwelch;200..800Hz)"],
         ["psd_nm2_per_hz(matlab_pwelch;400Hz)", "psd_nm2_per_hz(matlab_pwelch;500Hz)"],
@@ -281,7 +281,7 @@ def test_growth_with_the_torques_scale(kind):
 @pytest.mark.parametrize(
     "transformer",
     [
-        *(t for t in SPECTRAL if getattr(t, "preset", "") == "ripple"),
+        *(t for t in SPECTRAL if getattr(t, "preset", "") == "ripple" and not isinstance(t, TorqueFeatures)),
         OrderSpectrum(SAMPLING_RATE),
         HighPass(SAMPLING_RATE),
     ],

@@ -14,6 +14,8 @@ from sklearn.utils import check_random_state
 from sklearn.utils.metadata_routing import MetadataRouter, get_routing_for_object
 from sklearn.utils.multiclass import check_classification_targets
 
+from cyclofeat.features.base import reject_short_windows
+
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Folds = list[tuple[NDArray[np.intp], NDArray[np.intp]]]
@@ -76,9 +78,9 @@ def fit_clone(estimator: BaseEstimator, X: Any, y: NDArray[Any], **metadata: Any
 
     Groups, worn lobes and passages reach steps of pipelines, searches and splitters by scikit-learn's
     metadata routing, whether it is enabled or not. A step that takes one of them in ``fit`` and states no
-    request gets it; a request of ``False`` keeps it away.
+    request gets it; a request of ``False`` keeps it away. Windows too short for a feature are an error.
     """
-    with config_context(enable_metadata_routing=True):
+    with config_context(enable_metadata_routing=True), reject_short_windows():
         fitted = clone(estimator)
         for part in [fitted, *fitted.get_params(deep=True).values()]:
             if hasattr(part, "set_fit_request") and hasattr(part, "get_metadata_routing"):

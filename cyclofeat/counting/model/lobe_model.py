@@ -46,6 +46,7 @@ from cyclofeat.counting.model.lobe_count import OUTSIDE, AnsweredWindows, LobeCo
 from cyclofeat.counting.model.radial_wear import RadialWear, breaks_between, stated_depths
 from cyclofeat.counting.model.turning import Turning, turning_of
 from cyclofeat.features import LobeMap
+from cyclofeat.features.base import reject_short_windows
 from cyclofeat.recordings import Recording, WindowSet
 from cyclofeat.recordings.recording import common_n_lobes, common_quantity
 from cyclofeat.recordings.windower import SAMPLES_PER_TURN, Windower, ends_by_angle, lobe_windower
@@ -214,7 +215,8 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         if by_network and depths is not None:
             counter.set_params(n_epochs=None)
         protocol = Protocol(n_splits=self.n_splits, random_state=self.random_state) if self.n_splits else None
-        self.counter_, scores, features = fit_counter(counter, windows, n_lobes, protocol)
+        with reject_short_windows():
+            self.counter_, scores, features = fit_counter(counter, windows, n_lobes, protocol)
         assemblies = windows.recording if windows.groups is None else windows.groups
         self.domain_: TrainingDomain | None = None
         if np.unique(assemblies).size > 1:
