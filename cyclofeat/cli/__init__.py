@@ -51,6 +51,7 @@ COMMANDS: dict[str, tuple[str, Literal["one", "list", "lines"]]] = {
     "watch": ("count recordings as they arrive in a folder", "lines"),
     "history": ("show the counts of each gearbox over time, and alarms", "list"),
     "evaluate": ("cross-validate counters, with whole assemblies held out", "one"),
+    "features": ("rank features by how they depend on the number of worn lobes", "one"),
     "plan": ("state how long to record, at what noise, to tell N worn lobes from N + 1", "one"),
     "campaign": ("simulate thousands of assemblies to files, or complete an interrupted run", "one"),
     "gap": ("find where model and measurement disagree, name all missing effects, correct the model", "one"),

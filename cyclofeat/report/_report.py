@@ -80,6 +80,19 @@ class Report:
         """
         return self._add(paragraphs=[part for part in str(text).split("\n\n") if part.strip()])
 
+    def add_code(self, text: str) -> Self:
+        """Add code, in its own lines.
+
+        Parameters
+        ----------
+        text : str
+
+        Returns
+        -------
+        self : Report
+        """
+        return self._add(code=str(text))
+
     def add(self, shown: Any) -> Self:
         """Add the card that a notebook shows of a recording, count, model, evaluation, rig or gap.
 

@@ -8,13 +8,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
+from sklearn.base import clone
 from sklearn.feature_selection import mutual_info_classif
 from sklearn.utils import check_array, check_consistent_length
 from sklearn.utils.multiclass import check_classification_targets
 
 from cyclofeat._base.displays import data_frame
-from cyclofeat.counting.evaluation.assembly_folds import Float, Int, of_windows, ordered_classes
+from cyclofeat.counting.evaluation.assembly_folds import (
+    Float,
+    Int,
+    assemblies_of,
+    grouped_folds,
+    of_windows,
+    ordered_classes,
+)
 from cyclofeat.counting.evaluation.scores import bootstrap_weights
+from cyclofeat.features.base import reject_short_windows
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -119,6 +128,26 @@ def rank_features(
     sure = np.where(columns["trend"] > 0, columns["trend_low"], -columns["trend_high"])
     table: pd.DataFrame = data_frame(columns).set_index("feature")
     return table.iloc[np.argsort(-sure, kind="stable")]
+
+
+def features_held_out(
+    transformer: Any, X: Float, y: Int, groups: NDArray[Any], *, random_state: int | None = None
+) -> pd.DataFrame:
+    """Return features of windows whose assemblies the transformer has not learned from.
+
+    If a count has one assembly only, the transformer learns from all.
+    """
+    rank = np.unique(y, return_inverse=True)[1]
+    folds = grouped_folds(rank, assemblies_of(groups, len(y)), 5, random_state)
+    every = np.arange(len(y))
+    rows: Float = np.empty((0, 0))
+    with reject_short_windows():
+        for train, test in folds or [(every, every)]:
+            fitted = clone(transformer).fit(X[train], y[train])
+            part = fitted.transform(X[test])
+            rows = rows if rows.size else np.empty((len(y), part.shape[1]))
+            rows[test] = part
+    return data_frame(dict(zip(fitted.get_feature_names_out(), rows.T, strict=True)))
 
 
 def _rank_correlations(means: Float, count: Int, weights: Float) -> Float:

@@ -1,0 +1,62 @@
+"""``cyclofeat features``: which features depend on the number of worn lobes, and how gradually."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+
+from cyclofeat._base.progress import Progress
+from cyclofeat._base.quantities import number_of
+from cyclofeat.cli._options import Printed, add_reading_options, add_seed, add_target, note, read_all
+
+_PRINTED = 12
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "files", nargs="+", metavar="FILE", help="labelled recordings or folders, of one speed"
+    )
+    parser.add_argument(
+        "--features",
+        nargs="+",
+        metavar="NAME",
+        help="transformers, such as LobeMap SpectralEntropy (default: all)",
+    )
+    add_seed(parser, "bootstrap and folds")
+    add_target(
+        parser, "--report", "page", metavar="FILE.html", help="page to write: table, histograms, and the code"
+    )
+    add_reading_options(parser)
+
+
+def run(arguments: argparse.Namespace) -> Iterator[Printed]:
+    """Compute all features of all windows, rank them, then write the page."""
+    from cyclofeat.counting import rank_features
+    from cyclofeat.counting.evaluation.rank_features import features_held_out
+    from cyclofeat.features import TorqueFeatures
+    from cyclofeat.recordings import Windower
+
+    recordings = read_all(arguments.files, arguments)
+    X, y, groups = Windower().transform(recordings)
+    speed, n_lobes = recordings[0].input_speed_hz, recordings[0].n_lobes
+    transformer = TorqueFeatures(
+        recordings[0].sampling_rate, arguments.features or "all", input_speed_hz=speed, n_lobes=n_lobes
+    )
+    with Progress("computing features"):
+        features = features_held_out(transformer, X, y, groups, random_state=arguments.random_state)
+        table = rank_features(features, y, groups, random_state=arguments.random_state)
+    shown = table.iloc[:_PRINTED][["trend", "trend_low", "trend_high", "monotonicity", "kruskal_p"]]
+    lines = [
+        f"{number_of(len(table), 'feature')} of {number_of(len(X), 'window')}, assemblies: {len(set(groups))}; "
+        "most gradual first, 95 % bootstrap intervals over assemblies",
+        shown.to_string(float_format=lambda value: f"{value:.3g}"),
+    ]
+    yield Printed("\n".join(lines), table.to_dict("index"))
+    if arguments.report:
+        from cyclofeat.report import write_features_report
+
+        with Progress("writing the report"):
+            page = write_features_report(
+                table, features, y, groups, arguments.report, transformer=transformer
+            )
+        note(f"report: {page}")
