@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
         table = rank_features(features, y, groups, random_state=arguments.random_state)
     shown = table.iloc[:_PRINTED][["trend", "trend_low", "trend_high", "monotonicity", "kruskal_p"]]
     lines = [
-        f"{number_of(len(table), 'feature')} of {number_of(len(X), 'window')}, assemblies: {len(set(groups))}; "
+        f"{number_of(len(table), 'feature')}, {number_of(len(X), 'window')}, assemblies: {len(set(groups))}; "
         "most gradual first, 95 % bootstrap intervals over assemblies",
         shown.to_string(float_format=lambda value: f"{value:.3g}"),
     ]
