@@ -33,7 +33,7 @@ from cyclofeat.plotting._orders import OrderDisplay
 from cyclofeat.plotting._results import CountDisplay, EvaluationDisplay
 from cyclofeat.plotting._spectrum import SpectrumDisplay
 from cyclofeat.plotting._torque import TorqueDisplay
-from cyclofeat.plotting._training import TrainingDisplay, TrainingMoments
+from cyclofeat.plotting._training import TrainingDisplay
 
 __all__ = [
     "CountDisplay",
@@ -47,7 +47,6 @@ __all__ = [
     "SpectrumDisplay",
     "TorqueDisplay",
     "TrainingDisplay",
-    "TrainingMoments",
 ]
 
 

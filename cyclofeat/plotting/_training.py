@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -23,25 +22,6 @@ if TYPE_CHECKING:
 _FEWEST_COLUMNS = 3
 
 
-@dataclass(frozen=True)
-class TrainingMoments:
-    """Mean and spread of the features of training windows.
-
-    Parameters
-    ----------
-    classes : array-like, shape (n_classes,)
-        Counts that the model knows.
-    means : array-like, shape (n_classes, n_features)
-        Mean of the training windows of each count.
-    spread : array-like, shape (n_features,)
-        Standard deviation of training windows about the mean of their count.
-    """
-
-    classes: ArrayLike
-    means: ArrayLike
-    spread: ArrayLike
-
-
 class TrainingDisplay(Display):
     """Distance of a recording from the training windows of each count, overall and by feature.
 
@@ -51,8 +31,9 @@ class TrainingDisplay(Display):
         Features of the recording's windows.
     names : sequence of str
         Names of the features, ``kind(place)``; one kind is drawn together. If empty, none are drawn.
-    training : TrainingMoments
-        Features of the training windows.
+    training : tuple of three array-like
+        Of the features of the training windows: the counts, shape (n_classes,); the mean of each, shape
+        (n_classes, n_features); the standard deviation about these means, shape (n_features,).
     distances : array-like, shape (n_windows, n_classes)
         Distance of each window from the training windows of each count, 1 being the largest inside.
     slot_lobes : array-like of int, shape (n_lobes,), optional
@@ -68,10 +49,10 @@ class TrainingDisplay(Display):
     Examples
     --------
     >>> import numpy as np
-    >>> from cyclofeat.plotting import TrainingDisplay, TrainingMoments
-    >>> training = TrainingMoments([0, 1], means=[[0, 0, 0], [1, 1, 1]], spread=[0.1, 0.1, 0.1])
+    >>> from cyclofeat.plotting import TrainingDisplay
     >>> display = TrainingDisplay(
-    ...     features=[[0.9, 1.1, 1.0]], names=["slot(1)", "slot(2)", "slot(3)"], training=training,
+    ...     features=[[0.9, 1.1, 1.0]], names=["slot(1)", "slot(2)", "slot(3)"],
+    ...     training=([0, 1], [[0, 0, 0], [1, 1, 1]], [0.1, 0.1, 0.1]),
     ...     distances=[[2.5, 0.2]],
     ... )
     >>> display.kinds
@@ -84,16 +65,17 @@ class TrainingDisplay(Display):
         *,
         features: ArrayLike,
         names: list[str],
-        training: TrainingMoments,
+        training: tuple[ArrayLike, ArrayLike, ArrayLike],
         distances: ArrayLike,
         slot_lobes: ArrayLike | None = None,
         absolute: bool = False,
     ) -> None:
         self.features: Float = np.asarray(features, dtype=np.float64)
         self.names = list(names)
-        self.classes: NDArray[Any] = np.asarray(training.classes)
-        self.means: Float = np.asarray(training.means, dtype=np.float64)
-        self.spread: Float = np.asarray(training.spread, dtype=np.float64)
+        classes, means, spread = training
+        self.classes: NDArray[Any] = np.asarray(classes)
+        self.means: Float = np.asarray(means, dtype=np.float64)
+        self.spread: Float = np.asarray(spread, dtype=np.float64)
         self.distances: Float = np.asarray(distances, dtype=np.float64)
         self.slot_lobes = None if slot_lobes is None else np.asarray(slot_lobes, dtype=np.int64)
         self.absolute = bool(absolute)
@@ -146,7 +128,7 @@ class TrainingDisplay(Display):
         return cls(
             features=features,
             names=names if len(names) == features.shape[1] else [],
-            training=TrainingMoments(
+            training=(
                 model.counter_.classes_,
                 domain.means_ * domain.scale_ + domain.location_,
                 np.sqrt(np.diag(np.linalg.inv(domain.precision_))) * domain.scale_,

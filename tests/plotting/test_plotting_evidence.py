@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from small_model import RATE, SPEED, recording, small_model, unlike_training
 
 from cyclofeat import Recording
-from cyclofeat.plotting import LobeMapDisplay, OrderDisplay, TrainingDisplay, TrainingMoments
+from cyclofeat.plotting import LobeMapDisplay, OrderDisplay, TrainingDisplay
 
 
 @pytest.fixture(scope="module")
@@ -138,7 +138,7 @@ def test_kinds_that_tell_counts_apart_come_first():
     means = np.zeros((2, 7))
     means[1, 3:6] = 5
     display = TrainingDisplay(
-        features=np.zeros((1, 7)), names=names, training=TrainingMoments([0, 1], means, np.ones(7)),
+        features=np.zeros((1, 7)), names=names, training=([0, 1], means, np.ones(7)),
         distances=np.ones((1, 2)),
     )  # fmt: skip
     assert display.kinds == ["telling", "dull"]

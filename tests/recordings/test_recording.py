@@ -471,7 +471,7 @@ def test_what_is_no_recording_is_named():
     ("parameters", "kind", "words"),
     [
         ({"output_turns": 0}, ValueError, "output_turns must be positive and finite, got 0"),
-        ({"output_turns": 0.3}, ValueError, "at least 0.5, because .* got 0.3: .* as duration="),
+        ({"output_turns": 0.3}, ValueError, "at least 0.5, as .* got 0.3: .* as duration="),
         ({"output_turns": "1"}, TypeError, "output_turns must be a number, got '1'"),
         ({"duration": -1}, ValueError, "duration must be positive"),
         ({"duration": 0.6, "output_turns": 2}, ValueError, "exclude each other"),

@@ -12,6 +12,7 @@ from sklearn.base import clone
 from sklearn.feature_selection import mutual_info_classif
 from sklearn.utils import check_array, check_consistent_length
 from sklearn.utils.multiclass import check_classification_targets
+from threadpoolctl import threadpool_limits
 
 from cyclofeat._base.displays import data_frame
 from cyclofeat.counting.evaluation.assembly_folds import (
@@ -107,11 +108,10 @@ def rank_features(
     means = np.zeros((assemblies.size, values.shape[1]))
     np.add.at(means, member, values)
     means /= np.bincount(member)[:, np.newaxis]
-    samples = [means[count == k] for k in range(classes.size)]
-    with warnings.catch_warnings():  # constant features have no test
-        warnings.simplefilter("ignore")
-        f, of_means = stats.f_oneway(*samples)
-        h, of_ranks = stats.kruskal(*samples, axis=0)
+    freedom = classes.size - 1, assemblies.size - classes.size
+    share = _share_between(means, count)
+    f = share / np.maximum(1 - share, 1e-12) * freedom[1] / freedom[0]
+    h = (assemblies.size - 1) * _share_between(stats.rankdata(means, axis=0), count)
     columns: dict[str, Any] = {"feature": names}
     weights = bootstrap_weights(assemblies.size, random_state).astype(float)
     tail = 50 * (1 - confidence)
@@ -120,11 +120,16 @@ def rank_features(
         columns[name] = score(means, count, np.ones((1, assemblies.size)))[0]
         columns |= {f"{name}_low": low, f"{name}_high": high}
     fewest_neighbours = min(3, int(fewest.min()) - 1)
-    information = mutual_info_classif(means, count, n_neighbors=fewest_neighbours, random_state=random_state)
+    with threadpool_limits(1):  # threads wait for each other longer than so few rows take
+        information = mutual_info_classif(
+            means, count, n_neighbors=fewest_neighbours, random_state=random_state
+        )
     columns["mutual_information"] = information / np.log(2)
-    for name, value, p in (("anova_f", f, of_means), ("kruskal_h", h, of_ranks)):
-        adjusted = stats.false_discovery_control(np.nan_to_num(p, nan=1.0))
-        columns |= {name: np.nan_to_num(value), f"{name[:-2]}_p": adjusted}
+    for name, value, p in (
+        ("anova_f", f, stats.f.sf(f, *freedom)),
+        ("kruskal_h", h, stats.chi2.sf(h, freedom[0])),
+    ):
+        columns |= {name: value, f"{name[:-2]}_p": stats.false_discovery_control(p)}
     sure = np.where(columns["trend"] > 0, columns["trend_low"], -columns["trend_high"])
     table: pd.DataFrame = data_frame(columns).set_index("feature")
     return table.iloc[np.argsort(-sure, kind="stable")]
@@ -148,6 +153,15 @@ def features_held_out(
             rows = rows if rows.size else np.empty((len(y), part.shape[1]))
             rows[test] = part
     return data_frame(dict(zip(fitted.get_feature_names_out(), rows.T, strict=True)))
+
+
+def _share_between(values: Float, count: Int) -> Float:
+    """Return the share of the sum of squares that lies between counts; 0 for constant columns."""
+    deviation = values - values.mean(axis=0)
+    of_class = [(count == k).sum() * deviation[count == k].mean(axis=0) ** 2 for k in np.unique(count)]
+    total = (deviation**2).sum(axis=0)
+    least = values.size * (np.finfo(float).eps * np.abs(values).max(axis=0)) ** 2
+    return np.divide(sum(of_class), total, out=np.zeros_like(total), where=total > least)
 
 
 def _rank_correlations(means: Float, count: Int, weights: Float) -> Float:
