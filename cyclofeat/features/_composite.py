@@ -88,7 +88,7 @@ class TorqueFeatures(WindowTransformer):
 
     The parts are the transformers of this package with their own defaults and the parameters below; their
     columns stand side by side, under their own names. What several parts need is computed once. Windows must
-    be as long as the part that needs the longest takes.
+    be as long as the part that needs the longest takes; wavelets have at most as many levels as a window holds.
 
     Parameters
     ----------
@@ -164,6 +164,8 @@ class TorqueFeatures(WindowTransformer):
         for part in parts.values():
             # The windows are validated already, all parameters but those that must fit them, too.
             part.n_features_in_ = X.shape[1]
+            if isinstance(part, WaveletLevelStatistics | WaveletMinimaOverlap):
+                part.levels = min(part.levels, max(1, X.shape[1].bit_length() - 1))
             part._fit_windows(X, y)
         self.parts_ = parts
 

@@ -25,7 +25,7 @@ _N_CHOSEN = 5
 _MEANING = (
     "Trend: rank correlation of assemblies with the count, from -1 to 1; monotonicity: steps of the class "
     "means upwards less those downwards, over all steps; both with 95 % bootstrap intervals over assemblies. "
-    "Mutual information in bits. p-values of the one-way analysis of variance and of Kruskal-Wallis's test "
+    "Mutual information in bits. p-values of the one-way analysis of variance and the Kruskal-Wallis test "
     "are adjusted for the number of features; they tell whether counts differ, in any order."
 )
 _CODE = """from cyclofeat import Windower

@@ -528,6 +528,21 @@ def labelled_files(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
+def test_features_are_ranked_and_drawn(capsys, labelled_files):
+    report = labelled_files[0] / "features.html"
+    names = ["--features", "TorqueStatistics", "SpectralEntropy"]
+    code, out, err = run(capsys, "features", labelled_files[0], *names, "--json", "--report", report)
+    assert code == 0, err
+    table = json.loads(out)
+    assert len(table) == 11
+    assert max(abs(row["trend"]) for row in table.values()) > 0.9
+    assert "shannon_entropy_bits" in report.read_text(encoding="utf-8")
+    code, _, err = run(capsys, "features", labelled_files[0], "--features", "Entropy")
+    assert code == 2
+    assert "got 'Entropy'" in err
+
+
+@pytest.mark.slow
 def test_evaluate_cross_validates_what_train_makes(capsys, labelled_files):
     folder, known = labelled_files
     report = folder / "evaluation.html"

@@ -74,7 +74,7 @@ def test_names_and_order_of_the_features():
 
 
 def test_names_and_order_of_all_features_together():
-    fitted = TorqueFeatures(SAMPLING_RATE).fit(torque(2, 500))
+    fitted = TorqueFeatures(SAMPLING_RATE).fit(torque(2, 4096))
     names = fitted.get_feature_names_out().tolist()
     assert len(names) == len(set(names)) == 340
     rows = [name.split("(")[0] for name in names]
