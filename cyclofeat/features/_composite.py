@@ -88,7 +88,7 @@ class TorqueFeatures(WindowTransformer):
 
     The parts are the transformers of this package with their own defaults and the parameters below; their
     columns stand side by side, under their own names. What several parts need is computed once. Windows must
-    be as long as the part that needs the longest takes; wavelets have at most as many levels as a window holds.
+    be as long as the part that needs the longest takes; wavelets have no more levels than a window holds.
 
     Parameters
     ----------
