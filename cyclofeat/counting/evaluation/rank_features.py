@@ -161,7 +161,7 @@ def _share_between(values: Float, count: Int) -> Float:
     of_class = [(count == k).sum() * deviation[count == k].mean(axis=0) ** 2 for k in np.unique(count)]
     total = (deviation**2).sum(axis=0)
     least = values.size * (np.finfo(float).eps * np.abs(values).max(axis=0)) ** 2
-    return np.divide(sum(of_class), total, out=np.zeros_like(total), where=total > least)
+    return np.asarray(np.divide(sum(of_class), total, out=np.zeros_like(total), where=total > least))
 
 
 def _rank_correlations(means: Float, count: Int, weights: Float) -> Float:
@@ -174,7 +174,7 @@ def _rank_correlations(means: Float, count: Int, weights: Float) -> Float:
     spread = weights @ ranks**2 / n - mean**2
     spread_count = weights @ of_count[:, np.newaxis] ** 2 / n - mean_count**2
     scale: NDArray[Any] = np.sqrt(np.maximum(spread * spread_count, 0))
-    return np.divide(covariance, scale, out=np.zeros_like(covariance), where=scale > 1e-9)
+    return np.asarray(np.divide(covariance, scale, out=np.zeros_like(covariance), where=scale > 1e-9))
 
 
 def _monotonicities(means: Float, count: Int, weights: Float) -> Float:
