@@ -39,6 +39,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     recordings = read_all(arguments.files, arguments)
     X, y, groups = Windower().transform(recordings)
     speed, n_lobes = recordings[0].input_speed_hz, recordings[0].n_lobes
+    assert speed is not None  # else windows have no length
     transformer = TorqueFeatures(
         recordings[0].sampling_rate, arguments.features or "all", input_speed_hz=speed, n_lobes=n_lobes
     )

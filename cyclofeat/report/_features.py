@@ -74,7 +74,7 @@ class _Histogram:
     labels: NDArray[Any]
 
     def plot(self, ax: Axes) -> None:
-        bins = np.histogram_bin_edges(self.values, 30)
+        bins: Any = np.histogram_bin_edges(self.values, 30)
         counts = np.unique(self.labels)
         for k, count in enumerate(counts):
             shade = 0.15 + 0.7 * k / max(len(counts) - 1, 1)
