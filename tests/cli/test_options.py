@@ -16,7 +16,7 @@ NO_TARGETS = {
     "--worn-lobes", "--removed-lobes", "--effects", "--allow", "--scheduler", "--hold-out",  # words
     "--model", "--coarser", "--rig", "--simulator", "--simulated", "--effects-from", "--posterior",  # read
     "--verify",  # read
-    "--done", "--cache", "--history",  # gone on with
+    "--done", "--features", "--cache", "--history",  # gone on with
     "--gearbox",  # names
 }  # fmt: skip
 GONE_ON_WITH = {("campaign", "--out")}  # a campaign that does not suit the folder is refused
