@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import math
 import re
 import sys
@@ -495,8 +496,8 @@ def alarm_rates(arguments: argparse.Namespace) -> dict[str, Any]:
     return {name: getattr(arguments, name) for name in ("false_alarms_per_month", "recordings_per_month")}
 
 
-def read_model(arguments: argparse.Namespace) -> LobeModel:
-    """Return the model that the options name, or the packaged one, which is then stated."""
+def read_model(arguments: argparse.Namespace, quantity: str | None = None) -> LobeModel:
+    """Return the model that the options name, or the packaged one of a quantity, stated on stderr."""
     if "pandas" not in sys.modules:
         # scikit-learn imports pandas if it can: half a second that no count needs.
         hidden = cast("dict[str, None]", sys.modules)
@@ -509,11 +510,23 @@ def read_model(arguments: argparse.Namespace) -> LobeModel:
     from cyclofeat.models.persistence import as_lobe_model
 
     if arguments.model is None:
-        model = load_default_model(arguments.quantity or QUANTITIES[0])
-        note(f"model: {model_name(arguments)}, trained on {model.card_['description']}")
+        model = load_default_model(quantity or arguments.quantity or QUANTITIES[0])
+        name = model_name(arguments, model.card_["quantity"])
+        note(f"model: {name}, trained on {model.card_['description']}")
         return model
     loaded = load_model(arguments.model, trusted=arguments.trust, allow=arguments.allow)
     return as_lobe_model(loaded)
+
+
+def model_chooser(arguments: argparse.Namespace) -> Callable[[str], LobeModel]:
+    """Return a function from a quantity to its model: the one that the options name, or the packaged one."""
+    named = None if arguments.model is None else read_model(arguments)
+
+    @functools.cache
+    def of_quantity(quantity: str) -> LobeModel:
+        return named or read_model(arguments, quantity)
+
+    return of_quantity
 
 
 def count_with_warnings(model: LobeModel, recording: Recording) -> LobeCount:
@@ -525,9 +538,9 @@ def count_with_warnings(model: LobeModel, recording: Recording) -> LobeCount:
     return replace(count, warnings=(*count.warnings, *of_record))
 
 
-def model_name(arguments: argparse.Namespace) -> str:
+def model_name(arguments: argparse.Namespace, quantity: str | None = None) -> str:
     """Return what names the model in a result: its file, or which of the packaged ones it is."""
-    return arguments.model or f"packaged, {in_words(arguments.quantity or QUANTITIES[0])}"
+    return arguments.model or f"packaged, {in_words(quantity or arguments.quantity or QUANTITIES[0])}"
 
 
 def without_start(recording: Recording, seconds: float) -> Recording:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from cyclofeat._base.files import name_in_errors
 from cyclofeat._base.progress import Progress
-from cyclofeat._base.quantities import lobes_text, number_of
+from cyclofeat._base.quantities import QUANTITIES, lobes_text, number_of
 from cyclofeat.cli._options import (
     FILES,
     FileResult,
@@ -24,10 +24,10 @@ from cyclofeat.cli._options import (
     add_target,
     count_with_warnings,
     list_entries,
+    model_chooser,
     model_name,
     note,
     process_files,
-    read_model,
     reading_arguments,
     without_start,
 )
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from cyclofeat.history import GearboxState
     from cyclofeat.recordings import Recording
 
-# Answer for a recording, length counted in s, and the state of its gearbox where there is a history.
-Counted: TypeAlias = "tuple[LobeCount, float, GearboxState | None]"
+# Answer for a recording, length in s, state of its gearbox where there is a history, and quantity.
+Counted: TypeAlias = "tuple[LobeCount, float, GearboxState | None, str]"
 COLUMNS = (
     "file", "defect_count", "probability", "worn_lobes_from_1", "lobes_absolute", "refused",
     "refused_defect_count", "reason", "n_windows", "distance", "warnings", "error",
@@ -61,21 +61,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     """Count file by file, with a row of the table each, then write the report."""
-    model = read_model(arguments)
+    model_of = model_chooser(arguments)
     entries = list_entries(arguments.files)
     results: list[FileResult[Counted]] = []
     if arguments.csv:
         _write_row(arguments.csv, "w", {column: column for column in COLUMNS})
-    with history_writer(arguments, model) if arguments.history else contextlib.nullcontext() as writer:
+    with history_writer(arguments) if arguments.history else contextlib.nullcontext() as writer:
 
         def count_file(path: Path, recording: Recording) -> Counted:
             recording = without_start(recording, arguments.skip)
-            count, state = count_with_warnings(model, recording), None
+            model, state = model_of(recording.quantity), None
+            count = count_with_warnings(model, recording)
             if writer is not None:
-                name = writer.add(path, recording, count)
+                name = writer.add(path, recording, count, model)
                 writer.history.write()
                 state = writer.state(name)
-            return count, recording.duration, state
+            return count, recording.duration, state, recording.quantity
 
         for result in process_files("counting", entries, arguments, count_file):
             results.append(result)
@@ -95,20 +96,25 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
         return
     from cyclofeat.report import CountedRecording, write_count_report
 
-    settings = {"model": model_name(arguments)}
+    quantities = dict.fromkeys(one.value[3] for one in results if one.value is not None)
+    quantities = quantities or {arguments.quantity or QUANTITIES[0]: None}
+    settings = {"model": ", ".join(dict.fromkeys(model_name(arguments, each) for each in quantities))}
     if arguments.skip:
         settings["left out at the start"] = f"{arguments.skip:g} s"
     # Read again, one at a time: all recordings together may be larger than memory.
     options = reading_arguments(arguments)
-    done = [(one.entry, one.number, one.value[0]) for one in results if one.value is not None]
+    done = [(one.entry, one.number, one.value) for one in results if one.value is not None]
     counted = (
-        CountedRecording(str(entry.path), without_start(recordings[number], arguments.skip), count)
+        CountedRecording(
+            str(entry.path), without_start(recordings[number], arguments.skip), count, model_of(quantity)
+        )
         for entry, of_file in itertools.groupby(done, operator.itemgetter(0))
         for recordings in [entry.read(**options)]
-        for _, number, count in of_file
+        for _, number, (count, _, _, quantity) in of_file
     )
     failures = {str(result.path): result.error for result in results if result.error}
     with Progress("writing the report"):
+        model = model_of(next(iter(quantities)))
         path = write_count_report(model, counted, arguments.report, failures=failures, settings=settings)
     note(f"report: {path}")
 
@@ -123,7 +129,7 @@ def _write_row(path: str, mode: str, row: dict[str, Any]) -> None:
 def _print_count(arguments: argparse.Namespace, result: FileResult[Counted]) -> Printed:
     if result.value is None:
         return result.format_result()
-    count, duration, state = result.value
+    count, duration, state, quantity = result.value
     first, last = count.windows[0], count.windows[-1]
     window = round(first.stop_s - first.start_s, 9)
     # Rounding of a window to whole samples leaves a residue that is no time.
@@ -139,7 +145,12 @@ def _print_count(arguments: argparse.Namespace, result: FileResult[Counted]) -> 
     length = f"one output turn ({window:.4g} s)"
     lines.append(f"from {number_of(count.n_windows, 'window')} of {length}, {unused:.3g} s unused")
     lines += [f"note: {warning}" for warning in count.warnings]
-    facts = {**count.to_dict(), "model": model_name(arguments), "window_s": window, "unused_s": unused}
+    facts = {
+        **count.to_dict(),
+        "model": model_name(arguments, quantity),
+        "window_s": window,
+        "unused_s": unused,
+    }
     facts["windows"] = [window.to_dict() for window in count.windows]
     if state is not None:
         lines.append(f"{state.gearbox}: {state}")

@@ -94,7 +94,8 @@ def _print_scores(results: dict[str, Evaluation], how: str) -> Printed:
     name, main = next(iter(results.items()))
     lines = [
         f"{number_of(main.labels.size, 'recording')}, assemblies: {main.groups.size}, {how}; 95 % bootstrap "
-        "intervals over assemblies"
+        "intervals over assemblies",
+        main.agreement(),
     ]
     width = max(map(len, results))
     for method, scores in results.items():

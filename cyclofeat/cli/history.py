@@ -24,11 +24,10 @@ class HistoryWriter:
     """Adds counts to a history."""
 
     arguments: argparse.Namespace
-    model: LobeModel
     history: History
     default_name: str
 
-    def add(self, path: Path, recording: Recording, count: LobeCount) -> str:
+    def add(self, path: Path, recording: Recording, count: LobeCount, model: LobeModel) -> str:
         """Add a count, which the history's ``write`` writes, and return the name of the gearbox."""
         assembly = self.default_name if recording.assembly is None else str(recording.assembly)
         name: str = self.arguments.gearbox or assembly
@@ -45,7 +44,7 @@ class HistoryWriter:
                     f"offset), got {stated!r}"
                 ) from None
             time = (start if start.tzinfo else start.replace(tzinfo=UTC)).timestamp()
-        self.history.add(name, str(path.resolve()), time, count, recording, self.model.card_)
+        self.history.add(name, str(path.resolve()), time, count, recording, model.card_)
         return name
 
     def state(self, name: str) -> GearboxState:
@@ -53,16 +52,14 @@ class HistoryWriter:
 
 
 @contextmanager
-def history_writer(
-    arguments: argparse.Namespace, model: LobeModel, default_name: str = ""
-) -> Iterator[HistoryWriter]:
+def history_writer(arguments: argparse.Namespace, default_name: str = "") -> Iterator[HistoryWriter]:
     """Open the history that the options name."""
     if arguments.gearbox == "":
         raise ValueError("--gearbox must be a name, got an empty one")
     from cyclofeat.history import History
 
     with History(arguments.history) as history:
-        yield HistoryWriter(arguments, model, history, default_name)
+        yield HistoryWriter(arguments, history, default_name)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -24,11 +24,11 @@ from cyclofeat.cli._options import (
     add_reading_options,
     count_with_warnings,
     error_text,
+    model_chooser,
     model_name,
     name_file,
     note,
     positive_number,
-    read_model,
     reading_arguments,
     warn,
     without_start,
@@ -221,13 +221,13 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
         done = DoneList(None if arguments.done is None else Path(arguments.done))
         ignored = {MANIFEST} | ({Path(arguments.done).name} if arguments.done else set())
         watch = FolderWatch(folder, tuple(SOURCES), arguments.settle, done, ignored=ignored)
-        model = read_model(arguments)
+        model_of = model_chooser(arguments)
         if not arguments.once:
             note(f"cyclofeat: watching {folder}, stop with Ctrl-C")
         counted = failed = 0
         name = folder.resolve().name
-        with history_writer(arguments, model, name) if arguments.history else nullcontext() as writer:
-            for arrival in _count_arrivals(arguments, watch, model, writer, options, stop):
+        with history_writer(arguments, name) if arguments.history else nullcontext() as writer:
+            for arrival in _count_arrivals(arguments, watch, model_of, writer, options, stop):
                 counted += not arrival.error
                 failed += bool(arrival.error)
                 yield arrival
@@ -274,7 +274,7 @@ class _Stop:
 def _count_arrivals(
     arguments: argparse.Namespace,
     watch: FolderWatch,
-    model: LobeModel,
+    model_of: Callable[[str], LobeModel],
     writer: HistoryWriter | None,
     options: dict[str, Any],
     stop: _Stop,
@@ -298,9 +298,10 @@ def _count_arrivals(
             name = ""
             try:
                 recording = without_start(read_recording(path, **options), arguments.skip)
+                model = model_of(recording.quantity)
                 count = count_with_warnings(model, recording)
                 if writer is not None:
-                    name = writer.add(path, recording, count)
+                    name = writer.add(path, recording, count, model)
             except FileNotFoundError:
                 continue  # removed since
             except Exception as error:  # one bad file must not end the watch, whatever is wrong with it
@@ -311,7 +312,7 @@ def _count_arrivals(
                 if writer is not None:
                     writer.history.write()
                     state = writer.state(name)
-            yield _print_count(arguments, path, count, state)
+            yield _print_count(arguments, path, count, state, model_name(arguments, recording.quantity))
             watch.mark_counted(path)
             _write_done(watch, writer, unwritten)
         with unsaved:
@@ -357,7 +358,7 @@ class _Trouble:
 
 
 def _print_count(
-    arguments: argparse.Namespace, path: Path, count: LobeCount, state: GearboxState | None
+    arguments: argparse.Namespace, path: Path, count: LobeCount, state: GearboxState | None, model: str
 ) -> Printed:
     facts: dict[str, Any] = {"time": _time_text(), "file": str(path)}
     probability = count.probability[count.defect_count]
@@ -368,7 +369,7 @@ def _print_count(
         line += f" at {lobes_text(count.lobes)}{'' if count.absolute else ' (relative)'}"
     line += f", {number_of(count.n_windows, 'window')}"
     line += "".join(f"; note: {warning}" for warning in count.warnings)
-    facts |= {**count.to_dict(), "model": model_name(arguments)}
+    facts |= {**count.to_dict(), "model": model}
     if state is not None:
         line += f"; {state.gearbox}: {state}"
         facts |= {"gearbox": state.gearbox, "alarm": state.alarm, "history": state.to_dict()}

@@ -86,7 +86,7 @@ class HistoryRow:
     unit : str
         Unit of these two.
     answer : dict
-        :meth:`LobeCount.to_dict`: probabilities, lobes, warnings.
+        :meth:`LobeCount.to_dict`: probabilities, lobes, warnings; with the ``source`` of the recording.
     """
 
     time: float
@@ -222,7 +222,7 @@ class History:
             key, float(time), gearbox, file.encode(errors="backslashreplace").decode(), clock.time(),
             None if count.refused else count.defect_count,
             count.reason, float(torque.mean()), float(torque.std()), recording.unit,
-            json.dumps(count.to_dict(), allow_nan=False),
+            json.dumps(count.to_dict() | {"source": recording.source}, allow_nan=False),
         )  # fmt: skip
         self._pending.append((model, row))
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cyclofeat._base.quantities import lobes_text
+from cyclofeat._base.quantities import in_words, lobes_text
 from cyclofeat.plotting import (
     LobeMapDisplay,
     LobeMarks,
@@ -46,11 +46,14 @@ class CountedRecording:
     recording : Recording
     count : cyclofeat.counting.LobeCount
         Answer of ``model.count(recording)``.
+    model : cyclofeat.counting.LobeModel, optional
+        The model that counted it. Default: that of the report.
     """
 
     name: str
     recording: Recording
     count: LobeCount
+    model: LobeModel | None = None
 
 
 def write_count_report(
@@ -121,6 +124,7 @@ def summarise_count(
         raise ValueError(f"most_sections must not be negative, got {most_sections!r}")
     rows: list[dict[str, Any]] = []
     sources: list[str | None] = []
+    others: dict[str, object] = {}
     urgent: list[tuple[bool, float, int, CountedRecording]] = []
     for place, item in enumerate(counted):
         count, stated = item.count, item.recording.defect_count
@@ -139,6 +143,10 @@ def summarise_count(
             "wrong": stated is not None and stated != count.defect_count,
         })  # fmt: skip
         sources.append(item.recording.source)
+        if item.model is not None and item.model is not model:
+            others[f"model for {in_words(item.recording.quantity)} trained on"] = item.model.card_[
+                "description"
+            ]
         # Refused recordings are the most urgent, then the least probable.
         urgent = heapq.nsmallest(most_sections, [*urgent, (not count.refused, probability, place, item)])
     failed = {str(name): str(reason) for name, reason in (failures or {}).items()}
@@ -147,7 +155,8 @@ def summarise_count(
     sections = []
     for *_, place, item in sorted(urgent, key=lambda entry: entry[2]):
         rows[place]["anchor"] = f"recording-{place + 1}"
-        sections.append(rows[place] | _recording_section(model, item, _figures.MOST_SAMPLES // len(urgent)))
+        drawn = _recording_section(item.model or model, item, _figures.MOST_SAMPLES // len(urgent))
+        sections.append(rows[place] | drawn)
     _, surrogate, origin = describe_origin(sources)
     several = len(rows) + len(failed) > 1
     kinds = dict.fromkeys(drawn["kind"] for section in sections for drawn in section["features"])
@@ -172,7 +181,7 @@ def summarise_count(
         "n_lobes": model.n_lobes_,
         "calibrated": bool(model.card_.get("calibrated")),
         "model": _describe_model(model),
-        "provenance": dict(settings or {}),
+        "provenance": dict(settings or {}) | others,
     }
 
 

@@ -114,6 +114,7 @@ def summarise_evaluation(
         "origin": origin if sources else "",
         "main": main,
         "unit": unit,
+        "agreement": first.agreement(),
         "confidence": f"{100 * first.confidence:.3g}",
         "n_rows": int(labels.size),
         "n_assemblies": int(first.groups.size),

@@ -14,7 +14,13 @@ from cyclofeat.history import GearboxState, History, HistoryRow
 from cyclofeat.history.alarm import time_text
 from cyclofeat.report import _figures
 from cyclofeat.report._figures import Axis, Line, Picture, Plot, Span
-from cyclofeat.report._page import check_page_path, count_heading, count_text, write_page
+from cyclofeat.report._page import (
+    check_page_path,
+    count_heading,
+    count_text,
+    describe_origin,
+    write_page,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -65,21 +71,27 @@ def summarise_history(history: History, *, states: Sequence[GearboxState] | None
     shown = [history.state(name) for name in history.gearboxes()] if states is None else list(states)
     if not shown:
         raise ValueError(f"history {history.path} holds no recording")
+    rows = {state.gearbox: history.rows(state.gearbox, _MOST_ROWS) for state in shown}
+    _, surrogate, origin = describe_origin(
+        [row.answer.get("source") for part in rows.values() for row in part]
+    )
     return {
         "title": "Worn lobes over time" if len(shown) > 1 else f"Worn lobes over time: {shown[0].gearbox}",
+        "surrogate": surrogate,
+        "origin": origin,
         "n_recordings": sum(state.n_recordings for state in shown),
         "n_refused": sum(state.n_refused for state in shown),
         "last": time_text(max(state.last for state in shown))[:10],
         "unguarded": [state.gearbox for state in shown if state.rule is None],
         "gearboxes": [
-            _gearbox_section(history, state) for state in sorted(shown, key=lambda state: not state.alarm)
+            _gearbox_section(state, rows[state.gearbox])
+            for state in sorted(shown, key=lambda state: not state.alarm)
         ],
         "provenance": {"history": str(history.path)},
     }
 
 
-def _gearbox_section(history: History, state: GearboxState) -> dict[str, Any]:
-    rows = history.rows(state.gearbox, _MOST_ROWS)
+def _gearbox_section(state: GearboxState, rows: Sequence[HistoryRow]) -> dict[str, Any]:
     rule, period = state.rule, f"from {time_text(state.first)} to {time_text(state.last)}"
     facts = {
         "recordings": f"{state.n_recordings} {period}, {state.n_refused} refused",

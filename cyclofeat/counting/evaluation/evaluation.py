@@ -141,6 +141,17 @@ class Evaluation:
         reasons = [] if self.reasons is None else self.reasons.tolist()
         return dict(Counter(re.sub(r"\d[\d.,]*", "#", reason) for reason in reasons if reason).most_common())
 
+    def agreement(self) -> str:
+        """Return in words how many recordings or windows are counted as their labels say, and of each count.
+
+        Returns
+        -------
+        str
+        """
+        right, n = self.confusion.diagonal(), self.confusion.sum(axis=1)
+        of_counts = [f"{c}: {k} of {m}" for c, k, m in zip(self.classes, right, n, strict=True) if m]
+        return f"{right.sum()} of {n.sum()} agree with their labels ({', '.join(of_counts)})"
+
     def _scores(self, *names: str) -> dict[str, Any]:
         """Return scores and their intervals by name, without those that are None."""
         known = [(name, getattr(self, name)) for name in names if getattr(self, name) is not None]
