@@ -562,6 +562,20 @@ def test_evaluate_cross_validates_what_train_makes(capsys, labelled_files):
 
 
 @pytest.mark.slow
+def test_each_quantity_of_a_folder_is_counted_by_its_own_packaged_model(capsys, tmp_path):
+    quantities = ("input_torque", "output_torque")
+    for quantity in quantities:
+        recording = small_model.recording((2, 3, 4), seed=3).replace(quantity=quantity)
+        write_recording(tmp_path / f"{quantity}.npz", recording)
+    code, out, err = run(capsys, "count", tmp_path, "--json", "--report", tmp_path / "count.html")
+    assert code == 0, err
+    assert [one["model"] for one in json.loads(out)] == ["packaged, input torque", "packaged, output torque"]
+    page = (tmp_path / "count.html").read_text(encoding="utf-8")
+    assert "packaged, input torque, packaged, output torque" in page
+    assert "model for output torque trained on" in page
+
+
+@pytest.mark.slow
 def test_evaluate_tests_a_stored_model(capsys, labelled_files):
     folder, known = labelled_files
     model = small_model.shaft_model()
@@ -573,6 +587,10 @@ def test_evaluate_tests_a_stored_model(capsys, labelled_files):
     assert code == 0, err
     assert "assemblies of the recordings have names of training assemblies, such as 'A0'" in err
     assert "19 recordings, assemblies: 19, tested as stored" in out
+    n_right = sum(
+        answer.defect_count == r.defect_count for answer, r in zip(model.count_all(known), known, strict=True)
+    )
+    assert re.search(rf"\b{n_right} of 19 agree with their labels \(0: \d of \d, 1: ", out)
     assert "refuses " in out
     assert " x its lines could as well be those of a disc at another speed than the stated # RPM" in out
     code, out, _ = run(capsys, "evaluate", *files, "--model", folder / "model.skops", "--json")

@@ -48,7 +48,7 @@ def test_rows_come_back(tmp_path):
         assert history.rows("press", last=1) == [refused]
     assert (sound.time, sound.file, sound.defect_count, sound.reason) == (0.0, "0.csv", 0, "")
     assert (sound.mean, sound.deviation, sound.unit) == (22.0, 1.0, "Nm")
-    assert sound.answer == count(0).to_dict()
+    assert sound.answer == count(0).to_dict() | {"source": None}
     assert (refused.defect_count, refused.reason) == (None, "too noisy")
 
 
