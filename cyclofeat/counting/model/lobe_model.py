@@ -478,7 +478,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         if recording.quantity != quantity:
             raise ValueError(
                 f"quantity of the recording is {recording.quantity}, but the model was trained on "
-                f"{quantity}: train a model on recordings of that quantity"
+                f"{quantity}: load_default_model({recording.quantity!r}) counts it, or leave out --model"
             )
         # 15 is the default of recordings that do not state their lobes.
         if recording.n_lobes not in (15, self.n_lobes_):
