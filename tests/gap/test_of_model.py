@@ -77,6 +77,20 @@ def test_another_posterior_is_learned_once_and_kept(learned: list[dict[str, Any]
     assert (learned[1]["start"], learned[1]["epochs"]) == (None, EffectPosterior().epochs)
 
 
+def test_without_jax_nothing_is_simulated(
+    learned: list[dict[str, Any]], monkeypatch: Any, tmp_path: Path
+) -> None:
+    def fail() -> None:
+        raise ImportError("training a network needs JAX and Optax: pip install jax optax")
+
+    monkeypatch.setattr(of_model, "import_jax", fail)
+    with pytest.raises(
+        ImportError, match=r"is for .* output torque, 25600 Hz, 350 to 700 RPM .* pip install jax"
+    ):
+        posterior_of_world(World(quantity="input_torque"), cache=tmp_path)
+    assert not [*tmp_path.iterdir()]
+
+
 def test_a_posterior_of_another_model_is_refused() -> None:
     torque = np.random.default_rng(0).normal(22, 0.1, 51_200)
     recordings = [Recording(torque, 25_600, speed_rpm=500, load_nm=22) for _ in range(2)]

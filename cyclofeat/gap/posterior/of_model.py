@@ -12,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from cyclofeat._base.quantities import in_words
+from cyclofeat._base.training import import_jax
 from cyclofeat.gap.posterior.effect_posterior import EffectPosterior, load_posterior
 from cyclofeat.gap.posterior.inputs import BEYOND
 from cyclofeat.gap.world.prepare import describe_world, prepare_world
@@ -59,6 +61,7 @@ def posterior_of_world(
 
     What is learned goes on from the packaged networks where the summaries allow it. It is kept in ``cache``,
     by default the user's cache folder, and read from there next time. An interrupted preparation goes on.
+    Raises ImportError, before anything is simulated, if JAX or Optax is not installed.
     """
     packaged = load_posterior()
     if covers_world(packaged, world):
@@ -70,6 +73,17 @@ def posterior_of_world(
     path, rigs_folder = folder / f"posterior-{key}.npz", folder / f"world-{key}"
     if path.exists():
         return load_posterior(path)
+    try:
+        import_jax()
+    except ImportError as error:
+        known = packaged.world
+        speeds, loads = (
+            " to ".join(f"{end:g}" for end in ends) for ends in (known.speeds_rpm, known.loads_nm)
+        )
+        raise ImportError(
+            f"the packaged posterior is for paper B's gearbox, {in_words(known.quantity)}, "
+            f"{known.sampling_rate:g} Hz, {speeds} RPM and {loads} Nm; to learn another one, {error}"
+        ) from error
     progress("learning from simulated rigs of this model, once: some ten minutes of two cores")
     rigs = prepare_world(world, rigs_folder, _MACHINES, n_jobs=n_jobs)
     start = None
