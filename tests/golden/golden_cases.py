@@ -159,13 +159,15 @@ def counted(folder: Path) -> dict[str, Any]:
 
 
 def feature_values() -> dict[str, np.ndarray]:
-    """Every transformer at its defaults on windows of one turn: values, and names as a second array."""
+    """Every transformer by the papers' preset on windows of one turn: values, and names as a second array."""
     kept = [one for one in recordings() if one["name"].rpartition("-")[0] in WITH_FEATURES]
     X = np.stack([one["torque"][:TURN] for one in kept])
     y = np.array([one["defect_count"] for one in kept])
     found = {}
     for name in features.__all__:
         transformer = getattr(features, name)(RATE)
+        if hasattr(transformer, "preset"):
+            transformer.set_params(preset="matlab_pwelch")
         values = transformer.fit(X[::2], y[::2]).transform(X[1::3])
         names = np.asarray(transformer.get_feature_names_out(), dtype=str)
         step = 8 if len(names) > 1000 else 1  # the window itself, or a whole spectrum
