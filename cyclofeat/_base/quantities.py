@@ -32,8 +32,8 @@ def in_words(quantity: str) -> str:
     return quantity.replace("_", " ")
 
 
-def number_of(n: int, thing: str) -> str:
-    """Return ``1 lobe``, ``2 lobes``."""
+def number_of(n: float, thing: str) -> str:
+    """Return ``1 lobe``, ``2 lobes``, ``0.98 output turns``."""
     return f"{n} {thing}" if n == 1 else f"{n} {thing}s"
 
 

@@ -7,7 +7,7 @@ import contextlib
 import csv
 import itertools
 import operator
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -34,7 +34,7 @@ from cyclofeat.cli._options import (
 from cyclofeat.cli.history import history_writer
 
 if TYPE_CHECKING:
-    from cyclofeat.counting import LobeCount
+    from cyclofeat.counting import LobeCount, LobeModel
     from cyclofeat.history import GearboxState
     from cyclofeat.recordings import Recording
 
@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
                     row["worn_lobes_from_1"] = " ".join(map(str, row["worn_lobes_from_1"]))
                     row["warnings"] = "; ".join(count.warnings)
                 _write_row(arguments.csv, "a", row)
-            yield _print_count(arguments, result)
+            yield _print_count(arguments, result, model_of)
     if arguments.csv:
         note(f"table: {arguments.csv}")
     if not arguments.report:
@@ -126,7 +126,9 @@ def _write_row(path: str, mode: str, row: dict[str, Any]) -> None:
         csv.DictWriter(stream, COLUMNS, extrasaction="ignore").writerow(row)
 
 
-def _print_count(arguments: argparse.Namespace, result: FileResult[Counted]) -> Printed:
+def _print_count(
+    arguments: argparse.Namespace, result: FileResult[Counted], model_of: Callable[[str], LobeModel]
+) -> Printed:
     if result.value is None:
         return result.format_result()
     count, duration, state, quantity = result.value
@@ -142,8 +144,9 @@ def _print_count(arguments: argparse.Namespace, result: FileResult[Counted]) -> 
         lines.append(f"positions:  {lobes_text(count.lobes)} (counted from 1)")
     if count.wear_um is not None:
         lines.append(f"wear:       {count.wear_um}")
-    length = f"one output turn ({window:.4g} s)"
-    lines.append(f"from {number_of(count.n_windows, 'window')} of {length}, {unused:.3g} s unused")
+    length = number_of(model_of(quantity).windower_.output_turns, "output turn")
+    windows = f"{number_of(count.n_windows, 'window')} of {length} ({window:.3g} s)"
+    lines.append(f"from {windows}, {unused:.3g} s unused")
     lines += [f"note: {warning}" for warning in count.warnings]
     facts = {
         **count.to_dict(),

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cyclofeat._base.quantities import number_of
 from cyclofeat.cli._options import (
     FILES,
     Printed,
@@ -64,8 +63,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
             lines.append(f"channels:  {', '.join(others)}")
         lines.append(f"speed:     {_speed_text(facts)}")
         if facts["output_turns"] is not None:
-            turns = number_of(facts["whole_output_turns"], "whole output turn")
-            lines.append(f"length:    {turns}, {facts['unused_s']:.3g} s left over")
+            lines.append(f"length:    {facts['output_turns']:.3g} output turns")
         lines.append(f"clipped:   {100 * facts['clipped_share']:.3g} %")
         lines.append(f"dropouts:  {100 * facts['dropout_share']:.3g} %")
         lines += [f"warning:   {warning}" for warning in facts["warnings"]]

@@ -23,7 +23,7 @@ _FEWEST_COLUMNS = 3
 
 
 class TrainingDisplay(Display):
-    """Distance of a recording from the training windows of each count, overall and by feature.
+    """Features of a recording beside those of the training windows of some counts.
 
     Parameters
     ----------
@@ -34,8 +34,6 @@ class TrainingDisplay(Display):
     training : tuple of three array-like
         Of the features of the training windows: the counts, shape (n_classes,); the mean of each, shape
         (n_classes, n_features); the standard deviation about these means, shape (n_features,).
-    distances : array-like, shape (n_windows, n_classes)
-        Distance of each window from the training windows of each count, 1 being the largest inside.
     slot_lobes : array-like of int, shape (n_lobes,), optional
         Lobe, from 0, whose passage lies nearest to each slot of a :class:`cyclofeat.features.LobeMap`: the
         labels of slots.
@@ -44,7 +42,7 @@ class TrainingDisplay(Display):
 
     See Also
     --------
-    cyclofeat.counting.TrainingDomain : Definition of the distance.
+    cyclofeat.counting.TrainingDomain : How far a recording lies from its training windows.
 
     Examples
     --------
@@ -53,7 +51,6 @@ class TrainingDisplay(Display):
     >>> display = TrainingDisplay(
     ...     features=[[0.9, 1.1, 1.0]], names=["slot(1)", "slot(2)", "slot(3)"],
     ...     training=([0, 1], [[0, 0, 0], [1, 1, 1]], [0.1, 0.1, 0.1]),
-    ...     distances=[[2.5, 0.2]],
     ... )
     >>> display.kinds
     ['slot']
@@ -66,7 +63,6 @@ class TrainingDisplay(Display):
         features: ArrayLike,
         names: list[str],
         training: tuple[ArrayLike, ArrayLike, ArrayLike],
-        distances: ArrayLike,
         slot_lobes: ArrayLike | None = None,
         absolute: bool = False,
     ) -> None:
@@ -76,18 +72,12 @@ class TrainingDisplay(Display):
         self.classes: NDArray[Any] = np.asarray(classes)
         self.means: Float = np.asarray(means, dtype=np.float64)
         self.spread: Float = np.asarray(spread, dtype=np.float64)
-        self.distances: Float = np.asarray(distances, dtype=np.float64)
         self.slot_lobes = None if slot_lobes is None else np.asarray(slot_lobes, dtype=np.int64)
         self.absolute = bool(absolute)
         shape = (self.classes.size, self.features.shape[1])
         if self.means.shape != shape:
             raise ValueError(
                 f"means must have shape (n_classes, n_features) = {shape}, got {self.means.shape}"
-            )
-        if self.distances.shape != (len(self.features), self.classes.size):
-            raise ValueError(
-                f"distances must have shape (n_windows, n_classes), got {self.distances.shape} for "
-                f"{len(self.features)} windows and {self.classes.size} counts"
             )
         if self.names and len(self.names) != shape[1]:
             raise ValueError(
@@ -133,7 +123,6 @@ class TrainingDisplay(Display):
                 domain.means_ * domain.scale_ + domain.location_,
                 np.sqrt(np.diag(np.linalg.inv(domain.precision_))) * domain.scale_,
             ),
-            distances=domain.class_distances(features),
             slot_lobes=None if lobe_map is None else _slot_lobes(lobe_map, windows),
             absolute=bool(windows.absolute[0]),
         )
@@ -151,19 +140,18 @@ class TrainingDisplay(Display):
         return np.flatnonzero([name == kind for name in _kinds_of(self.names)])
 
     def plot(
-        self, ax: Axes | None = None, *, kind: str = "distance", counts: tuple[int, ...] | None = None
+        self, ax: Axes | None = None, *, kind: str | None = None, counts: tuple[int, ...] | None = None
     ) -> Self:
-        """Draw.
+        """Draw the course of the features of one kind over their places (slots, lines).
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
             Axes to draw on; default, new ones.
-        kind : str, default="distance"
-            ``"distance"``, from the training windows of each count, or one of :attr:`kinds`: the course of
-            these features over their places (slots, lines).
+        kind : str, optional
+            One of :attr:`kinds`; default, the first.
         counts : tuple of int, optional
-            Counts whose training windows are drawn, the first with its spread; default, the nearest.
+            Counts whose training windows are drawn, the first with its spread; default, all.
 
         Returns
         -------
@@ -172,40 +160,20 @@ class TrainingDisplay(Display):
         Raises
         ------
         ValueError
-            If the kind or a count is unknown.
+            If the kind or a count is unknown, or there is no kind.
         """
-        if kind != "distance" and kind not in self.kinds:
-            raise ValueError(f"kind must be 'distance' or one of {self.kinds}, got {kind!r}")
-        by_distance = np.argsort(np.median(self.distances, axis=0), kind="stable")
-        shown = self.classes[by_distance[:1]].tolist() if counts is None else list(counts)
+        kinds = self.kinds
+        kind = kinds[0] if kind is None and kinds else kind
+        if kind not in kinds:
+            raise ValueError(f"kind must be one of {kinds}, got {kind!r}")
+        shown = self.classes.tolist() if counts is None else list(counts)
         unknown = [count for count in shown if count not in self.classes]
         if unknown:
             raise ValueError(f"counts must be of {self.classes.tolist()}, got {unknown[0]!r}")
         self.figure_, self.ax_ = axes_for(ax, (7.0, 3.0))
-        if kind == "distance":
-            places = np.arange(self.classes.size)
-            middle = np.median(self.distances, axis=0)
-            bar_label = "this recording, median of its windows"
-            self.ax_.bar(places, middle, color="C0", alpha=0.45, label=bar_label)
-            if len(self.distances) > 1:
-                look: dict[str, Any] = {"color": "C0", "markersize": 14, "label": "each window"}
-                self.ax_.plot(np.tile(places, len(self.distances)), self.distances.ravel(), "_", **look)
-            self.ax_.axhline(1, color="C1", linestyle="--", label="refused if all bars exceed this")
-            self.ax_.set_xticks(places, [str(count) for count in self.classes])
-            self.ax_.set(
-                xlabel="training windows with this number of worn lobes",
-                ylabel="distance from them\n(1 = edge of the training)",
-                ylim=(0, 1.1 * max(1.0, float(self.distances.max()))),
-            )
-            legend_above(self.ax_)
-        else:
-            self._draw_features(kind, shown)
-        return self
-
-    def _draw_features(self, kind: str, counts: list[int]) -> None:
         columns = self._columns_of_kind(kind)
         places = np.arange(1, columns.size + 1)
-        for number, count in enumerate(counts):
+        for number, count in enumerate(shown):
             row = int(np.flatnonzero(self.classes == count)[0])
             mean, colour = self.means[row, columns], f"C{number}"
             label, style = f"trained: {count} worn", "--"
@@ -226,6 +194,7 @@ class TrainingDisplay(Display):
             self.ax_.set_xlabel(f"lobe, {numbering_words(self.absolute)}")
         self.ax_.grid(axis="y", alpha=0.3, linewidth=0.6)
         legend_above(self.ax_, ncols=3)
+        return self
 
 
 def _slot_lobes(lobe_map: LobeMap, windows: WindowSet) -> NDArray[np.int64]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base.checks import number, positive, truth_value, whole
+from cyclofeat._base.quantities import number_of
 from cyclofeat.recordings._angle_grid import AngleGrid, mean_density
 from cyclofeat.recordings.recording import Recording, common_n_lobes, common_quantity
 from cyclofeat.signal.orders import samples_at
@@ -396,9 +397,8 @@ class Windower:
         available = recording.n_samples - first
         if available < length:
             raise ValueError(
-                f"the recording is too short: it lasts {recording.duration:.4g} s ({recording.n_samples} "
-                f"samples), {self._length_text()} needs {(first + length) / rate:.4g} s ({first + length} "
-                "samples)"
+                f"the recording is too short: it lasts {recording.duration:.4g} s, {self._length_text()} "
+                f"needs {(first + length) / rate:.4g} s"
             )
         starts = first + self._window_starts(available, length, grid=1)
         windows = np.lib.stride_tricks.sliding_window_view(recording.torque, length)[starts]
@@ -430,12 +430,12 @@ class Windower:
         if available < length:
             start_rule = remedy = ""
             if aligned:
-                start_rule = f" from the first multiple of {self._input_turns} turns of its absolute angle on"
+                start_rule = " from the first whole one of its absolute angle on"
                 remedy = "; record one output turn more, or " + _RELATIVE
             raise ValueError(
                 f"the recording is too short: it lasts {recording.duration:.4g} s and holds "
-                f"{max(available, 0) / per_turn:.4g} input turns{start_rule}, {self._length_text()} needs "
-                f"{self.output_turns * self._input_turns:g}{remedy}"
+                f"{max(available, 0) / per_turn / self._input_turns:.4g} output turns{start_rule}, "
+                f"too few for {self._length_text()}{remedy}"
             )
         starts = first - origin + self._window_starts(available, length, grid=period)
         windows = np.lib.stride_tricks.sliding_window_view(torque, length)[starts]
@@ -536,14 +536,9 @@ class Windower:
         return round(self.output_turns * self._input_turns * self._samples_per_turn)
 
     def _length_text(self) -> str:
-        turns = self.output_turns
+        length = number_of(self.output_turns, "output turn")
         if self.duration is not None:
             length = f"{self.duration:g} s"
-        elif turns == WINDOW_TURNS:  # the rest is left over for a speed that is not quite the nominal one
-            length = "one output turn"
-        else:
-            s = "" if turns == 1 else "s"
-            length = f"{turns:g} output turn{s} ({turns * self._input_turns:g} input turns)"
         return f"a window of {length}" + (f" after skip_s = {self.skip_s:g} s" if self.skip_s else "")
 
 

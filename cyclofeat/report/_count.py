@@ -209,6 +209,7 @@ def _recording_section(model: LobeModel, item: CountedRecording, most_samples: i
         "warnings": list(dict.fromkeys([*count.warnings, *of_record])),
         "shares": dict(sorted(count.probability.items())),
         "windows": [window.to_dict() for window in count.windows],
+        "window_turns": model.windower_.output_turns,
         "stated_text": ""
         if recording.defect_count is None
         else count_text(recording.defect_count, recording.worn_lobes),
@@ -263,16 +264,18 @@ def _draw_evidence(
         spectrum = SpectrumDisplay.from_recording(recording, **at)
         orders = OrderDisplay.from_recording(recording, **at)
         pictures = _figures.recording_pictures(torque, spectrum, orders, lobe_map, **of_torque)
-    evidence: dict[str, Any] = {"pictures": pictures, "distance": None, "features": []}
-    if model.domain_ is None:
+    evidence: dict[str, Any] = {"pictures": pictures, "features": []}
+    if model.domain_ is None or speed_hz is None:
         return evidence
     display = TrainingDisplay.from_estimator(model, recording)
-    alt = "Bars: distance of the recording from the training windows of each number of worn lobes"
-    evidence["distance"] = _figures.draw_picture(display.plot, _BESIDE_TRAINING, alt)
-    counts = tuple(sorted(count.probability, key=lambda c: -count.probability[c])[:2])
-    for kind in () if speed_hz is None else display.kinds[:_N_FEATURE_PICTURES]:
+    trained = sorted(count.probability)
+    place = trained.index(count.defect_count)
+    # Beside its count those next to it: is it one less, or one more?
+    counts = (count.defect_count, *trained[max(0, place - 1) : place], *trained[place + 1 : place + 2])
+    beside = ", ".join(map(str, counts))
+    for kind in display.kinds[:_N_FEATURE_PICTURES]:
         words = words_of(kind)
-        alt = "Features of the recording beside the mean of the training windows of two counts: "
+        alt = f"Features of the recording beside training windows with {beside} worn lobes: "
         draw = partial(display.plot, kind=kind, counts=counts)
         picture = _figures.draw_picture(draw, _BESIDE_TRAINING, alt + words.title)
         evidence["features"].append(

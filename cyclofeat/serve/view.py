@@ -83,12 +83,11 @@ def _describe_model(session: Session) -> dict[str, str] | None:
 def _describe_file(row: Mapping[str, Any]) -> dict[str, Any]:
     if "error" in row:
         return {"name": row["file"], "error": row["error"]}
-    turns = row["whole_output_turns"]
+    turns = row["output_turns"]
     cells = [
         f"{row['channel']} ({row['unit']})",
         f"{row['sampling_rate']:g} Hz",
-        f"{row['duration_s']:.4g} s"
-        + ("" if turns is None else f", {number_of(turns, 'whole output turn')}"),
+        f"{row['duration_s']:.4g} s" + ("" if turns is None else f", {turns:.3g} output turns"),
         _speed_text(row["speed_rpm"]),
         _speed_text(row["speed_measured_rpm"]),
     ]

@@ -10,7 +10,7 @@ import numpy as np
 from cyclofeat._base.quantities import from_1, in_words, lobes_text, number_of
 from cyclofeat.datasets.readers._columns import WORN, samples_name
 from cyclofeat.recordings import Recording
-from cyclofeat.recordings.windower import SAMPLES_PER_TURN
+from cyclofeat.recordings.windower import SAMPLES_PER_TURN, WINDOW_TURNS
 from cyclofeat.signal.faults import clipped_share, mark_dropouts
 from cyclofeat.signal.speed import follow_speed, search_speed
 
@@ -51,9 +51,8 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
         where samples pile up there; and of those that repeat one value for long, or are 0 amid other values.
 
         ``speed_measured_rpm`` : input speed by the angle, else by the lobe lines (``speed_from``), and its
-        relative deviation ``speed_deviation`` from the nominal one. ``output_turns``, ``whole_output_turns``
-        and ``unused_s`` : output turns recorded, and the rest after whole ones, in s. ``run_up_s`` : time at
-        the start, in s, in which speed or mean torque differ from the rest.
+        relative deviation ``speed_deviation`` from the nominal one. ``output_turns`` : length of the record.
+        ``run_up_s`` : time at the start, in s, in which speed or mean torque differ from the rest.
 
         ``warnings`` : list of str, what would spoil a count.
 
@@ -70,8 +69,8 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
     >>> time = np.arange(51_200) / 25_600
     >>> torque = np.clip(22 + np.sin(2 * np.pi * 8 * time), None, 22.9)
     >>> facts = describe(Recording(torque, 25_600, speed_rpm=500))
-    >>> round(facts["clipped_share"], 2), facts["whole_output_turns"]
-    (0.14, 1)
+    >>> round(facts["clipped_share"], 2), round(facts["output_turns"], 2)
+    (0.14, 1.11)
     """
     reduction = recording.n_lobes if reduction is None else reduction
     facts = _recording_facts(recording, reduction, search=True)
@@ -80,11 +79,8 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
         return facts | {"warnings": warnings}
     # The gravest first.
     notes = []
-    if facts["whole_output_turns"] == 0:
-        notes.append(
-            f"the record holds {facts['output_turns']:.2g} output turns, a count needs one "
-            f"({reduction} input turns)"
-        )
+    if (turns := facts["output_turns"]) is not None and turns < WINDOW_TURNS:
+        notes.append(f"the record holds {turns:.2g} output turns, a count needs {WINDOW_TURNS}")
     speed = recording.speed_rpm if facts["speed_measured_rpm"] is None else facts["speed_measured_rpm"]
     if speed is None:
         notes.append("no speed is stated: the length of an output turn is not known")
@@ -122,11 +118,6 @@ def _recording_facts(recording: Recording, reduction: int, *, search: bool) -> d
     if speed is None and search:
         speed, speed_from = _speed_of_lines(counted, reduction), "lobe lines"
     known = speed or nominal
-    turns = whole = unused = None
-    if known is not None:
-        turns = recording.duration * known / reduction
-        whole = int(turns * (1 + 1e-6))  # a record of exactly one turn must not lose it to rounding
-        unused = max(0.0, recording.duration * (1 - whole / turns))
     samples = torque
     if recording.bad_spans:  # as marked: they are not counted
         edges = np.ceil(np.array(recording.bad_spans) * recording.sampling_rate).astype(int)
@@ -153,9 +144,7 @@ def _recording_facts(recording: Recording, reduction: int, *, search: bool) -> d
         "speed_measured_rpm": None if speed is None else 60 * speed,
         "speed_from": None if speed is None else speed_from,
         "speed_deviation": None if speed is None or nominal is None else speed / nominal - 1,
-        "output_turns": turns,
-        "whole_output_turns": whole,
-        "unused_s": unused,
+        "output_turns": None if known is None else recording.duration * known / reduction,
         "run_up_s": _run_up_time(counted),
     }
 

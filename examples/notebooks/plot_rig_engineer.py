@@ -59,8 +59,7 @@ for seed, (name, (rig, worn)) in enumerate(bench.items(), start=21):
 # Look before you count
 # ---------------------
 # ``inspect`` reads the files as ``count`` will. Check three things: the range of the torque (a wrong scale
-# shows here), the speed, and the number of whole output turns. One turn is enough for a count; two are
-# better.
+# shows here), the speed, and the length in output turns. One turn is enough for a count; two are better.
 
 run("cyclofeat inspect disc_a.csv disc_b.csv disc_c.csv --speed 500")
 
@@ -102,7 +101,7 @@ above.set(xlim=(5, 55), yscale="log", xlabel="frequency (Hz)", ylabel="amplitude
 above.set_title("The lines of disc_c lie 8 % lower")
 above.legend()
 TrainingDisplay.from_estimator(load_model(desk / "model.skops"), worn).plot(below)
-below.set_title("disc_b lies inside the training data: a distance is below 1", pad=40)
+below.set_title("disc_b has the slots of a worn disc", pad=40)
 plt.show()
 
 # %%

@@ -360,11 +360,10 @@ def test_count_for_people_counts_lobes_from_one(capsys, folder, model):
     assert f"worn lobes: {recording.defect_count}" in out
     assert "counted from 1" in out
     assert "surrogate" in out
-    found = re.search(r"from 1 window of one output turn \((.*) s\), (.*) s unused", out)
+    found = re.search(r"from 1 window of 0.98 output turns \((.*) s\), (.*) s unused", out)
     window, unused = map(float, found.groups())
-    # 0.98 output turns at the disc's own speed
-    assert window == pytest.approx(0.98 * 15 / recording.mean_input_speed(), rel=1e-3)
-    assert unused == pytest.approx(recording.duration - window, abs=1e-3)
+    assert window == pytest.approx(0.98 * 15 / recording.mean_input_speed(), rel=5e-3)
+    assert unused == pytest.approx(recording.duration - window, abs=5e-3)
 
 
 @pytest.mark.parametrize("command", ["count", "inspect"])
@@ -798,7 +797,7 @@ def test_inspect_says_what_would_spoil_a_count(capsys, folder, tmp_path):
     assert (code, err) == (0, "")
     good, bad = out.split(str(tmp_path / "clipped.npz"))
     assert "warning" not in good
-    for words in ("surrogate", "RPM by its angle", "whole output turn", "s left over", "clipped:   0 %"):
+    for words in ("surrogate", "RPM by its angle", "output turns", "clipped:   0 %"):
         assert words in good
     assert "warning:   10 % of the samples are clipped at" in bad
 
@@ -813,7 +812,7 @@ def test_inspect_prints_json_and_goes_on_after_a_bad_file(capsys, folder, tmp_pa
     assert [result["file"] for result in (bad, good)] == [str(tmp_path / "rig.csv"), str(folder / "worn.csv")]
     assert "--angle-unit 'rad', 'deg' or 'rev', or --no-angle" in bad["error"]
     assert (err.count("\n"), f"report: {page}" in err) == (2, True)
-    assert good["whole_output_turns"] >= 1
+    assert good["output_turns"] >= 1
     text = page.read_text(encoding="utf-8")
     assert "or --no-angle" in text
     assert text.count("application/json") == 1

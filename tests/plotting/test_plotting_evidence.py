@@ -5,7 +5,7 @@ import copy
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from small_model import RATE, SPEED, recording, small_model, unlike_training
+from small_model import RATE, SPEED, recording, small_model
 
 from cyclofeat import Recording
 from cyclofeat.plotting import LobeMapDisplay, OrderDisplay, TrainingDisplay
@@ -76,28 +76,15 @@ def test_orders_refuse(call, message):
 # -- training windows
 
 
-def test_the_nearest_distance_is_the_domain_s_own(model):
-    one = recording((4, 5, 6), seed=100, turns=2)
-    display = TrainingDisplay.from_estimator(model, one)
-    features = model.counter_.lobe_map_.transform(model.windows(one).X)
-    assert_allclose(display.features, features)
-    assert_allclose(display.distances.min(axis=1), model.domain_.distance(features))
-    assert display.classes[display.distances.mean(axis=0).argmin()] == 3
-
-
 def test_means_are_those_of_the_training_windows(model):
-    display = TrainingDisplay.from_estimator(model, recording((4, 5, 6), seed=100))
+    one = recording((4, 5, 6), seed=100)
+    display = TrainingDisplay.from_estimator(model, one)
+    assert_allclose(display.features, model.counter_.lobe_map_.transform(model.windows(one).X))
     # Healthy discs have no burst: their slots are quieter than those of three worn lobes, which model and
     # pictures must agree on.
     slots = [k for k, name in enumerate(display.names) if name.startswith("lobe_slot_rms")]
     assert display.means[2, slots].max() > 2 * display.means[0, slots].max()
     assert np.abs(display.features[0, slots] - display.means[2, slots]).mean() < 0.1
-
-
-def test_a_strange_recording_lies_beyond_the_line(model):
-    display = TrainingDisplay.from_estimator(model, unlike_training())
-    assert display.distances.min() > 1
-    assert display.plot().ax_.get_ylim()[1] > display.distances.max()
 
 
 def test_kinds_of_features_are_drawn_by_their_places(model):
@@ -137,16 +124,16 @@ def test_kinds_that_tell_counts_apart_come_first():
     names = [f"{kind}(k{k})" for kind in ("dull", "telling") for k in range(3)] + ["alone"]
     means = np.zeros((2, 7))
     means[1, 3:6] = 5
-    display = TrainingDisplay(
-        features=np.zeros((1, 7)), names=names, training=([0, 1], means, np.ones(7)),
-        distances=np.ones((1, 2)),
-    )  # fmt: skip
+    display = TrainingDisplay(features=np.zeros((1, 7)), names=names, training=([0, 1], means, np.ones(7)))
     assert display.kinds == ["telling", "dull"]
+    assert display.plot().ax_.get_legend_handles_labels()[1][:2] == [
+        "trained: 0 worn (one std)", "trained: 1 worn",
+    ]  # fmt: skip
 
 
 def test_training_refuses(model):
     display = TrainingDisplay.from_estimator(model, recording(()))
-    with pytest.raises(ValueError, match="kind must be 'distance' or one of"):
+    with pytest.raises(ValueError, match="kind must be one of"):
         display.plot(kind="x")
     with pytest.raises(ValueError, match=r"counts must be of \[0, 1, 3\], got 2"):
         display.plot(kind="lobe_slot_rms", counts=(2,))

@@ -74,9 +74,10 @@ def test_the_count_comes_before_all_evidence(page):
     text = words(parse(page))
     order = [
         "Worn lobes: <b>worn</b>.npz", "All recordings are SURROGATE", "3 worn lobes probability",
-        "5, 6, 7 as numbered on the disc", "Against the training Inside", "the count agrees",
+        "5, 6, 7 as numbered on the disc",
+        "Against the training Inside this recording resembles the training data", "the count agrees",
         "probabilities are not calibrated", "Evidence", "The disc", "How sure", "Torque", "Spectrum",
-        "Orders", "Distance from the training windows", "Strength of the lobe lines", "What the words mean",
+        "Orders", "Strength of the lobe lines", "What the words mean",
         "Not calibrated: it ranks the counts", "In the code: lobe_slot_rms , std of the whitened",
         "The model", "bursts <i>by hand</i>", "Made from",
         "model file <model>",
@@ -94,8 +95,8 @@ def test_the_page_is_whole_and_escaped(page):
     assert "<model>" not in bare
     parsed = parse(page)
     addresses = [value for _, name, value in parsed.attributes if name in ("src", "href", "xlink:href")]
-    # disc, distance and four kinds of features for two schemes, plots of torque, spectrum and orders for one
-    assert len(addresses) == 2 * 6 + 3
+    # disc and four kinds of features for two schemes, plots of torque, spectrum and orders for one
+    assert len(addresses) == 2 * 5 + 3
     assert all(address.startswith("data:image/svg+xml;base64,") for address in addresses)
 
 
@@ -180,7 +181,7 @@ def test_sections_go_first_to_recordings_that_need_a_look(model, counted, drawn)
     assert [section["name"] for section in found["sections"]] == ["strange.npz"]
     assert found["n_more"] == 2
     assert [bool(row["anchor"]) for row in found["rows"]] == [False, False, True]
-    assert len(drawn) == 3
+    assert len(drawn) == 2  # torque and spectrum
     json.dumps(found)
 
 
@@ -225,7 +226,7 @@ def displays(monkeypatch, drawn):
     return given
 
 
-def test_a_refused_recording_of_unknown_speed_has_no_lobe_lines(model, displays):
+def test_a_refused_recording_of_unknown_speed_has_no_lobe_lines(model, displays, drawn):
     strange, worn = unlike_training(), recording((4, 5, 6), seed=100)
     counted = [CountedRecording(name, one, model.count(one)) for name, one in (("s", strange), ("w", worn))]
     refused, sound = summarise_count(model, counted)["sections"]
@@ -235,6 +236,7 @@ def test_a_refused_recording_of_unknown_speed_has_no_lobe_lines(model, displays)
     (spectrum, orders, lobe_map), marked = displays
     assert spectrum.input_speed_hz is orders is lobe_map is None
     assert None not in marked
+    assert drawn[-1].startswith("Features of the recording beside training windows with 3, 1 worn lobes")
     assert marked[0].input_speed_hz == pytest.approx(500 / 60, rel=1e-3)
 
 

@@ -435,7 +435,7 @@ def test_the_page_says_what_to_do_next(tmp_path):
         assert following().startswith("state what a.csv lacks")
         found = {
             "file": "a.csv", "channel": "a", "unit": "Nm", "sampling_rate": 9, "duration_s": 1,
-            "whole_output_turns": None, "speed_rpm": None, "speed_measured_rpm": None, "warnings": [],
+            "output_turns": None, "speed_rpm": None, "speed_measured_rpm": None, "warnings": [],
         }  # fmt: skip
         (live.session.store.recordings / "printed.json").write_text(json.dumps([found]))
         live.job(live.start("inspect", "a.csv")[1]["number"])
