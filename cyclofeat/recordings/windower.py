@@ -397,8 +397,9 @@ class Windower:
         available = recording.n_samples - first
         if available < length:
             raise ValueError(
-                f"the recording is too short: it lasts {recording.duration:.4g} s, {self._length_text()} "
-                f"needs {(first + length) / rate:.4g} s"
+                f"the recording is too short: it lasts {recording.duration:.4g} s ({recording.n_samples} "
+                f"samples), {self._length_text()} needs {(first + length) / rate:.4g} s ({first + length} "
+                "samples)"
             )
         starts = first + self._window_starts(available, length, grid=1)
         windows = np.lib.stride_tricks.sliding_window_view(recording.torque, length)[starts]

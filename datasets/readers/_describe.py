@@ -80,7 +80,7 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
     # The gravest first.
     notes = []
     if (turns := facts["output_turns"]) is not None and turns < WINDOW_TURNS:
-        notes.append(f"the record holds {turns:.2g} output turns, a count needs {WINDOW_TURNS}")
+        notes.append(f"the record holds {turns:.3g} output turns, a count needs {WINDOW_TURNS}")
     speed = recording.speed_rpm if facts["speed_measured_rpm"] is None else facts["speed_measured_rpm"]
     if speed is None:
         notes.append("no speed is stated: the length of an output turn is not known")
