@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 
 #: What methods need of a window.
@@ -96,6 +97,10 @@ def band_qualifier(band: tuple[float, float]) -> str:
     return f"{low:.12g}..{high:.12g}Hz"
 
 
+# Rows of features that need more than two samples.
+_psd = partial(Feature, needs=EIGHT_SEGMENTS)
+_turns = partial(Feature, needs=HALF_TURN)
+_levels = partial(Feature, needs=DEEPEST_LEVEL)
 _ROWS = (
     Feature("torque_min", "Nm", "min(x)", "paper A table 4"),
     Feature("torque_max", "Nm", "max(x)", "paper A table 4"),
@@ -107,52 +112,42 @@ _ROWS = (
     Feature("torque_skewness", "1", "m3 / m2^(3/2), mk = sum((x - mean)^k) / n", "MATLAB skewness"),
     Feature("torque_kurtosis", "1", "m4 / m2^2, mk = sum((x - mean)^k) / n", "MATLAB kurtosis"),
     Feature("torque_ripple", "1", "std / abs(mean)", "standard definition"),
-    Feature("shannon_entropy", "bit", "-sum(p log2(p)), p = psd / sum(psd)", "paper A eq. 8",
-        needs=EIGHT_SEGMENTS),
-    Feature("normalized_entropy", "1", "-sum(p log2(p + 2^-52)) / log2(N), p = psd / sum(psd)",
-        "paper A eq. 4-7, epsilon assumed", needs=EIGHT_SEGMENTS),
-    Feature("spectral_flatness", "1", "N exp(sum(log(p)) / N), p = psd / sum(psd)",
-        "paper A eq. 9, log domain", needs=EIGHT_SEGMENTS),
-    Feature("spectral_centroid", "Hz", "sum(f psd) / sum(psd)", "paper A 5.4", needs=EIGHT_SEGMENTS),
-    Feature("spectral_rolloff", "Hz", "min f with cumsum(psd) >= fraction sum(psd)", "paper A 5.4",
-        needs=EIGHT_SEGMENTS),
-    Feature("narrowband_ratio", "1", "sum(psd within half a width of n f0 and nearest to it) / sum(psd)",
-        "paper A 5.5, width assumed", needs=EIGHT_SEGMENTS),
-    Feature("band_power", "Nm^2", "df sum(psd in the band)", "standard definition", needs=EIGHT_SEGMENTS),
-    Feature("psd", "Nm^2/Hz", "Welch's density, one-sided", "paper A 5.3, MATLAB pwelch",
-        needs=EIGHT_SEGMENTS),
-    Feature("psd_level", "dB", "10 log10(max(psd, 1e-30)), psd in Nm^2/Hz", "paper A 5.3, MATLAB pwelch",
-        needs=EIGHT_SEGMENTS),
+    _psd("shannon_entropy", "bit", "-sum(p log2(p)), p = psd / sum(psd)", "paper A eq. 8"),
+    _psd("normalized_entropy", "1", "-sum(p log2(p + 2^-52)) / log2(N), p = psd / sum(psd)",
+        "paper A eq. 4-7, epsilon assumed"),
+    _psd("spectral_flatness", "1", "N exp(sum(log(p)) / N), p = psd / sum(psd)", "paper A eq. 9, log domain"),
+    _psd("spectral_centroid", "Hz", "sum(f psd) / sum(psd)", "paper A 5.4"),
+    _psd("spectral_rolloff", "Hz", "min f with cumsum(psd) >= fraction sum(psd)", "paper A 5.4"),
+    _psd("narrowband_ratio", "1", "sum(psd within half a width of n f0 and nearest to it) / sum(psd)",
+        "paper A 5.5, width assumed"),
+    _psd("band_power", "Nm^2", "df sum(psd in the band)", "standard definition"),
+    _psd("psd", "Nm^2/Hz", "Welch's density, one-sided", "paper A 5.3, MATLAB pwelch"),
+    _psd("psd_level", "dB", "10 log10(max(psd, 1e-30)), psd in Nm^2/Hz", "paper A 5.3, MATLAB pwelch"),
     Feature("amplitude", "Nm", "c sqrt(mean over blocks(|dft(w x)|^2)) / sum(w)",
         "paper B 6, average assumed", needs=ONE_BLOCK),
-    Feature("coherence", "1", "median over references(mean in the band(|Sxr|^2 / (Sxx Srr)))",
-        "paper A 5.2, paper B 5, MATLAB mscohere", needs=EIGHT_SEGMENTS),
-    Feature("order_amplitude", "Nm", "2 |mean(x exp(-2 pi i f k t))| over whole turns, f refined",
-        "cyclofeat.signal.orders", 2, needs=HALF_TURN),
-    Feature("lobe_slot_mean", "1", "mean of the whitened, folded torque in a slot",
-        "cyclofeat.signal.lobes", 2, needs=HALF_TURN),
-    Feature("lobe_slot_rms", "1", "std of the whitened, folded torque in a slot",
-        "cyclofeat.signal.lobes", 2, needs=HALF_TURN),
-    Feature("lobe_line_prominence", "dB", "10 log10(|c_k|^2 / floor_k + 0.001)", "cyclofeat.signal.lobes", 2,
-        needs=HALF_TURN),
-    Feature("lobe_line_contrast", "dB", "10 log10(|c_k|^2 / mean(|c_(k-2..k+2)|^2) + 0.001)",
-        "cyclofeat.signal.lobes", 2, needs=HALF_TURN),
-    Feature("minima_overlap", "1",
+    _psd("coherence", "1", "median over references(mean in the band(|Sxr|^2 / (Sxx Srr)))",
+        "paper A 5.2, paper B 5, MATLAB mscohere"),
+    _turns("order_amplitude", "Nm", "2 |mean(x exp(-2 pi i f k t))| over whole turns, f refined",
+        "cyclofeat.signal.orders", 2),
+    _turns("lobe_slot_mean", "1", "mean of the whitened, folded torque in a slot",
+        "cyclofeat.signal.lobes", 2),
+    _turns("lobe_slot_rms", "1", "std of the whitened, folded torque in a slot", "cyclofeat.signal.lobes", 2),
+    _turns("lobe_line_prominence", "dB", "10 log10(|c_k|^2 / floor_k + 0.001)", "cyclofeat.signal.lobes", 2),
+    _turns("lobe_line_contrast", "dB", "10 log10(|c_k|^2 / mean(|c_(k-2..k+2)|^2) + 0.001)",
+        "cyclofeat.signal.lobes", 2),
+    _turns("minima_overlap", "1",
         "median over the reference of: cells of a level with the lowest colour in both / cells",
-        "paper B section 7, paper A section 5.1", 2, needs=HALF_TURN),
+        "paper B section 7, paper A section 5.1", 2),
     Feature("wavelet_envelope_mean", "Nm", "mean(abs(analytic signal of the level that holds the mesh))",
         "paper A 5.1", needs=FOUR_PERIODS),
     Feature("wavelet_envelope_line", "Nm",
         "largest Hann amplitude of that envelope within the speed tolerance of a harmonic",
         "paper A section 5.1", needs=FOUR_PERIODS),
-    Feature("wavelet_rms", "Nm", "sqrt(mean(c^2) / 2^level) over cells", "paper B figs. 10-12",
-        needs=DEEPEST_LEVEL),
-    Feature("wavelet_energy_share", "1", "rms^2 / sum over levels(rms^2)", "paper B figs. 10-12",
-        needs=DEEPEST_LEVEL),
-    Feature("wavelet_kurtosis", "1", "m4 / m2^2, mk = mean((c - mean)^k) over cells", "standard definition",
-        needs=DEEPEST_LEVEL),
-    Feature("wavelet_lowest_colour", "1", "cells of a level with the lowest colour / cells",
-        "paper B figs. 10-12", needs=DEEPEST_LEVEL),
+    _levels("wavelet_rms", "Nm", "sqrt(mean(c^2) / 2^level) over cells", "paper B figs. 10-12"),
+    _levels("wavelet_energy_share", "1", "rms^2 / sum over levels(rms^2)", "paper B figs. 10-12"),
+    _levels("wavelet_kurtosis", "1", "m4 / m2^2, mk = mean((c - mean)^k) over cells", "standard definition"),
+    _levels("wavelet_lowest_colour", "1", "cells of a level with the lowest colour / cells",
+        "paper B figs. 10-12"),
 )  # fmt: skip
 
 REGISTRY: Mapping[str, Feature] = MappingProxyType({row.name: row for row in _ROWS})

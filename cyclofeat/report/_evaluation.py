@@ -136,8 +136,7 @@ def summarise_evaluation(
         "protocol": first.protocol,
         "folds": str(folds),
         "provenance": dict(settings or {})
-        | {"windows": int((first if windows is None else windows).labels.size)}
-        | {"assemblies": int(first.groups.size)},
+        | {"windows": int((windows or first).labels.size), "assemblies": int(first.groups.size)},
     }
 
 

@@ -588,7 +588,7 @@ def test_an_absolute_start_is_never_given_up_silently():
     recording = turning({3: 0.0}, seconds=2.0, start=TURN * 11)
     windower = Windower(samples_per_turn=64)
     with pytest.raises(
-        ValueError, match=r"too short: it lasts 2 s .*first whole one of its absolute.*angle_is_absolute=False"
+        ValueError, match=r"too short: it lasts 2 s .*first whole one of its.*angle_is_absolute=False"
     ):
         windower.windows(recording)
     assert len(windower.windows(recording.replace(angle_is_absolute=False))) == 1

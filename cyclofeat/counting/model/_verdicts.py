@@ -53,7 +53,7 @@ _AGREEMENT = 0.4
 def window_faults(recording: Recording, windows: WindowSet, stop_s: Float, n_lobes: int) -> tuple[str, ...]:
     """Return what would spoil the count of each window of a recording, empty where nothing would.
 
-    Windows are of one output turn, over time or over the angle of the input; ``stop_s`` are their ends in s
+    Windows are of 0.98 output turns, over time or over the angle of the input; ``stop_s`` are their ends in s
     from the recording's first sample.
     """
     angle, rate = recording.input_angle(n_lobes), recording.sampling_rate

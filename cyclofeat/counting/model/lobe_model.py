@@ -525,17 +525,17 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
     def count(self, recording: Recording) -> LobeCount:
         """Count and locate the worn lobes of one recording.
 
-        The probabilities of windows of one output turn are combined by the dependence learned in training; a
-        counter without one is taken to be no surer of many windows than of one. Windows whose signal has a
-        fault, or that lie outside the training domain, are left out. The recording is refused where more than
-        half of its windows are, where some are and not more than half of all have its count, where the
-        windows disagree, where its speed lies outside those of training, or where, without a tachometer, its
-        lines are those of another speed or show none; it still has a count.
+        The probabilities of the windows are combined by the dependence learned in training; a counter
+        without one is taken to be no surer of many windows than of one. Windows whose signal has a fault, or
+        that lie outside the training domain, are left out. The recording is refused where more than half of
+        its windows are, where some are and not more than half of all have its count, where the windows
+        disagree, where its speed lies outside those of training, or where, without a tachometer, its lines
+        are those of another speed or show none; it still has a count.
 
         Parameters
         ----------
         recording : Recording
-            A recording of the model's quantity and disc, at least one output turn long.
+            A recording of the model's quantity and disc, at least one window long.
 
         Returns
         -------

@@ -21,7 +21,7 @@ from cyclofeat.signal.windows import Float
 class LobeStream:
     """Counter of worn lobes of samples that arrive in pieces of any size.
 
-    With the angle of the input shaft, windows of one output turn are counted as soon as half an input turn
+    With the angle of the input shaft, windows of 0.98 output turns are counted as soon as half an input turn
     behind them has arrived (more with a model of fewer than 128 samples per turn). They are those of
     :meth:`LobeModel.count` on the whole record: equal up to rounding while the speed is steady, else up to
     errors of interpolation of 0.1 %. Without an angle, the speed can be followed in a whole record only; the
