@@ -138,7 +138,7 @@ def test_what_else_would_spoil_a_count():
         "the record is constant (3.5 Nm): sensor dead or not connected?"
     ]
     short = describe(Recording(geared(n=30_000), RATE, speed_rpm=500))
-    assert warned(short, "0.65 output turns, a count needs 0.98")
+    assert warned(short, "0.651 output turns, a count needs 0.98")
     unknown = describe(Recording(np.random.default_rng(0).normal(22, 1, N), RATE))
     assert warned(unknown, "no speed is stated")
     searched = describe(Recording(geared(), RATE))
