@@ -7,7 +7,7 @@ class                    picture
 ``SpectrumDisplay``      spectrum of the torque, with lobe lines and orders of the input shaft
 ``OrderDisplay``         lines of the output turn, by what they belong to: lobes, input shaft, mesh
 ``LobeMapDisplay``       the disc with a ring as dark as its lobes are worn, and the torque's disturbance
-``TrainingDisplay``      how near a recording lies to the training windows of each count, feature by feature
+``TrainingDisplay``      features of a recording beside those of the training windows of some counts
 ``GapDisplay``           where recordings and simulator differ: families, spectrum, orders, phase
 ``GapOverlayDisplay``    recordings, model and corrected model over each other
 ``GapReductionDisplay``  how far corrected simulators close that gap

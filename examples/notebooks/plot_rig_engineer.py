@@ -100,8 +100,9 @@ for recording, label in ((worn, "disc_b, counted"), (refused, "disc_c, refused")
 above.set(xlim=(5, 55), yscale="log", xlabel="frequency (Hz)", ylabel="amplitude (Nm)")
 above.set_title("The lines of disc_c lie 8 % lower")
 above.legend()
-TrainingDisplay.from_estimator(load_model(desk / "model.skops"), worn).plot(below)
-below.set_title("disc_b has the slots of a worn disc", pad=40)
+display = TrainingDisplay.from_estimator(load_model(desk / "model.skops"), worn)
+display.plot(below, kind="lobe_slot_rms", counts=(3, 2))
+below.set_title("disc_b is as rough, lobe by lobe, as discs of three worn lobes", pad=40)
 plt.show()
 
 # %%
