@@ -47,7 +47,7 @@ class HighPass(OneToOneFeatureMixin, WindowTransformer):
     """High-pass filter: each window becomes a window of the same length, in Nm (paper A section 2).
 
     That of :func:`cyclofeat.signal.high_pass`. It goes before any other transformer of windows in a pipeline.
-    Its columns are the samples, under the names they came with. Windows must hold one period of the cut-off.
+    Its columns are the samples, under the names they came with. Windows must hold half a period of the cut-off.
 
     Parameters
     ----------
@@ -76,13 +76,13 @@ class HighPass(OneToOneFeatureMixin, WindowTransformer):
         "order": [Interval(Integral, 1, None, closed="left")],
     }
 
-    needs: ClassVar[str] = "one period of the cut-off"
+    needs: ClassVar[str] = "half a period of the cut-off"
 
     cutoff_hz: float = 10.0
     order: int = 4
 
     def needed_samples(self) -> int:
-        return int(self.sampling_rate / self.cutoff_hz)
+        return int(self.sampling_rate / self.cutoff_hz / 2)
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         high_pass(X[:1, :1], self.sampling_rate, self.cutoff_hz, self.order)  # raises where they do not fit
