@@ -47,7 +47,8 @@ class HighPass(OneToOneFeatureMixin, WindowTransformer):
     """High-pass filter: each window becomes a window of the same length, in Nm (paper A section 2).
 
     That of :func:`cyclofeat.signal.high_pass`. It goes before any other transformer of windows in a pipeline.
-    Its columns are the samples, under the names they came with. Windows must hold half a period of the cut-off.
+    Its columns are the samples, under the names they came with. Windows must hold half a period of the
+    cut-off.
 
     Parameters
     ----------
