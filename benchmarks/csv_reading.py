@@ -25,7 +25,7 @@ N_SAMPLES, PART = 8_000_000, 100_000
 
 def write_file(path: Path, n_samples: int) -> None:
     random = np.random.default_rng(0)
-    with path.open("w") as file:
+    with path.open("w", encoding="utf-8") as file:
         file.write("time [s],torque [Nm]\n")
         for start in range(0, n_samples, PART):
             times, torque = np.arange(start, start + PART) / 25_600, 22 + random.normal(size=PART)
