@@ -179,7 +179,7 @@ def test_a_gap_is_found_by_keyboard_and_its_report_downloaded(browser, live, tmp
     browser.press("Enter")
     tab_to(browser, "gap")
     browser.press("Enter")
-    for stage in ("comparing measurement and model", "simulating rigs", "simulating the named effects, 1"):
+    for stage in ("comparing measurement and model", "simulating the named effects, round 1"):
         browser.wait_for(STATUS, lambda text, stage=stage: stage in text, 300)
         assert stage in browser.run(text_of("jobs"))
     browser.wait_for(STATUS, lambda text: "Next:" in text, 300)
