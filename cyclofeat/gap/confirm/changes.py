@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat.gap.confirm.sessions import with_sizes
 from cyclofeat.gap.engine.sets import Column
 from cyclofeat.gap.world.world import TOLERANCES
 from cyclofeat.simulators import Effect
@@ -71,13 +72,7 @@ class Point:
 
     def at(self, coordinates: Float) -> DrawnRig:
         """Return the rig at coordinates, which are held within their bounds."""
-        within = np.clip(coordinates, *self.bounds.T)
-        effects, first = [], 0
-        for effect in self.effects:
-            n = len(effect.vector_names())
-            effects.append(effect.from_vector(within[first : first + n]))
-            first += n
-        return tuple(effects), float(within[-1])
+        return with_sizes(self.effects, coordinates), float(np.clip(coordinates[-1], *TOLERANCES))
 
     def moved(self, change: Float) -> Point:
         """Return the point at changed coordinates."""
