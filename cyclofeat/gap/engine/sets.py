@@ -20,7 +20,7 @@ from cyclofeat.gap.engine.projection import Projection
 
 Float = NDArray[np.float64]
 
-MOST_CANDIDATES = 13  # effects that may be present or not: their sets are enumerated
+_MOST_CANDIDATES = 13  # effects that may be present or not: their sets are enumerated
 _LEAST_STRENGTH = 0.3  # of an added effect, in units of its guessed size
 _PRIOR_WEIGHT = 0.5  # of the log odds of earlier probabilities; calibrated on simulated sets
 _FIXED = 1e12  # precision of a coefficient that is fixed
@@ -162,7 +162,7 @@ def weigh_sets(
     owners = [column.effect for column in columns]
     candidates = sorted(
         {owners[k] for k in np.flatnonzero(shown & (kinds != "size"))}, key=lambda name: -presence[name]
-    )[:MOST_CANDIDATES]
+    )[:_MOST_CANDIDATES]
     certain = {owners[k] for k in np.flatnonzero(kinds != "with")} - {"", *candidates}
     sure = {"", *certain}  # "" is no effect: always there
     every = np.array([*itertools.product((False, True), repeat=len(candidates))], dtype=bool)

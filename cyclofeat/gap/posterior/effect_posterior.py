@@ -370,20 +370,6 @@ class EffectPosterior(BaseEstimator):
         quantiles = np.where(logarithmic, np.exp(np.where(logarithmic, sizes, 0.0)), sizes)
         return np.where(self.sizes_learned_[:, None], quantiles, np.nan)
 
-    def standardised_sizes(self, sessions: Sequence[Session]) -> Float:
-        """Return the mean of each size if its effect is present, on a common scale.
-
-        Parameters
-        ----------
-        sessions : sequence of Session
-
-        Returns
-        -------
-        ndarray, shape (n_sessions, n_sizes)
-            Distance from ``size_mean_`` in units of ``size_spread_``.
-        """
-        return self._network_outputs(self._network_inputs(sessions))[1]
-
     def size_distribution(self, session: Session, names: Sequence[str]) -> tuple[Float, Float]:
         """Return median and standard deviation of some sizes on the scale of their fit.
 
