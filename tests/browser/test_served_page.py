@@ -189,8 +189,8 @@ def test_a_gap_is_found_by_keyboard_and_its_report_downloaded(browser, live, tmp
     for name, part in (("gap.html", "Mains hum in the torque signal"), ("corrected.json", "hum")):
         tab_to(browser, f"download-2-{name}")  # 1: the inspection
         browser.press("Enter")
-        wait_for((tmp_path / name).exists)
-        assert part in (tmp_path / name).read_text(encoding="utf-8")
+        arriving = tmp_path / name  # made empty, then filled
+        wait_for(lambda arriving=arriving, part=part: arriving.exists() and part in arriving.read_text("utf-8"))
     browser.open(browser.run("document.querySelector('#jobs a').href"))
     assert "Mains hum in the torque signal" in browser.run("document.body.innerText")
     assert browser.said == []
