@@ -136,8 +136,8 @@ class Progress:
         count = f"{self._done} of {self._total}, " if self._total > 1 else ""
         left = ""
         if self._end is not None and not finished:
-            left = f", about {_time_text(max(self._end - now, 0.0))} left"
-        line = f"{self.label}: {count}{_time_text(elapsed)}{left}"
+            left = f", about {seconds_text(max(self._end - now, 0.0))} left"
+        line = f"{self.label}: {count}{seconds_text(elapsed)}{left}"
         if self._terminal:
             # A longer line would wrap, and only its last part be rewritten.
             line = line[: shutil.get_terminal_size().columns - 1]
@@ -162,11 +162,15 @@ class Steps:
     def __call__(self, text: str) -> None:
         self.__exit__(None)
         line = f"{self.label}: {text}" if self.label else text
-        if self.stream.isatty():
-            self._step = Progress(line, self.stream).__enter__()
-        elif not is_hidden():
+        self._step = Progress(line, self.stream).__enter__()
+        if not (self.stream.isatty() or is_hidden()):
             self.stream.write(line + "\n")
             self.stream.flush()
+
+    def count(self, done: int, total: int) -> None:
+        """Report how much of the step is done, from which the time left follows."""
+        if self._step is not None:
+            self._step(done, total)
 
     def __enter__(self) -> Self:
         return self
@@ -177,7 +181,8 @@ class Steps:
             self._step = None
 
 
-def _time_text(seconds: float) -> str:
+def seconds_text(seconds: float) -> str:
+    """Return a length of time in seconds, minutes or hours."""
     if seconds < 120:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"

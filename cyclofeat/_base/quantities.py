@@ -33,8 +33,9 @@ def in_words(quantity: str) -> str:
 
 
 def number_of(n: float, thing: str) -> str:
-    """Return ``1 lobe``, ``2 lobes``, ``0.98 output turns``."""
-    return f"{n} {thing}" if n == 1 else f"{n} {thing}s"
+    """Return ``1 lobe``, ``2 lobes``, ``0.98 output turns``, ``3 assemblies``."""
+    things = f"{thing[:-1]}ies" if thing.endswith("y") else f"{thing}s"
+    return f"{n} {thing if n == 1 else things}"
 
 
 def some_of(things: Iterable[object], most: int = 4, text: Callable[[Any], str] = str) -> str:
@@ -55,9 +56,18 @@ def from_1(lobes: Iterable[int]) -> list[int]:
     return [int(lobe) + 1 for lobe in lobes]
 
 
-def lobes_text(lobes: Iterable[int] | None) -> str:
-    """Return lobes as people count them, from 1, separated by commas."""
-    return ", ".join(map(str, from_1(sorted(lobes or ()))))
+def lobes_text(lobes: Iterable[int] | None, n_lobes: int | None = None) -> str:
+    """Return lobes as people count them, from 1, separated by commas.
+
+    Of a disc of ``n_lobes``, neighbours across its last lobe stay together: ``14, 15, 1, 2``.
+    """
+    ordered = sorted(lobes or ())
+    if ordered and ordered[0] == 0 and ordered[-1] + 1 == n_lobes:
+        start = len(ordered) - 1
+        while start and ordered[start] == ordered[start - 1] + 1:
+            start -= 1
+        ordered = ordered[start:] + ordered[:start]
+    return ", ".join(map(str, from_1(ordered)))
 
 
 def beyond_text(below: float, above: float, text: Callable[[float], str] = "{:.3g}".format) -> str:
@@ -72,8 +82,10 @@ def unit_text(unit: str) -> str:
 
 
 def probability_text(probability: float) -> str:
-    """Return a probability as text; "> 0.99" if it rounds to 1."""
-    return "> 0.99" if probability >= 0.995 else f"{probability:.2f}"
+    """Return a probability as text; "> 0.99" if it rounds to 1, "< 0.01" if it rounds to 0."""
+    if probability >= 0.995:
+        return "> 0.99"
+    return f"{probability:.2f}" if probability >= 0.005 else "< 0.01"
 
 
 def quantity_parts(values: Sequence[float], unit: str) -> tuple[list[str], str]:

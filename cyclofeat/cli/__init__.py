@@ -59,6 +59,30 @@ COMMANDS: dict[str, tuple[str, Literal["one", "list", "lines"]]] = {
     "demo": ("train a model, write surrogate recordings, count them, and write the pages", "one"),
 }  # fmt: skip
 
+# One or two calls of each command, as its help shows them.
+EXAMPLES = {
+    "simulate": (
+        "--worn-count 3 --rig r2 --duration 9 --out disc.csv",
+        "--out measured/ --count 24 --worn-counts 0,1,3 --speeds 500 --loads 11,22",
+    ),
+    "animate": ("--worn-lobes 4,5,6 --out gearbox.html",),
+    "inspect": ("disc.csv", "log.csv --channel Torque --sampling-rate 25600 --speed 500"),
+    "train": ("--rig mine.json --out model.skops", "measured/ --out model.skops"),
+    "count": ("disc.csv", "measured/ --model model.skops --report count.html"),
+    "watch": ("arriving/ --once", "arriving/ --model model.skops --history gearboxes.sqlite"),
+    "history": ("gearboxes.sqlite --report history.html",),
+    "evaluate": ("measured/", "measured/ --model output_torque --report evaluation.html"),
+    "features": ("measured/ --report features.html",),
+    "plan": ("--worn-count 3 --noise 0.2", "--worn-count 1 --noise 0.2 --wear"),
+    "campaign": ("--example design.json", "design.json --out campaign/"),
+    "gap": (
+        "measured/ --out gap.html",
+        "measured/ --hold-out 0.4 --out gap.html --save-simulator corrected.json",
+    ),
+    "serve": ("",),
+    "demo": ("--out demo",),
+}
+
 
 def command_module(name: str) -> ModuleType:
     return importlib.import_module(f"cyclofeat.cli.{name}")
@@ -195,7 +219,11 @@ def make_parser(complete: Collection[str] = tuple(COMMANDS)) -> argparse.Argumen
         required=True, metavar="COMMAND", dest="command", parser_class=CommandParser
     )
     for name, (text, output) in COMMANDS.items():
-        subparser = parsers.add_parser(name, help=text, description=text)
+        lines = [f"  cyclofeat {name} {example}".rstrip() for example in EXAMPLES[name]]
+        subparser = parsers.add_parser(
+            name, help=text, description=text, epilog="\n".join(["examples:", *lines]),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )  # fmt: skip
         printing = subparser.add_mutually_exclusive_group()
         printing.add_argument("--json", action="store_true", help="print JSON for programs")
         if output == "list":

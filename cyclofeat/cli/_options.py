@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 import functools
 import math
+import os
 import re
 import sys
 import traceback
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import partial
@@ -17,8 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Literal, NoReturn, TypeVar, cast
 
 from cyclofeat._base.files import check_parent
-from cyclofeat._base.progress import Progress, erase_progress, is_hidden
-from cyclofeat._base.quantities import QUANTITIES, in_words, join_errors
+from cyclofeat._base.progress import Progress, erase_progress, is_hidden, seconds_text
+from cyclofeat._base.quantities import QUANTITIES, in_words, join_errors, number_of
 
 if TYPE_CHECKING:
     from cyclofeat.counting import LobeCount, LobeModel
@@ -26,6 +27,10 @@ if TYPE_CHECKING:
     from cyclofeat.recordings import Recording
 
 T = TypeVar("T")
+
+_LONG_S = 10.0
+# Seconds of a core for each simulated second, one run at a time; batches need a fifth.
+SIMULATION_PACE = 0.15
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,13 @@ def note(message: str) -> None:
     """Print a line on standard error, unless ``--quiet`` was given."""
     if not is_hidden():
         print_message(message)
+
+
+def note_duration(doing: str, core_seconds: float, n_jobs: int = -1) -> None:
+    """Say beforehand about how long work takes, if that is more than ten seconds."""
+    cores = (os.cpu_count() or 1) if n_jobs < 1 else n_jobs
+    if core_seconds > _LONG_S * cores:
+        note(f"{doing} takes about {seconds_text(core_seconds / cores)} on {number_of(cores, 'free core')}")
 
 
 def warn(error: str) -> None:
@@ -74,7 +86,16 @@ class RaisingParser(argparse.ArgumentParser):
     """Parser whose errors are raised, so that all errors are printed in the same way."""
 
     def error(self, message: str) -> NoReturn:
-        raise ValueError(f"{message}; see {self.prog} --help")
+        wrong = re.search(r"invalid choice: '(.+)' \(choose from (.+)\)", message)
+        hint = "" if wrong is None else _suggest(wrong[1], re.findall(r"[\w.-]+", wrong[2]))
+        raise ValueError(f"{message}{hint}; see {self.prog} --help")
+
+
+def _suggest(typed: str, known: Iterable[str]) -> str:
+    """Return a question for the known word that is most like the one typed; empty where none is."""
+    from difflib import get_close_matches
+
+    return "".join(f" (did you mean {near}?)" for near in get_close_matches(typed, known, n=1, cutoff=0.7))
 
 
 class CommandParser(RaisingParser):
@@ -89,6 +110,10 @@ class CommandParser(RaisingParser):
     ) -> tuple[argparse.Namespace, list[str]]:
         """Parse as usual, and a second time without defaults, for what was typed."""
         parsed, rest = super().parse_known_args(args, namespace)
+        if rest:
+            options = [word.partition("=")[0] for word in rest if word.startswith("--")]
+            hint = _suggest(options[0], self._option_string_actions) if options else ""
+            self.error(f"unrecognized arguments: {' '.join(rest)}{hint}")
         defaults = [(action, action.default) for action in self._actions]
         try:
             for action, _ in defaults:

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.progress import Progress
-from cyclofeat.cli._options import Printed, add_idle, add_jobs, add_target
+from cyclofeat._base.quantities import number_of
+from cyclofeat.cli._options import SIMULATION_PACE, Printed, add_idle, add_jobs, add_target, note_duration
 from cyclofeat.cli._rigs import add_effects
 
 if TYPE_CHECKING:
@@ -45,7 +46,9 @@ def run(arguments: argparse.Namespace) -> Printed:
         path, design = str(Path(arguments.example)), example()
         n_runs = design.n_runs
         design.to_json(path)
-        text = f"{path}: a design of {n_runs} runs; run it: cyclofeat campaign {path} --out FOLDER"
+        text = (
+            f"{path}: a design of {number_of(n_runs, 'run')}; run it: cyclofeat campaign {path} --out FOLDER"
+        )
         return Printed(text, {"file": path, "n_runs": n_runs})
     if arguments.verify is not None:
         with Progress("verifying the campaign"):
@@ -58,6 +61,8 @@ def run(arguments: argparse.Namespace) -> Printed:
     campaign = Campaign.from_json(arguments.design, preset=rig_preset)
     if arguments.kernel is not None:
         campaign = campaign.replace(kernel=arguments.kernel)
+    pace = SIMULATION_PACE if campaign.kernel == "exact" else SIMULATION_PACE / 5
+    note_duration("simulating", pace * campaign.n_runs * campaign.duration, arguments.n_jobs)
     with Progress("simulating assemblies") as progress:
         data = run_campaign(
             campaign, arguments.out, n_jobs=arguments.n_jobs, scheduler=arguments.scheduler, progress=progress
@@ -79,7 +84,7 @@ def _print_campaign(folder: str, result: CampaignData) -> Printed:
     counts = result.manifest["status"]
     size = sum(file["bytes"] for file in result.manifest["files"].values())
     status = ", ".join(f"{n} {name}" for name, n in counts.items())
-    text = f"{folder}: {n_runs} runs of {n_samples} samples ({status}), {size / 1e6:.1f} MB"
+    text = f"{folder}: {number_of(n_runs, 'run')} of {n_samples} samples ({status}), {size / 1e6:.1f} MB"
     if not result.ok.all():
         first = int(result.ok.argmin())
         reason = result.parameters["reason"][first]

@@ -8,12 +8,13 @@ import csv
 import itertools
 import operator
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from cyclofeat._base.files import name_in_errors
 from cyclofeat._base.progress import Progress
-from cyclofeat._base.quantities import QUANTITIES, lobes_text, number_of
+from cyclofeat._base.quantities import QUANTITIES, lobes_text, number_of, probability_text
 from cyclofeat.cli._options import (
     FILES,
     FileResult,
@@ -136,14 +137,17 @@ def _print_count(
     window = round(first.stop_s - first.start_s, 9)
     # Rounding of a window to whole samples leaves a residue that is no time.
     unused = max(0.0, round(duration - last.stop_s, 6))
-    answer = f"{count.defect_count} (probability {count.probability[count.defect_count]:.2f})"
-    lines = [f"worn lobes: {answer}"]
+    name, _, description = result.title.partition(": ")
+    probability = probability_text(count.probability[count.defect_count])
+    answer = f"{number_of(count.defect_count, 'worn lobe')} (probability {probability})"
+    lines = []
     if count.refused:
-        lines = [f"refused:    {count.reason}", f"would be:   {answer}"]
+        lines = [f"it would be {answer}"]
+        answer = f"refused: {count.reason}"
     elif count.lobes:
-        lines.append(f"positions:  {lobes_text(count.lobes)} (counted from 1)")
+        lines = [f"positions: {lobes_text(count.lobes, len(count.lobe_probability))} (counted from 1)"]
     if count.wear_um is not None:
-        lines.append(f"wear:       {count.wear_um}")
+        lines.append(f"wear: {count.wear_um}")
     length = number_of(model_of(quantity).windower_.output_turns, "output turn")
     windows = f"{number_of(count.n_windows, 'window')} of {length} ({window:.3g} s)"
     lines.append(f"from {windows}, {unused:.3g} s unused")
@@ -158,4 +162,6 @@ def _print_count(
     if state is not None:
         lines.append(f"{state.gearbox}: {state}")
         facts |= {"gearbox": state.gearbox, "alarm": state.alarm, "history": state.to_dict()}
-    return result.format_result(lines, facts, refused=count.refused and arguments.strict)
+    lines.append(f"recording: {description}")
+    answered = replace(result, title=f"{name}: {answer}")
+    return answered.format_result(lines, facts, refused=count.refused and arguments.strict)

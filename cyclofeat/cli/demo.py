@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from cyclofeat._base.progress import Progress, Steps
 from cyclofeat._base.quantities import lobes_text
-from cyclofeat.cli._options import Printed, add_jobs, add_target
+from cyclofeat.cli._options import Printed, add_jobs, add_target, note_duration
 from cyclofeat.cli.evaluate import cross_validate, write_page
 
 if TYPE_CHECKING:
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _TRAINING_SEED = 1
 _FILE_SEED = 2
+_DEMO_S = 160.0  # of one core
 _SECTIONS = 4  # recordings with pictures on the page of the counts
 
 
@@ -47,6 +48,7 @@ def run(
     # Errors now rather than after the simulation.
     model_file = check_model_path(folder / "model.skops")
     pages = [check_page_path(folder / name) for name in ("count.html", "evaluation.html")]
+    note_duration("the demonstration", _DEMO_S, arguments.n_jobs)
     training = _simulate_assemblies(training_assemblies, _TRAINING_SEED, arguments.n_jobs)
     simulated = _simulate_assemblies(file_assemblies, _FILE_SEED, arguments.n_jobs)
     files = write_folder(folder / "recordings", simulated)
@@ -95,9 +97,10 @@ def _score_counts(counted: list[CountedRecording]) -> tuple[list[str], dict[str,
         exact += set(true.worn_lobes or ()) == set(count.lobes)
         mark = "" if true.defect_count == count.defect_count else "  <- wrong"
         mark += f"  refused: {count.reason}" if count.refused else ""
+        lobes = [lobes_text(worn, true.n_lobes) or "-" for worn in (true.worn_lobes, count.lobes)]
         lines.append(
-            f"  {file.name:24s} true {true.defect_count} ({lobes_text(true.worn_lobes) or '-'})  "
-            f"predicted {count.defect_count} ({lobes_text(count.lobes) or '-'}){mark}"
+            f"  {file.name:24s} true {true.defect_count} ({lobes[0]})  "
+            f"predicted {count.defect_count} ({lobes[1]}){mark}"
         )
     lines.append(
         f"  counts right: {right / n:.3f}, exactly the right lobes: {exact / n:.3f}, of {n} recordings; "

@@ -19,6 +19,7 @@ from cyclofeat.cli._options import (
     add_seed,
     add_target,
     note,
+    note_duration,
     read_all,
     read_model,
     whole_number,
@@ -72,6 +73,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     files = ", ".join(arguments.files[:5]) + (", ..." if len(arguments.files) > 5 else "")
     if arguments.model is None:
         how, cross_validated = "folds by assembly", protocol
+        note_duration("cross-validation", 30 + 0.5 * len(recordings), arguments.n_jobs)
         results = cross_validate(model, recordings, protocol)
         settings = {"options of the model": repr(model)}
     else:

@@ -23,6 +23,7 @@ from cyclofeat.cli._options import (
     add_target,
     check_folder,
     note,
+    note_duration,
     read_all,
     whole_number,
 )
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 PACKAGED = "packaged"  # word for the posterior that comes with the package
 _RECORDINGS, _RIGS = 12, 240
 _MACHINES = 4000  # about an hour of two cores
+_COMPARISON_S = 150.0  # of one core
 
 
 def add_check(parser: argparse.ArgumentParser) -> None:
@@ -174,8 +176,9 @@ def prepare_posterior(arguments: argparse.Namespace) -> Printed:
     }  # fmt: skip
     speeds, loads = (" to ".join(f"{end:.4g}" for end in ends) for ends in (world.speeds_rpm, world.loads_nm))
     text = (
-        f"{path}: {len(posterior.names_)} effects, learned from the {in_words(world.quantity)} of "
-        f"{posterior.n_rigs_} simulated rigs at {speeds} RPM, {loads} Nm and {world.sampling_rate:g} Hz"
+        f"{path}: {number_of(len(posterior.names_), 'effect')}, learned from the "
+        f"{in_words(world.quantity)} of {posterior.n_rigs_} simulated rigs at {speeds} RPM, {loads} Nm and "
+        f"{world.sampling_rate:g} Hz"
     )
     return Printed(text, facts)
 
@@ -292,6 +295,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     if arguments.simulated is None:
         model, posterior = _model_and_posterior(arguments)
         fitted, held_out = _split_recordings(arguments, recordings)
+        note_duration("the comparison", _COMPARISON_S, arguments.n_jobs)
         with Steps("cyclofeat gap") as steps:
             result = find_gap(
                 fitted, held_out, model=model, posterior=posterior, settings=gap_settings, progress=steps

@@ -87,4 +87,4 @@ def _speed_text(facts: dict[str, Any]) -> str:
     by = f"{measured:.5g} RPM by its {facts['speed_from']}"
     if nominal is None:
         return by
-    return f"{by}, {100 * facts['speed_deviation']:+.2f} % against the nominal {nominal:g} RPM"
+    return f"{by}, {100 * facts['speed_deviation']:+z.2f} % against the nominal {nominal:g} RPM"

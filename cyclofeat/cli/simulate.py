@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cyclofeat._base.progress import Progress
-from cyclofeat._base.quantities import QUANTITIES
+from cyclofeat._base.quantities import QUANTITIES, number_of
 from cyclofeat.cli._options import (
+    SIMULATION_PACE,
     Printed,
     add_idle,
     add_target,
     list_of,
+    note_duration,
     positive_number,
     range_of,
     whole_number,
@@ -69,7 +71,7 @@ def run(arguments: argparse.Namespace) -> Printed:
         raise ValueError(f"--out must end in .csv or .npz, or be a folder for --count N, got {file}")
     if arguments.count is not None:
         files = write_folder(file, _simulate_many(arguments))
-        text = f"{file}: {len(files)} recordings, each of another assembly, and their manifest"
+        text = f"{file}: {number_of(len(files), 'recording')}, each of another assembly, and their manifest"
         return Printed(text, {"folder": file, "files": list(map(str, files))})
     with Progress(f"simulating {arguments.duration:g} s"):
         recording = _simulate_one(arguments)
@@ -114,6 +116,7 @@ def _simulate_many(arguments: argparse.Namespace) -> Iterator[Recording]:
         least = f"{len(counts) * len(conditions)}, all of --worn-counts at each speed and load"
         raise ValueError(f"--count must be at least {least}, got {total}")
     rig = rig_of(arguments, default="r2")
+    note_duration("simulating", SIMULATION_PACE * total * arguments.duration)
     with Progress("simulating assemblies") as progress:
         for done in range(0, total, len(counts)):
             speed, load = conditions[done // len(counts) % len(conditions)]

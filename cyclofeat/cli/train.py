@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from cyclofeat._base.checks import whole
 from cyclofeat._base.progress import Progress, Steps
+from cyclofeat._base.quantities import number_of
 from cyclofeat._base.training import import_jax
 from cyclofeat.cli._options import (
     READING,
@@ -16,6 +17,7 @@ from cyclofeat.cli._options import (
     add_reading_options,
     add_seed,
     add_target,
+    note_duration,
     positive_number,
     range_of,
     read_all,
@@ -41,6 +43,8 @@ _RANGE, _RECORDED_RANGE = 1.25, 1.1
 _TURNS, _TURNS_FOR_WEAR = 2, 5
 # Largest share by which a motor turns less under load than at its nominal speed.
 _SLIP = 0.03
+# Seconds of a core to simulate a turn in a batch and to learn it.
+_TURN_S = 0.06
 # Share of the simulated worn assemblies that have radial wear, of --mixed-wear; the others have the chord.
 _RADIAL_SHARE = 1 / 3
 # Samples per input turn of windows, cyclofeat.recordings.windower.SAMPLES_PER_TURN, which loads late.
@@ -163,7 +167,7 @@ def run(arguments: argparse.Namespace) -> Printed:
     model = untrained_model(arguments)
     if arguments.recordings:
         recordings = read_all(arguments.recordings, arguments)
-        origin = f"{len(recordings)} recordings from files"
+        origin = f"{number_of(len(recordings), 'recording')} from files"
     else:
         recordings, name = _simulated_recordings(arguments)
         origin = f"{len(recordings)} simulated assemblies of rig {name}, seed {arguments.random_state}"
@@ -231,6 +235,9 @@ def _simulated_recordings(arguments: argparse.Namespace) -> tuple[list[Recording
     quantity = arguments.quantity or "output_torque"
     if rig.has_motor or quantity == "motor_current":
         turns *= 1 + _SLIP
+    n_turns = turns * arguments.assemblies * (arguments.max_count + 1)
+    pace = _TURN_S * (5 if arguments.kernel == "exact" else 1)
+    note_duration("simulating and training", pace * n_turns, arguments.n_jobs)
     with Progress("simulating assemblies") as progress:
         recordings = make_rig_recordings(
             arguments.assemblies,

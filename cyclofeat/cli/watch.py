@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from cyclofeat._base.files import check_parent
-from cyclofeat._base.quantities import lobes_text, number_of
+from cyclofeat._base.quantities import lobes_text, number_of, probability_text
 from cyclofeat.cli._options import (
     Printed,
     add_history_options,
@@ -361,12 +361,13 @@ def _print_count(
     arguments: argparse.Namespace, path: Path, count: LobeCount, state: GearboxState | None, model: str
 ) -> Printed:
     facts: dict[str, Any] = {"time": _time_text(), "file": str(path)}
-    probability = count.probability[count.defect_count]
-    line = f"{number_of(count.defect_count, 'worn lobe')} (probability {probability:.2f})"
+    probability = probability_text(count.probability[count.defect_count])
+    line = f"{number_of(count.defect_count, 'worn lobe')} (probability {probability})"
     if count.refused:
         line = f"refused: {count.reason}; would be {line}"
     elif count.lobes:
-        line += f" at {lobes_text(count.lobes)}{'' if count.absolute else ' (relative)'}"
+        line += f" at {lobes_text(count.lobes, len(count.lobe_probability))}"
+        line += "" if count.absolute else " (relative)"
     line += f", {number_of(count.n_windows, 'window')}"
     line += "".join(f"; note: {warning}" for warning in count.warnings)
     facts |= {**count.to_dict(), "model": model}

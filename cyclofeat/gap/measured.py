@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.signal import resample_poly
 
 from cyclofeat._base.checks import check_type, positive
-from cyclofeat._base.quantities import TORQUES, factor_to_output
+from cyclofeat._base.quantities import TORQUES, factor_to_output, number_of
 from cyclofeat.gap.comparison import Comparison, GapSettings
 from cyclofeat.gap.simulations import Bank
 from cyclofeat.gap.summaries.summarise import Kinematics
@@ -223,8 +223,8 @@ class MeasuredRig:
         doubts = []
         if n < _FEW_RECORDINGS:
             doubts.append(
-                f"{n} recordings: how much they vary from one to the next is hardly known, and only large "
-                "differences are found"
+                f"{number_of(n, 'recording')}: how much they vary from one to the next is hardly known, "
+                "and only large differences are found"
             )
         if not self.has_counts:
             doubts.append(

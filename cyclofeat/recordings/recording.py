@@ -602,7 +602,7 @@ def facts_in_words(recording: Recording) -> dict[str, str | None]:
     zero = ", absolute" if recording.angle_is_absolute else ""
     worn = known if recording.defect_count is None else str(recording.defect_count)
     if recording.worn_lobes:
-        worn += f": {lobes_text(recording.worn_lobes)}, counted from 1"
+        worn += f": {lobes_text(recording.worn_lobes, recording.n_lobes)}, counted from 1"
     return {
         "length": f"{recording.duration:.4g} s: {recording.n_samples} samples at "
         f"{recording.sampling_rate:g} Hz",

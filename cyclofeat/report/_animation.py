@@ -121,9 +121,13 @@ def summarise_animation(
     picked = np.linspace(first, last, frames).round().astype(int)
     machine = _machine_geometry(run) | _frame_angles_and_forces(run, picked) | _torque_trace(run, first, last)
     defects, gearbox = run.defects, run.gearbox
-    parts = [f"removed lobes: {lobes_text(defects.removed_lobes)}"] if defects.removed_lobes else []
+    parts = (
+        [f"removed lobes: {lobes_text(defects.removed_lobes, run.gearbox.n_lobes)}"]
+        if defects.removed_lobes
+        else []
+    )
     if defects.worn_lobes or not parts:
-        parts.insert(0, count_text(len(defects.worn_lobes), defects.worn_lobes))
+        parts.insert(0, count_text(len(defects.worn_lobes), defects.worn_lobes, run.gearbox.n_lobes))
     if defects.defect_count and len(defects.wheels) == 1:
         parts.append(f"on wheel {defects.wheels[0] + 1} only")
     wear = "; ".join(parts)

@@ -133,7 +133,7 @@ def summarise_count(
             "anchor": "",
             "name": str(item.name),
             "count": count.defect_count,
-            "lobes": lobes_text(count.lobes),
+            "lobes": lobes_text(count.lobes, item.recording.n_lobes),
             "relative": bool(count.lobe_probability) and not count.absolute,
             "probability": probability,
             "refused": count.refused,
@@ -212,7 +212,7 @@ def _recording_section(model: LobeModel, item: CountedRecording, most_samples: i
         "window_turns": model.windower_.output_turns,
         "stated_text": ""
         if recording.defect_count is None
-        else count_text(recording.defect_count, recording.worn_lobes),
+        else count_text(recording.defect_count, recording.worn_lobes, recording.n_lobes),
         "lobe_shares": list(count.lobe_probability),
         "lobes_counted": list(count.lobes),
         "recorded": {

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cyclofeat._base.quantities import number_of
 from cyclofeat.plotting.drawing import legend_above
 from cyclofeat.report._report import Report
 
@@ -49,15 +50,15 @@ def write_features_report(
     """
     labels = np.asarray(y)
     page = Report("Which features depend on the number of worn lobes?")
+    assemblies = number_of(len(set(np.asarray(groups).tolist())), "assembly")
     page.add_text(
-        f"{len(table)} features of {len(labels)} windows of {len(set(np.asarray(groups).tolist()))} "
-        f"assemblies. The most gradual come first. {_MEANING}"
+        f"{number_of(len(table), 'feature')} of {number_of(len(labels), 'window')} of {assemblies}. "
+        f"The most gradual come first. {_MEANING}"
     )
     page.add_heading("Histograms of the most gradual")
     for name in table.index[:_N_HISTOGRAMS]:
-        trend = (
-            f"trend {table.trend[name]:+.2f}, {table.trend_low[name]:+.2f} to {table.trend_high[name]:+.2f}"
-        )
+        low, high = table.trend_low[name], table.trend_high[name]
+        trend = f"trend {table.trend[name]:+z.2f}, {low:+z.2f} to {high:+z.2f}"
         page.add_figure(_Histogram(features[name].to_numpy(), labels), f"{name}: {trend}", size=(8.0, 2.6))
     page.add_heading(f"Code for the {min(_N_CHOSEN, len(table))} most gradual")
     chosen = ",\n    ".join(map(repr, table.index[:_N_CHOSEN]))

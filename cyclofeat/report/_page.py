@@ -95,10 +95,10 @@ def keep_together(text: str) -> str:
     return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
-def count_text(count: int, lobes: Iterable[int] | None = ()) -> str:
+def count_text(count: int, lobes: Iterable[int] | None = (), n_lobes: int | None = None) -> str:
     """Return the number of worn lobes, and which, in words."""
     text = number_of(count, "worn lobe") if count else "no worn lobe"
-    numbers = quantities.lobes_text(lobes)
+    numbers = quantities.lobes_text(lobes, n_lobes)
     return f"{text}: {numbers}" if numbers else text
 
 

@@ -247,7 +247,7 @@ def one_line(recording: Recording) -> str:
     zero = "absolute" if recording.angle_is_absolute else "relative"
     parts.append("no angle" if recording.angle is None else f"angle of the {recording.angle_of}, {zero}")
     if recording.defect_count is not None:
-        lobes = lobes_text(recording.worn_lobes)
+        lobes = lobes_text(recording.worn_lobes, recording.n_lobes)
         parts.append(number_of(recording.defect_count, "worn lobe") + (f" ({lobes})" if lobes else ""))
     if recording.source:
         parts.append(recording.source)

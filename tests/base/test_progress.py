@@ -203,12 +203,27 @@ def test_steps_are_lines_of_a_log_or_a_line_of_progress_each(clock):
         with Steps("cyclofeat gap", stream) as step:
             step("comparing")
             clock.now += 5.0
-            if step._step:
+            if stream.is_terminal:
                 step._step.show_time()
             step("confirming")
             clock.now += 1.0
     assert log == ["cyclofeat gap: comparing\n", "cyclofeat gap: confirming\n"]
     assert terminal == [f"{ERASE}cyclofeat gap: comparing: 5 s", f"{ERASE}cyclofeat gap: comparing: 5 s\n"]
+
+
+def test_a_step_of_many_parts_says_what_is_left(clock):
+    stream = Stream(False)
+    with Steps(stream=stream) as step:
+        step("simulating")
+        for done in (0, 10, 20):
+            step.count(done, 40)
+            clock.now += 20.0
+    assert stream == [
+        "simulating\n",
+        "simulating: 10 of 40, 20 s, about 60 s left\n",
+        "simulating: 20 of 40, 40 s, about 40 s left\n",
+        "simulating: 40 of 40, 60 s\n",
+    ]
 
 
 def test_quiet_prints_results_and_errors_alone(capsys, tmp_path):

@@ -7,6 +7,7 @@ import itertools
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 import weakref
@@ -18,7 +19,9 @@ import pytest
 import small_model
 
 from cyclofeat import __version__
-from cyclofeat.cli import main, make_parser
+from cyclofeat.cli import COMMANDS, main, make_parser
+from cyclofeat.cli._options import note_duration
+from cyclofeat.cli.inspect import _speed_text
 from cyclofeat.counting import LobeModel, Protocol, evaluate
 from cyclofeat.datasets import read_folder, read_recording, write_recording
 from cyclofeat.datasets.readers import Entry, folder_entries
@@ -340,8 +343,11 @@ def test_a_refused_recording_has_no_count(capsys, folder, tmp_path, model):
     write_recording(tmp_path / "clipped.npz", clipped)
     code, out, _ = run(capsys, "count", tmp_path / "clipped.npz", *model, "--strict")
     assert code == 3
-    assert re.search(r"refused: +4[3-6]% of the samples are clipped .*\n +would be: +\d \(probability", out)
-    assert "worn lobes: " not in out
+    answer = (
+        r"clipped.npz: refused: 4[3-6]% of the samples are clipped .*\n  it would be \d worn lobes? \(prob"
+    )
+    assert re.search(answer, out)
+    assert "npz: 4 worn lobes" not in out
     code, out, _ = run(capsys, "count", tmp_path / "clipped.npz", *model, "--json")
     assert code == 0
     (facts,) = json.loads(out)
@@ -357,9 +363,9 @@ def test_count_for_people_counts_lobes_from_one(capsys, folder, model):
     code, out, _ = run(capsys, "count", folder / "worn.csv", *model)
     assert code == 0
     recording = read_recording(folder / "worn.csv")
-    assert f"worn lobes: {recording.defect_count}" in out
+    assert out.splitlines()[0].startswith(f"{folder / 'worn.csv'}: {recording.defect_count} worn lobes (prob")
     assert "counted from 1" in out
-    assert "surrogate" in out
+    assert "surrogate" in out.splitlines()[-1]
     found = re.search(r"from 1 window of 0.98 output turns \((.*) s\), (.*) s unused", out)
     window, unused = map(float, found.groups())
     assert window == pytest.approx(0.98 * 15 / recording.mean_input_speed(), rel=5e-3)
@@ -370,10 +376,9 @@ def test_count_for_people_counts_lobes_from_one(capsys, folder, model):
 def test_a_file_is_named_once(capsys, folder, command, model):
     options = [] if command == "inspect" else model
     _, out, _ = run(capsys, command, folder / "worn.csv", *options)
-    first = out.splitlines()[0]
-    assert first.startswith(f"{folder / 'worn.csv'}")
-    assert "torque" in first
-    assert first.count("worn.csv") == 1
+    assert out.startswith(f"{folder / 'worn.csv'}: ")
+    assert "torque" in out
+    assert out.count("worn.csv") == 1
 
 
 def test_count_writes_a_report(capsys, folder, tmp_path, model, no_pictures):
@@ -781,8 +786,9 @@ def test_bad_arguments(capsys, folder, tmp_path, monkeypatch, arguments, message
     monkeypatch.chdir(tmp_path)
     code, _, err = run(capsys, *(a.format(folder=folder) for a in arguments))
     assert code == 2
-    assert err.count("\n") == 1, err
-    assert re.search(message, err), err
+    *notes, error = err.splitlines()
+    assert all("free core" in note for note in notes), err
+    assert re.search(message, error), err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -915,6 +921,44 @@ def test_an_error_states_the_path_even_if_its_words_hold_the_letters_of_the_fold
 
 
 @pytest.mark.parametrize(
+    ("words", "hint"), [("cuont a.npz", "count"), ("count a --quantity output-torque", "output_torque")]
+)
+def test_a_word_that_is_none_of_those_known_is_answered_with_the_nearest(words, hint, capsys):
+    assert main(words.split()) == 2
+    assert f" (did you mean {hint}?); see cyclofeat" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_ends_with_examples_that_are_understood(command, capsys):
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    _, _, examples = capsys.readouterr().out.partition("\nexamples:\n")
+    calls = examples.strip().splitlines()
+    assert 1 <= len(calls) <= 2
+    for call in calls:
+        program, *words = shlex.split(call)
+        assert program == "cyclofeat"
+        assert make_parser().parse_args(words).command == command
+
+
+def test_long_work_says_beforehand_about_how_long(capsys, monkeypatch):
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    note_duration("simulating", 19.0)
+    assert capsys.readouterr().err == ""
+    note_duration("simulating", 300.0)
+    note_duration("training", 60.0, n_jobs=1)
+    expected = "simulating takes about 2 min on 2 free cores\ntraining takes about 60 s on 1 free core\n"
+    assert capsys.readouterr().err == expected
+
+
+def test_a_speed_as_stated_deviates_by_no_negative_zero():
+    facts = {
+        "speed_rpm": 500.0, "speed_measured_rpm": 499.999, "speed_from": "angle", "speed_deviation": -2e-6,
+    }  # fmt: skip
+    assert "+0.00 % against the nominal 500 RPM" in _speed_text(facts)
+
+
+@pytest.mark.parametrize(
     ("command", "error"),
     [
         (
@@ -923,7 +967,15 @@ def test_an_error_states_the_path_even_if_its_words_hold_the_letters_of_the_fold
         ),
         (
             "count --jsonl a.npz --model m.skops --loud",
-            "unrecognized arguments: --loud; see cyclofeat --help",
+            "unrecognized arguments: --loud; see cyclofeat count --help",
+        ),
+        (
+            "count --jsonl a.npz --modle=m.skops",
+            "unrecognized arguments: --modle=m.skops (did you mean --model?); see cyclofeat count --help",
+        ),
+        (
+            "plan --json --worn-count 2 --rig r1 --noise 1 --wheer",
+            "unrecognized arguments: --wheer (did you mean --wear?); see cyclofeat plan --help",
         ),
     ],
 )

@@ -15,6 +15,7 @@ from sklearn.model_selection import StratifiedGroupKFold
 from sklearn.utils import check_array, check_consistent_length
 
 from cyclofeat._base.checks import one_of, repr_of
+from cyclofeat._base.quantities import number_of
 from cyclofeat.counting.evaluation.assembly_folds import (
     Float,
     Folds,
@@ -255,11 +256,10 @@ def folds_of(protocol: Protocol, data: LabelledData, conditions: NDArray[Any] | 
         n_assemblies = np.unique(data.groups[data.y == label]).size
         if n_assemblies < least:
             fewer = f"n_splits = {least}" if stratified else f"the 2 that {protocol.hold_out} needs"
-            assemblies = "1 assembly" if n_assemblies == 1 else f"{n_assemblies} assemblies"
             lower = " or take fewer folds" if stratified and n_assemblies > 1 else ""
             raise ValueError(
-                f"class {label} has {assemblies}, fewer than {fewer}: each fold holds out another; "
-                f"record more{lower}"
+                f"class {label} has {number_of(n_assemblies, 'assembly')}, fewer than {fewer}: each fold "
+                f"holds out another; record more{lower}"
             )
     if not stratified:
         held_out = (data.groups == name for name in np.unique(data.groups))

@@ -260,7 +260,7 @@ class Evaluation:
             for name in ("accuracy", "macro_f1", "mean_absolute_error", "exact_lobes", "calibration_error")
             if name in scores
         }
-        tested = f"{self.groups.size} assemblies, {number_of(self.predictions.size, 'window')}"
+        tested = f"{number_of(self.groups.size, 'assembly')}, {number_of(self.predictions.size, 'window')}"
         rows = {
             "held out": f"{tested} ({self.protocol})",
             "macro F1": texts["macro_f1"],

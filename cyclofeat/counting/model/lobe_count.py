@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cyclofeat._base import displays, draw_plot
 from cyclofeat._base.displays import data_frame, html_card
-from cyclofeat._base.quantities import from_1, lobes_text, number_of
+from cyclofeat._base.quantities import from_1, lobes_text, number_of, probability_text
 from cyclofeat.counting.model._verdicts import most_frequent
 from cyclofeat.counting.model.radial_wear import WearDepth
 from cyclofeat.recordings import WindowSet
@@ -142,8 +142,10 @@ class LobeCount:
         numbered = "as on the disc, from 1" if self.absolute else "from 1, the lobe under load at the start"
         distance = None if np.isnan(self.distance) else f"{self.distance:.2f} (1: edge of the training)"
         rows = {
-            "probability": f"{self.probability[self.defect_count]:.3f}",
-            "lobes": f"{lobes_text(self.lobes)} (numbered {numbered})" if self.lobes else None,
+            "probability": probability_text(self.probability[self.defect_count]),
+            "lobes": f"{lobes_text(self.lobes, len(self.lobe_probability))} (numbered {numbered})"
+            if self.lobes
+            else None,
             "depth of wear": None if self.wear_um is None else str(self.wear_um),
             "combined": number_of(self.n_windows, "window"),
             "distance": distance,

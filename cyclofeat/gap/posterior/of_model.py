@@ -84,8 +84,10 @@ def posterior_of_world(
             f"the packaged posterior is for paper B's gearbox, {in_words(known.quantity)}, "
             f"{known.sampling_rate:g} Hz, {speeds} RPM and {loads} Nm; to learn another one, {error}"
         ) from error
-    progress("learning from simulated rigs of this model, once: some ten minutes of two cores")
-    rigs = prepare_world(world, rigs_folder, _MACHINES, n_jobs=n_jobs)
+    progress("simulating rigs of this model to learn from, once: some ten minutes of two cores")
+    count: Callable[[int, int], object] | None = getattr(progress, "count", None)
+    rigs = prepare_world(world, rigs_folder, _MACHINES, n_jobs=n_jobs, progress=count)
+    progress("learning from them")
     start = None
     with contextlib.suppress(ValueError):
         packaged.check_goes_on(world.cells, world.defect_counts)
@@ -93,6 +95,6 @@ def posterior_of_world(
     posterior = EffectPosterior(random_state=world.random_state)
     if start is not None:
         posterior.epochs = EPOCHS_ON
-    posterior.fit(rigs, start=start).save(path)
+    posterior.fit(rigs, start=start, progress=count).save(path)
     shutil.rmtree(rigs_folder)
     return posterior
