@@ -190,7 +190,7 @@ def test_a_gap_is_found_by_keyboard_and_its_report_downloaded(browser, live, tmp
         tab_to(browser, f"download-2-{name}")  # 1: the inspection
         browser.press("Enter")
         arriving = tmp_path / name  # made empty, then filled
-        wait_for(lambda arriving=arriving, part=part: arriving.exists() and part in arriving.read_text("utf-8"))
+        wait_for(lambda file=arriving, part=part: file.exists() and part in file.read_text("utf-8"))
     browser.open(browser.run("document.querySelector('#jobs a').href"))
     assert "Mains hum in the torque signal" in browser.run("document.body.innerText")
     assert browser.said == []
