@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 import math
-import struct
 import warnings
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from pathlib import Path
 from typing import IO, Any, TypeAlias
@@ -17,30 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base.quantities import QUANTITY_UNITS
-from cyclofeat.datasets.readers._columns import (
-    FORMAT_KEY,
-    LABELS,
-    VERSION,
-    WORN,
-    Channel,
-    ReadingOptions,
-    Source,
-    check_claim,
-    check_rate,
-    check_unpacked,
-    explain_damage,
-    import_library,
-    labels_of_file,
-    samples_name,
-)
-from cyclofeat.datasets.readers._times import named_rate
+from cyclofeat.datasets.readers import _words as words
+from cyclofeat.datasets.readers._columns import Channel, Source
+from cyclofeat.datasets.readers._damage import check_claim, check_unpacked, explain_damage, open_with
 from cyclofeat.recordings import Recording
 
 _Header: TypeAlias = tuple[str, tuple[int, ...], np.dtype[Any]]  # name in the archive, shape and dtype
-_RESERVED = {*LABELS, WORN, FORMAT_KEY, "sampling_rate", "angle_unit"}  # of an NPZ file: no channels
+# Of an NPZ file: no channels.
+_RESERVED = {*words.LABELS, words.WORN, words.FORMAT_KEY, "sampling_rate", "angle_unit"}
 
 
-def open_npz(path: Path, _: ReadingOptions) -> Source:
+def open_npz(path: Path) -> Source:
     """Return the arrays of an NPZ file, read from disk when they are asked for.
 
     By the layout, an array ``torque`` or ``input_torque`` is in Nm, ``motor_current`` in A, ``angle`` in rad
@@ -55,27 +41,29 @@ def open_npz(path: Path, _: ReadingOptions) -> Source:
         where = f"{path.name}: array 'sampling_rate'"
         if rate.size != 1 or rate.dtype.kind not in "iuf":
             raise ValueError(f"{where} must be one number in Hz, got {rate!r}")
-        check_rate(rate.item(), where)
+        words.check_rate(rate.item(), where)
         rates.append((float(rate.item()), "array 'sampling_rate'"))
-    labels = {key: small[key].tolist() for key in (*LABELS, WORN) if key in small}
+    labels = {key: small[key].tolist() for key in (*words.LABELS, words.WORN) if key in small}
     if "meta" in labels:
         text, labels["meta"] = labels["meta"], None
         with suppress(TypeError, ValueError):
             labels["meta"] = json.loads(text)
         if not isinstance(labels["meta"], dict):
             raise ValueError(f"{path.name}: array 'meta' must be a JSON object as text, got {text!r}")
-    version = small[FORMAT_KEY].tolist() if FORMAT_KEY in small else None
-    labels = labels_of_file(path.name, labels, version)
+    version = small[words.FORMAT_KEY].tolist() if words.FORMAT_KEY in small else None
+    labels = words.labels_of_file(path.name, labels, version)
     angle_unit = str(small["angle_unit"].tolist()) if "angle_unit" in small else None
     if angle_unit not in (None, "rad", "deg"):
         raise ValueError(f"{path.name}: array 'angle_unit' must be 'rad' or 'deg', got {angle_unit!r}")
     if version is not None and not rates:
         raise ValueError(f"{path.name}: no sampling rate: add an array 'sampling_rate'")
     channels = []
-    for name in headers.keys() - _RESERVED:
-        shape, dtype = headers[name][1:]
+    for name, header in headers.items():
+        _, shape, dtype = header
+        if name in _RESERVED:
+            continue
         usable = len(shape) == 1 and dtype.kind in "iuf"
-        read = partial(_read_array, path, headers[name])
+        read = partial(_read_array, path, header)
         channel = Channel(name, read, length=math.prod(shape), usable=usable, rates=rates)
         if name == "torque":
             channel.unit = "Nm"
@@ -84,7 +72,6 @@ def open_npz(path: Path, _: ReadingOptions) -> Source:
         elif channel.base.endswith("angle"):
             channel.unit = channel.unit or angle_unit
         channels.append(channel)
-    channels.sort(key=lambda channel: [*headers].index(channel.name))
     own = None if version is None else labels | {"sampling_rate": rates[0][0]}
     return Source(
         path.name, channels, "array", by_index=False, labels=own, other_labels=labels, angle_unit="rad"
@@ -151,27 +138,32 @@ def _read_array(path: Path, header: _Header) -> NDArray[Any]:
 
 def write_npz(file: IO[bytes], recording: Recording, labels: dict[str, Any]) -> None:
     """Write a recording and its labels as plain arrays."""
-    arrays: dict[str, NDArray[Any]] = {samples_name(recording): recording.torque}
+    arrays: dict[str, NDArray[Any]] = {words.samples_name(recording): recording.torque}
     if recording.angle is not None:
         arrays["angle"] = recording.angle
     for key, value in labels.items():
         # An empty list of lobes would become float.
         arrays[key] = np.asarray(
-            json.dumps(value) if key == "meta" else value, np.int64 if key == WORN else None
+            json.dumps(value) if key == "meta" else value, np.int64 if key == words.WORN else None
         )
-    arrays[FORMAT_KEY] = np.asarray(VERSION)
+    arrays[words.FORMAT_KEY] = np.asarray(words.VERSION)
     np.savez(file, **arrays)  # type: ignore[arg-type]
 
 
-def open_parquet(path: Path, _: ReadingOptions) -> Source:
+def open_parquet(path: Path) -> Source:
     """Return the columns of a Parquet file; units from the columns' metadata (``unit``) or names."""
-    with _open_parquet(path) as file:
+
+    def open_mapped(parquet: Any) -> Any:
+        return parquet.ParquetFile(path, memory_map=True)
+
+    open_file = partial(open_with, path, "Parquet", "pyarrow.parquet", open_mapped)
+    with open_file() as file:
         schema, n_rows = file.schema_arrow, int(file.metadata.num_rows)
     rates, rate = [], (schema.metadata or {}).get(b"sampling_rate")
     if rate is not None:
         with suppress(ValueError):
             rate = float(rate)
-        check_rate(rate, f"{path.name}: metadata 'sampling_rate'")
+        words.check_rate(rate, f"{path.name}: metadata 'sampling_rate'")
         rates = [(rate, "metadata 'sampling_rate'")]
 
     def read_column(name: str, kind: str, usable: bool) -> NDArray[Any]:
@@ -182,7 +174,7 @@ def open_parquet(path: Path, _: ReadingOptions) -> Source:
         if (times := schema.names.count(name)) > 1:
             raise ValueError(f"{called} is there {times} times; names must be distinct")
         check_claim(path, 8 * n_rows)
-        with _open_parquet(path) as file:
+        with open_file() as file:
             column = file.read(columns=[name]).column(0)
             if column.null_count:
                 row = column.is_null().index(True).as_py() + 1
@@ -200,14 +192,7 @@ def open_parquet(path: Path, _: ReadingOptions) -> Source:
     return Source(path.name, channels, "column")
 
 
-@contextmanager
-def _open_parquet(path: Path) -> Iterator[Any]:
-    parquet = import_library("pyarrow.parquet", ".parquet", "pyarrow")
-    with explain_damage(path, "Parquet"), parquet.ParquetFile(path, memory_map=True) as file:
-        yield file
-
-
-def open_wav(path: Path, _: ReadingOptions) -> Source:
+def open_wav(path: Path) -> Source:
     """Return the channels of a WAV file, counted from 0.
 
     Whole numbers are shares of full scale (-1 to 1) and need a scale in Nm; floating-point samples are taken
@@ -215,14 +200,6 @@ def open_wav(path: Path, _: ReadingOptions) -> Source:
     """
     from scipy.io import wavfile
 
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        head = file.read(12)
-    if head[:4] not in (b"RIFF", b"RIFX", b"RF64") or head[8:] != b"WAVE":
-        raise ValueError(f"{path.name} is no WAV file: it does not begin with RIFF and WAVE")
-    (claimed,) = struct.unpack(">I" if head[:4] == b"RIFX" else "<I", head[4:8])
-    if head[:4] != b"RF64" and claimed + 8 > size:
-        raise ValueError(f"{path.name} is not whole: its header says {claimed + 8} bytes, {size} are there")
     with explain_damage(path, "WAV"), warnings.catch_warnings():
         warnings.simplefilter("error", wavfile.WavFileWarning)
         # Chunks of other programs do not matter.
@@ -252,14 +229,9 @@ def open_wav(path: Path, _: ReadingOptions) -> Source:
     return Source(path.name, channels, named=False)
 
 
-def open_mdf(path: Path, _: ReadingOptions) -> Source:
+def open_mdf(path: Path) -> Source:
     """Return the channels of an ASAM MDF file, ``group/channel`` where it has several groups."""
-
-    @contextmanager
-    def open_file() -> Iterator[Any]:
-        asammdf = import_library("asammdf", ".mf4", "asammdf")
-        with explain_damage(path, "MDF"), asammdf.MDF(path) as file:
-            yield file
+    open_file = partial(open_with, path, "MDF", "asammdf", lambda asammdf: asammdf.MDF(path))
 
     def read_samples(group: int, index: int) -> NDArray[Any]:
         with open_file() as file:
@@ -272,41 +244,33 @@ def open_mdf(path: Path, _: ReadingOptions) -> Source:
             for index, channel in enumerate(group.channels):
                 is_time = index == file.masters_db.get(number)
                 name = "time" if is_time else str(channel.name)
-                channels.append(
-                    Channel(
-                        f"{title}/{name}" if len(file.groups) > 1 else name,
-                        partial(read_samples, number, index),
-                        str(channel.unit or "") or ("s" if is_time else None),
-                        name,
-                        str(number),
-                        int(group.channel_group.cycles_nr),
-                        meta={"start_time": str(file.start_time)},
-                    )
-                )
+                channels.append(Channel(
+                    f"{title}/{name}" if len(file.groups) > 1 else name,
+                    partial(read_samples, number, index), str(channel.unit or "s" * is_time), name,
+                    str(number), int(group.channel_group.cycles_nr),
+                    meta={"start_time": str(file.start_time)},
+                ))  # fmt: skip
     return Source(path.name, channels)
 
 
-def open_universal(path: Path, _: ReadingOptions) -> Source:
+def open_universal(path: Path) -> Source:
     """Return the records of a universal file: its data sets of type 58, by their first line."""
-    pyuff = import_library("pyuff", path.suffix, "pyuff")
     channels: list[Channel] = []
-    with explain_damage(path, "a universal file"):
-        file = pyuff.UFF(str(path))
+    with open_with(
+        path, "a universal file", "pyuff", lambda pyuff: nullcontext(pyuff.UFF(str(path)))
+    ) as file:
         sets = [number for number, kind in enumerate(file.get_set_types()) if kind == 58]
-        for number in sets:
+        for count, number in enumerate(sets, 1):
             head = file.read_sets(number)
-            values, name = np.asarray(head["data"]), str(head["id1"]).strip()
-            name = f"record {len(channels) + 1}" if name.upper() in ("", "NONE") else name
-            rate = (
-                named_rate("dt", float(head["abscissa_inc"]), "s") if head["abscissa_spacing"] == 1 else None
+            name, unit = (
+                "" if text.upper() == "NONE" else text
+                for text in (str(head[key]).strip() for key in ("id1", "ordinate_axis_units_lab"))
             )
-            rates = [] if rate is None else [(rate, f"abscissa of record {len(channels) + 1}")]
-            unit = str(head["ordinate_axis_units_lab"]).strip()
-            unit = "" if unit.upper() == "NONE" else unit
-            usable = values.dtype.kind == "f" and head["func_type"] == 1
-            channels.append(
-                Channel(
-                    name, partial(np.asarray, values), unit, length=values.size, usable=usable, rates=rates
-                )
-            )
+            values, even = np.asarray(head["data"]), head["abscissa_spacing"] == 1
+            step = ("dt", float(head["abscissa_inc"]), "s", f"abscissa of record {count}")
+            channels.append(Channel(
+                name or f"record {count}", partial(np.asarray, values), unit, length=values.size,
+                usable=values.dtype.kind == "f" and head["func_type"] == 1,
+                rates=words.list_rates([step] if even else []),
+            ))  # fmt: skip
     return Source(path.name, channels, "record")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import codecs
 import datetime
-import gzip
 import io
 import json
 import re
@@ -12,35 +11,22 @@ import warnings
 import zipfile
 from array import array
 from collections.abc import Iterable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import AbstractContextManager, closing
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from itertools import islice, takewhile
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base.quantities import number_of
-from cyclofeat.datasets.readers._columns import (
-    FILE_LABELS,
-    FORMAT,
-    LABELS,
-    VERSION,
-    Channel,
-    ReadingOptions,
-    Source,
-    check_rate,
-    check_unpacked,
-    explain_damage,
-    import_library,
-    labels_of_file,
-    samples_name,
-)
-from cyclofeat.datasets.readers._table import HEAD_LINES, Table, find_table, parse_clock, split_row
-from cyclofeat.datasets.readers._times import named_rate
+from cyclofeat.datasets.readers import _words as words
+from cyclofeat.datasets.readers._columns import Channel, ReadingOptions, Source
+from cyclofeat.datasets.readers._damage import check_unpacked, open_with
+from cyclofeat.datasets.readers._table import HEAD_LINES, find_table, parse_clock, split_row
 from cyclofeat.recordings import Recording
 
 _LONGEST_LINE = 2**20  # a longer one is no row of samples, and splitting it would take long
@@ -80,30 +66,31 @@ class TextLines:
                 "characters; one row per sample is right"
             )
         marked = next((encoding for mark, encoding in _MARKS if start.startswith(mark)), None)
-        wrong = 0
         for self.encoding in _UNMARKED if marked is None else (marked,):
-            decoder, size, block = codecs.getincrementaldecoder(self.encoding)(), 0, b" "
-            with self._open_bytes() as file:
-                while block:
-                    block = file.read(_BLOCK)
-                    size += len(block)
-                    if self.packed:
-                        check_unpacked(path, size)
-                    if marked is None and b"\0" in block:
-                        raise ValueError(
-                            f"{path.name} holds binary data, or UTF-16 without a byte-order mark; {_REMEDY}"
-                        )
-                    if marked is None and block.isascii() and not decoder.getstate()[0]:
-                        continue
-                    try:
-                        decoder.decode(block, final=not block)
-                    except UnicodeDecodeError as error:
-                        wrong = size - len(error.object) + error.start
-                        break
-                else:
-                    return
+            wrong = self._first_wrong_byte(marked is not None)
+            if wrong is None:
+                return
         known = marked or "UTF-8, Latin-1, or UTF-16 with a byte-order mark"
         raise ValueError(f"{path.name} is not text in {known} (byte {wrong}); {_REMEDY}")
+
+    def _first_wrong_byte(self, marked: bool) -> int | None:
+        """Return the place of the first byte that is not text in the encoding, or None."""
+        decoder, size, block = codecs.getincrementaldecoder(self.encoding)(), 0, b" "
+        with self._open_bytes() as file:
+            while block:
+                block = file.read(_BLOCK)
+                size += len(block)
+                if self.packed:
+                    check_unpacked(self.path, size)
+                if not marked and b"\0" in block:
+                    raise ValueError(
+                        f"{self.path.name} holds binary data, or UTF-16 without a byte-order mark; {_REMEDY}"
+                    )
+                try:
+                    decoder.decode(block, final=not block)
+                except UnicodeDecodeError as error:
+                    return size - len(error.object) + error.start
+        return None
 
     def __iter__(self) -> Iterator[str]:
         empty = 0
@@ -117,31 +104,26 @@ class TextLines:
                     empty = 0
                 yield line.removesuffix("\n")
 
-    @contextmanager
-    def _open_bytes(self) -> Iterator[IO[bytes]]:
-        if not self.packed:
-            with self.path.open("rb") as file:
-                yield file
-            return
-        with explain_damage(self.path, "gzip"), gzip.open(self.path) as packed:
-            yield cast("IO[bytes]", packed)
+    def _open_bytes(self) -> AbstractContextManager[IO[bytes]]:
+        if self.packed:
+            return open_with(self.path, "gzip", "gzip", lambda gzip: gzip.open(self.path))
+        return self.path.open("rb")
 
 
 def open_text(path: Path, reading: ReadingOptions) -> Source:
     """Return the columns of a text file."""
     lines = TextLines(path)
     if not any(re.match(r"Multi_Headings\s+Yes", line) for line in islice(lines, HEAD_LINES)):
-        return open_lines(path, reading, lines, "line {}")
+        return _Columns(path, reading, lines, "line {}").source()
     rows, segments = _join_segments(lines)
     if len(segments) > 1 and reading.gaps != "cut" and reading.sampling_rate is None:
         raise ValueError(
             f"{path.name} holds {len(segments)} segments, each with a head: give gaps='cut' to read each by "
             "itself, or sampling_rate= to read them as one"
         )
-    source = open_lines(path, reading, rows, "line {} (heads of later segments not counted)")
-    if len(segments) > 1:
-        for channel in source.channels:
-            channel.segments = lambda: segments
+    source = _Columns(path, reading, rows, "line {} (heads of later segments not counted)").source()
+    for channel in source.channels if len(segments) > 1 else ():
+        channel.segments = lambda: segments
     return source
 
 
@@ -157,7 +139,7 @@ def _join_segments(lines: Iterable[str]) -> tuple[list[str], list[tuple[int, flo
             head = True
             rates.append(0.0)
         if line.startswith("Delta_X\t"):
-            rates[-1] = named_rate("dt", float(line.split("\t")[1].replace(",", "."))) or 0.0
+            rates[-1] = words.named_rate("dt", float(line.split("\t")[1].replace(",", "."))) or 0.0
         if not (head and begins) and (line.strip() or not begins):
             rows.append(line)
         if head and line.startswith("X_Value"):
@@ -166,39 +148,35 @@ def _join_segments(lines: Iterable[str]) -> tuple[list[str], list[tuple[int, flo
     return rows, [(begin - begins[0], rate) for begin, rate in zip(begins, rates, strict=False)]
 
 
-def open_lines(path: Path, reading: ReadingOptions, lines: Iterable[str], place: str) -> Source:
-    """Return the columns of lines that can be read several times; ``place`` is what messages call a line."""
-    head = list(islice(lines, HEAD_LINES))
-    labels = labels_from_comments(path.name, takewhile(lambda line: line.startswith("#"), head))
-    table = find_table(head, path.name, reading)
-    is_text = isinstance(lines, TextLines)  # in which a point may separate thousands
-    certain = labels is not None or reading.decimal is not None or not is_text
-    columns = _Columns(path, lines, table, place, certain, reading.decimal is not None)
-    length = None if is_text else len(list(lines)) - table.first
-    channels = [
-        Channel(
-            name, partial(columns.read, index), unit, usable=index in table.numeric, rates=table.rates,
-            length=length, meta=columns.meta, place=columns.place,
-        )
-        for index, (name, unit) in enumerate(zip(columns.names, table.units, strict=True))
-    ]  # fmt: skip
-    return Source(path.name, channels, "column", named=table.names is not None, labels=labels)
-
-
 class _Columns:
-    """Columns of a table in lines; ``certain`` says that points and commas need no second thought."""
+    """Columns of lines that can be read several times; ``row`` is what messages call a line."""
 
-    def __init__(
-        self, path: Path, lines: Iterable[str], table: Table, place: str, certain: bool, grouped: bool
-    ) -> None:
-        self.path, self.file, self.lines, self.table, self.row = path, path.name, lines, table, place
-        self.certain, self.grouped = certain, grouped
-        self.names = table.names or [str(index) for index in range(table.width)]
-        self.decimal = table.decimal
-        self.meta: dict[str, Any] = {"table": table.describe()}
+    def __init__(self, path: Path, reading: ReadingOptions, lines: Iterable[str], row: str) -> None:
+        self.path, self.file, self.lines, self.row = path, path.name, lines, row
+        head = list(islice(lines, HEAD_LINES))
+        self.labels = labels_from_comments(self.file, takewhile(lambda line: line.startswith("#"), head))
+        self.table = find_table(head, self.file, reading)
+        self.names = self.table.names or [str(index) for index in range(self.table.width)]
+        self.decimal, self.decimal_given = self.table.decimal, reading.decimal is not None
+        # In other texts, points may separate thousands.
+        self.certain = self.labels is not None or self.decimal_given or not isinstance(lines, TextLines)
+        self.meta: dict[str, Any] = {"table": self.table.describe()}
         if self.decimal == ",":
             self.meta |= {"decimal_comma": True}
         self.arrays: dict[int, NDArray[Any]] = {}  # columns that pyarrow has read
+
+    def source(self) -> Source:
+        """Return the columns as channels."""
+        table, is_text = self.table, isinstance(self.lines, TextLines)
+        length = None if is_text else len(list(self.lines)) - table.first
+        channels = [
+            Channel(
+                name, partial(self.read, index), unit, usable=index in table.numeric, rates=table.rates,
+                length=length, meta=self.meta, place=self.place,
+            )
+            for index, (name, unit) in enumerate(zip(self.names, table.units, strict=True))
+        ]  # fmt: skip
+        return Source(self.file, channels, "column", named=table.names is not None, labels=self.labels)
 
     def place(self, sample: int) -> str:
         return self.row.format(self.table.first + 1 + sample)
@@ -229,29 +207,28 @@ class _Columns:
             start += len(part)
 
     def _read_numbers(self, index: int) -> NDArray[Any]:
-        parts, marks, column = [], dict[str, str](), f"column {self.names[index]!r}"
+        parts, marks = [], dict[str, str]()
+        may_be_commas = not self.certain and self.decimal == "." and self.table.delimiter != ","
+
+        def shown(number: int, text: str) -> str:
+            return f"{self.file}: {self.place(number)}, column {self.names[index]!r} holds {text}"
+
         for start, cells in self._parts(index):
             numbers = []
             for number, cell in enumerate(cells, start):
-                place = f"{self.file}: {self.place(number)}, {column} holds"
                 if (kind := _mark_of(cell, self.decimal)) not in marks:
-                    marks[kind] = f"{place} {cell.strip()!r}"
+                    marks[kind] = shown(number, repr(cell.strip()))
                 try:
                     numbers.append(self._parse_number(cell))
                 except ValueError:
-                    if (
-                        self.decimal == "."
-                        and "other" in marks
-                        and self.table.delimiter != ","
-                        and not self.certain
-                    ):
+                    if may_be_commas and "other" in marks:
                         self.decimal = ","  # in none of the first lines
                         self.meta |= {"decimal_comma": True}
                         return self._read_numbers(index)
-                    if not cell.strip():
-                        raise ValueError(f"{place} nothing; it must hold a number") from None
-                    shown = cell if len(cell) <= 60 else f"{cell[:60]}..."
-                    raise ValueError(f"{place} {shown!r}, which is not a number") from None
+                    text = repr(cell if len(cell) <= 60 else f"{cell[:60]}...") + ", which is not a number"
+                    raise ValueError(
+                        shown(number, text if cell.strip() else "nothing; it must hold a number")
+                    ) from None
             parts.append(np.array(numbers, dtype=np.float64))
             if start == 0 and (self.certain or "decimal" in marks):
                 values = self._read_at_once(index)
@@ -296,7 +273,7 @@ class _Columns:
     def _parse_number(self, cell: str) -> float:
         if "_" in cell:  # 1_000 is a number in Python only
             raise ValueError(cell)
-        if self.grouped:
+        if self.decimal_given:
             cell = cell.replace("." if self.decimal == "," else ",", "")
         return float(cell.replace(",", ".") if self.decimal == "," else cell)
 
@@ -316,50 +293,53 @@ def open_xlsx(path: Path, reading: ReadingOptions) -> Source:
     A sheet is read as a CSV file is: names, units below them, one row per sample. Formulas have the values
     that were stored with them.
     """
-    sheets: list[tuple[str, list[list[str]]]] = []
-    openpyxl = import_library("openpyxl", ".xlsx", "openpyxl")
-    with explain_damage(path, "an Excel workbook"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of styles and extensions that are not kept
+
+    def open_book(openpyxl: Any) -> Any:
         with zipfile.ZipFile(path) as archive:
             check_unpacked(path, sum(info.file_size for info in archive.infolist()))
-        with closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
-            for sheet in book.worksheets:
-                sheet.reset_dimensions()  # some programs state wrong ones
-                rows, blank = [], list[str]()  # one for all rows: there may be a million
-                for row in sheet.iter_rows(values_only=True):
-                    cells = [_cell_text(cell) for cell in row]
-                    while cells and not cells[-1].strip():
-                        cells.pop()
-                    rows.append(cells or blank)
-                while rows and not rows[-1]:
-                    rows.pop()
-                if len(rows) > 1:  # names or notes, and something below them
-                    sheets.append((str(sheet.title), rows))
+        return closing(openpyxl.load_workbook(path, read_only=True, data_only=True))
+
+    sheets: list[tuple[str, list[list[str]]]] = []
+    with warnings.catch_warnings(), open_with(path, "an Excel workbook", "openpyxl", open_book) as book:
+        warnings.simplefilter("ignore", UserWarning)  # of styles and extensions that are not kept
+        for sheet in book.worksheets:
+            sheet.reset_dimensions()  # some programs state wrong ones
+            rows, blank = [], list[str]()  # one for all rows: there may be a million
+            for row in sheet.iter_rows(values_only=True):
+                cells = [_cell_text(cell) for cell in row]
+                while cells and not cells[-1].strip():
+                    cells.pop()
+                rows.append(cells or blank)
+            while rows and not rows[-1]:
+                rows.pop()
+            if len(rows) > 1:  # names or notes, and something below them
+                sheets.append((str(sheet.title), rows))
     if not sheets:
         raise ValueError(f"{path.name} holds no sheet with data")
-    tables, errors = [], []
+    channels, errors = list[Channel](), list[ValueError]()
     for title, rows in sheets:
         width, lines = max(map(len, rows)), []
         for cells in rows:
-            is_label = cells and cells[0].startswith("#")  # whose commas became borders of cells
-            # Quotation marks at the start of a cell would join it with the next.
-            padded = cells if is_label else [cell.strip('"') for cell in cells] + [""] * (width - len(cells))
-            lines.append(("," if is_label else "\t").join(padded))
+            if cells and cells[0].startswith("#"):  # a label, whose commas became borders of cells
+                lines.append(",".join(cells))
+            else:  # quotation marks at the start of a cell would join it with the next
+                lines.append("\t".join(cell.strip('"') for cell in cells) + "\t" * (width - len(cells)))
         of_sheet = f" of sheet {title!r}" if len(sheets) > 1 else ""
         try:
-            table = open_lines(path, replace(reading, delimiter="\t"), lines, f"row {{}}{of_sheet}")
+            columns = _Columns(path, replace(reading, delimiter="\t"), lines, f"row {{}}{of_sheet}")
         except ValueError as error:  # a sheet of notes
             errors.append(error)
             continue
-        for channel in table.channels if of_sheet else ():
+        source = columns.source()
+        if len(sheets) == 1:
+            return source
+        for channel in source.channels:
             channel.group = f"{title}/"
             channel.name = channel.group + channel.name
-        tables.append(table)
-    if not tables:
+        channels += source.channels
+    if not channels:
         raise errors[0]
-    if len(sheets) == 1:
-        return tables[0]
-    return Source(path.name, [channel for table in tables for channel in table.channels], "column")
+    return Source(path.name, channels, "column")
 
 
 def _cell_text(cell: Any) -> str:
@@ -370,9 +350,9 @@ def _cell_text(cell: Any) -> str:
 
 def write_csv(file: IO[bytes], recording: Recording, labels: dict[str, Any]) -> None:
     """Write a recording as columns, with labels as comments at the head."""
-    head = [f"# {FORMAT}: {VERSION}"]
+    head = [f"# {words.FORMAT}: {words.VERSION}"]
     head += [f"# {key}: {json.dumps(value)}" for key, value in labels.items()]
-    columns, names = [recording.torque], [f"{samples_name(recording)} [{recording.unit}]"]
+    columns, names = [recording.torque], [f"{words.samples_name(recording)} [{recording.unit}]"]
     if recording.angle is not None:
         columns.append(recording.angle)
         names.append("angle [rad]")
@@ -383,7 +363,7 @@ def write_csv(file: IO[bytes], recording: Recording, labels: dict[str, Any]) -> 
 def labels_from_comments(file: str, comments: Iterable[str]) -> dict[str, Any] | None:
     """Labels at the head of a file that :func:`write_csv` wrote; None for any other file."""
     pairs = [comment[1:].strip().partition(": ") for comment in comments if comment.startswith("#")]
-    if not pairs or pairs[0][0] != FORMAT:
+    if not pairs or pairs[0][0] != words.FORMAT:
         return None
     labels = {}
     for key, _, value in pairs:
@@ -391,11 +371,11 @@ def labels_from_comments(file: str, comments: Iterable[str]) -> dict[str, Any] |
             labels[key] = json.loads(value)
         except ValueError:
             raise ValueError(f"{file}: label {key!r} in its header is not JSON, got {value!r}") from None
-    labels = labels_of_file(file, labels, labels.pop(FORMAT))
-    unknown = labels.keys() - {*LABELS, "sampling_rate"}
+    labels = words.labels_of_file(file, labels, labels.pop(words.FORMAT))
+    unknown = labels.keys() - {*words.LABELS, "sampling_rate"}
     if unknown:
         raise ValueError(
-            f"{file}: unknown label {min(unknown)!r} in its header; known are {', '.join(FILE_LABELS)}"
+            f"{file}: unknown label {min(unknown)!r} in its header; known are {', '.join(words.FILE_LABELS)}"
         )
-    check_rate(labels.get("sampling_rate"), f"{file}: sampling_rate in its header")
+    words.check_rate(labels.get("sampling_rate"), f"{file}: sampling_rate in its header")
     return labels

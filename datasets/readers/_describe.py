@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cyclofeat._base.quantities import from_1, in_words, lobes_text, number_of
-from cyclofeat.datasets.readers._columns import WORN, samples_name
+from cyclofeat.datasets.readers._words import WORN, samples_name
 from cyclofeat.recordings import Recording
 from cyclofeat.recordings.windower import SAMPLES_PER_TURN, WINDOW_TURNS
 from cyclofeat.signal.faults import clipped_share, mark_dropouts
@@ -225,30 +225,30 @@ def one_line(recording: Recording) -> str:
     "run 'r7': torque 21 to 23 Nm (mean 22), 2000 Hz, 2 samples = 0.001 s, no angle, 2 worn lobes (1, 5)"
     """
     torque, meta = recording.torque, recording.meta or {}
-    names = [str(meta["file"])] if meta.get("file") else []
-    names += [f"part {meta['part']}"] if meta.get("part") else []
-    labels = {"run": recording.run, "assembly": recording.assembly}
-    names += [f"{key} {label!r}" for key, label in labels.items() if label is not None]
-    low, high = torque.min(), torque.max()
-    unit = recording.unit + (" (unit assumed)" if meta.get("unit_assumed") else "")
     channel, quantity = meta.get("channel", samples_name(recording)), in_words(recording.quantity)
     if recording.quantity != "output_torque":
         channel = quantity if channel == recording.quantity else f"{quantity} ({channel})"
-    parts = [f"{channel} {low:.4g} to {high:.4g} {unit} (mean {torque.mean():.4g})"]
-    if low == high:
-        parts.append("CONSTANT")
-    rate_from = f" from {meta['rate_from']}" if meta.get("rate_from") else ""
-    parts.append(f"{recording.sampling_rate:g} Hz{rate_from}")
-    parts.append(f"{recording.n_samples} samples = {recording.duration:.4g} s")
-    if recording.speed_rpm is not None:
-        parts.append(f"{recording.speed_rpm:g} RPM")
-    if recording.load_nm is not None:
-        parts.append(f"load {recording.load_nm:g} Nm")
-    zero = "absolute" if recording.angle_is_absolute else "relative"
-    parts.append("no angle" if recording.angle is None else f"angle of the {recording.angle_of}, {zero}")
-    if recording.defect_count is not None:
-        lobes = lobes_text(recording.worn_lobes, recording.n_lobes)
-        parts.append(number_of(recording.defect_count, "worn lobe") + (f" ({lobes})" if lobes else ""))
-    if recording.source:
-        parts.append(recording.source)
-    return f"{', '.join(names)}: {', '.join(parts)}" if names else ", ".join(parts)
+    low, high, lobes = torque.min(), torque.max(), lobes_text(recording.worn_lobes, recording.n_lobes)
+    unit = recording.unit + (" (unit assumed)" if meta.get("unit_assumed") else "")
+    worn, angle = f" ({lobes})" if lobes else "", "no angle"
+    if recording.angle is not None:
+        zero = "absolute" if recording.angle_is_absolute else "relative"
+        angle = f"angle of the {recording.angle_of}, {zero}"
+    names = [
+        str(meta.get("file") or ""),
+        f"part {meta['part']}" if meta.get("part") else "",
+        "" if recording.run is None else f"run {recording.run!r}",
+        "" if recording.assembly is None else f"assembly {recording.assembly!r}",
+    ]
+    parts = [
+        f"{channel} {low:.4g} to {high:.4g} {unit} (mean {torque.mean():.4g})",
+        "CONSTANT" if low == high else "",
+        f"{recording.sampling_rate:g} Hz" + (f" from {meta['rate_from']}" if meta.get("rate_from") else ""),
+        f"{recording.n_samples} samples = {recording.duration:.4g} s",
+        "" if recording.speed_rpm is None else f"{recording.speed_rpm:g} RPM",
+        "" if recording.load_nm is None else f"load {recording.load_nm:g} Nm",
+        angle,
+        "" if recording.defect_count is None else number_of(recording.defect_count, "worn lobe") + worn,
+        recording.source or "",
+    ]
+    return ": ".join(filter(None, [", ".join(filter(None, names)), ", ".join(filter(None, parts))]))

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import QUANTITIES, from_1, join_errors
-from cyclofeat.datasets.readers._columns import WORN, check_no_bare_lobes
 from cyclofeat.datasets.readers._csv import TextLines
 from cyclofeat.datasets.readers._read import SOURCES, file_path, read_stretches, write_recording
 from cyclofeat.datasets.readers._table import split_row
+from cyclofeat.datasets.readers._words import WORN, check_no_bare_lobes
 from cyclofeat.recordings import Recording
 
 if TYPE_CHECKING:
@@ -53,9 +53,7 @@ _COLUMNS: dict[str, tuple[Callable[[str], Any], Callable[[Any], bool], str]] = {
         _parse_lobes, lambda x: min(x, default=0) >= 0,
         "lobes counted from 1 and separated by spaces, like 1 5",
     ),
-    "angle_is_absolute": (
-        lambda cell: _BOOLEANS[cell.lower()], lambda x: True, "true or false",
-    ),
+    "angle_is_absolute": (lambda cell: _BOOLEANS[cell.lower()], lambda x: True, "true or false"),
 }  # fmt: skip
 _ARGUMENTS = {"speed": "speed_rpm", "load": "load_nm", WORN: "worn_lobes"}  # with other names there
 
@@ -163,21 +161,18 @@ def folder_entries(path: str | os.PathLike[str]) -> list[Entry]:
             warnings.warn(f"{folder}: {n_failed} runs that failed are not read", stacklevel=3)
         runs = data.ok.nonzero()[0].tolist()
         return [Entry(folder / f"{run:07d}", reader=partial(_read_run, data, run)) for run in runs]
-    endings = tuple(SOURCES)
-    files = sorted(
-        file for file in folder.iterdir() if file.name.lower().endswith(endings) and file.name != MANIFEST
-    )
-    if not (folder / MANIFEST).is_file():
-        if not files:
-            *others, last = SOURCES
-            raise ValueError(f"folder {folder} holds no {', '.join(others)} or {last} recordings")
-        return [Entry(file) for file in files]
-    entries = _read_manifest(folder)
-    left_out = {file.name for file in files} - {entry.path.name for entry in entries}
-    if left_out:
-        shown = ", ".join(sorted(left_out)[:5]) + (", ..." if len(left_out) > 5 else "")
-        warnings.warn(f"{MANIFEST} does not name {shown}: not read", stacklevel=3)
-    return entries
+    known = (file for file in folder.iterdir() if file.name.lower().endswith(tuple(SOURCES)))
+    files = sorted(file for file in known if file.name != MANIFEST)
+    if (folder / MANIFEST).is_file():
+        entries = _read_manifest(folder)
+        if left_out := {file.name for file in files} - {entry.path.name for entry in entries}:
+            shown = ", ".join(sorted(left_out)[:5]) + (", ..." if len(left_out) > 5 else "")
+            warnings.warn(f"{MANIFEST} does not name {shown}: not read", stacklevel=3)
+        return entries
+    if not files:
+        *others, last = SOURCES
+        raise ValueError(f"folder {folder} holds no {', '.join(others)} or {last} recordings")
+    return [Entry(file) for file in files]
 
 
 def _read_run(data: CampaignData, run: int, path: Path, **arguments: Any) -> list[Recording]:
@@ -199,27 +194,25 @@ def _read_run(data: CampaignData, run: int, path: Path, **arguments: Any) -> lis
 
 
 def _read_manifest(folder: Path) -> list[Entry]:
-    lines = list(TextLines(folder / MANIFEST))
-    first = next((number for number, line in enumerate(lines) if line.strip()), None)
-    if first is None:
+    lines = [(number, line) for number, line in enumerate(TextLines(folder / MANIFEST), 1) if line.strip()]
+    if not lines:
         raise ValueError(f"{MANIFEST} is empty; its first line names the columns: {', '.join(_COLUMNS)}")
-    delimiter = next((d for d in "\t;," if d in lines[first]), ",")
-    names = [name.strip().lower() for name in split_row(lines[first], delimiter, MANIFEST)]
-    head = f"{MANIFEST}: line {first + 1}:"
-    check_no_bare_lobes(head.removesuffix(":"), names)
+    (first, names_line), *rows = lines
+    delimiter = next((d for d in "\t;," if d in names_line), ",")
+    names = [name.strip().lower() for name in split_row(names_line, delimiter, MANIFEST)]
+    head = f"{MANIFEST}: line {first}"
+    check_no_bare_lobes(head, names)
     for name in names:
         if name not in _COLUMNS:
-            raise ValueError(f"{head} unknown column {name!r}; known are {', '.join(_COLUMNS)}")
+            raise ValueError(f"{head}: unknown column {name!r}; known are {', '.join(_COLUMNS)}")
         if names.count(name) > 1:
-            raise ValueError(f"{head} column {name!r} is there {names.count(name)} times")
+            raise ValueError(f"{head}: column {name!r} is there {names.count(name)} times")
     if "file" not in names:
-        raise ValueError(f"{head} no column 'file'; columns are {', '.join(names)}")
+        raise ValueError(f"{head}: no column 'file'; columns are {', '.join(names)}")
     entries: list[Entry] = []
     wrong: list[str] = []
     lines_of: dict[tuple[Any, ...], int] = {}
-    for number, line in enumerate(lines[first + 1 :], start=first + 2):
-        if not line.strip():
-            continue
+    for number, line in rows:
         cells = [cell.strip() for cell in split_row(line, delimiter, MANIFEST)]
         try:
             if len(cells) != len(names):
@@ -239,13 +232,11 @@ def _read_manifest(folder: Path) -> list[Entry]:
 
 
 def _parse_row(folder: Path, row: dict[str, str], line: int, delimiter: str) -> Entry:
-    file = row.pop("file")
+    file, arguments = row.pop("file"), dict[str, Any]()
     if not file:
         raise ValueError("file is missing")
-    path = folder / file
-    if not path.is_file():
+    if not (folder / file).is_file():
         raise ValueError(f"no such file: {file}")
-    arguments: dict[str, Any] = {}
     for name, cell in row.items():
         if not cell:
             continue
@@ -263,4 +254,4 @@ def _parse_row(folder: Path, row: dict[str, str], line: int, delimiter: str) -> 
     count, worn = arguments.get("defect_count"), arguments.get("worn_lobes")
     if count is not None and worn is not None and count != len(worn):
         raise ValueError(f"defect_count must be the number of {WORN}, got {count} and {row[WORN]!r}")
-    return Entry(path, arguments, line)
+    return Entry(folder / file, arguments, line)

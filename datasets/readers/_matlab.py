@@ -6,7 +6,6 @@ import math
 import struct
 import zlib
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,19 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.datasets.readers._columns import (
-    Channel,
-    ReadingOptions,
-    Source,
-    check_claim,
-    explain_damage,
-    import_library,
-)
-from cyclofeat.datasets.readers._times import named_rate
+from cyclofeat.datasets.readers import _words as words
+from cyclofeat.datasets.readers._columns import Channel, Source
+from cyclofeat.datasets.readers._damage import check_claim, explain_damage, open_with
 
 _DEEPEST, _MOST_VARIABLES, _MOST_COLUMNS = 8, 10_000, 64
 _COMPRESSED, _MATRIX = 15, 14  # types of elements
-_SPARSE, _LAST_CLASS = 5, 18  # classes of variables
+_SPARSE, _OPAQUE, _LAST_CLASS = 5, 17, 18  # classes of variables; opaque ones have no shape
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _CELLS = "is a cell array; save it as a vector"
 _NO_NUMBERS = "must hold one number in each element of its struct array"
@@ -36,7 +29,7 @@ _OBJECT = (
 )
 
 
-def open_matlab(path: Path, _: ReadingOptions) -> Source:
+def open_matlab(path: Path) -> Source:
     """Return the vectors of a MATLAB file, those in structs as ``struct.field``, columns as ``matrix(:,1)``.
 
     A timetable is read from a struct of its variables: ``Time`` in s, the others beside it, and optionally
@@ -51,14 +44,15 @@ def open_matlab(path: Path, _: ReadingOptions) -> Source:
     variables = _Variables(path, ".")
     with explain_damage(path, "MATLAB"):
         if start[:6] == b"MATLAB":
-            _check_elements(path)
+            order = {b"IM": "<", b"MI": ">"}[start[126:128]]
+            _check_elements(path, order, memoryview(path.read_bytes())[128:])
         for name, value in loadmat(path).items():
             if not name.startswith("__"):
                 variables.visit(name, value, 0)
     return variables.source("variable")
 
 
-def open_hdf5(path: Path, _: ReadingOptions) -> Source:
+def open_hdf5(path: Path) -> Source:
     """Return the vectors of an HDF5 file as ``group/name``; attributes state units and rates."""
     return _Hdf5(path, "HDF5", "/").read_file()
 
@@ -95,15 +89,18 @@ class _Variables:
 
     def _stated_rates(self, name: str) -> list[tuple[float, str]]:
         """Return rates by a number called fs and the like, or dt, of the same struct or the next above."""
-        stated: list[tuple[float, str]] = []
-        while True:
-            for place in (name, f"{name}.Properties".lstrip(".")):
-                for last, value in self.scalars.get(place, {}).items():
-                    if (rate := named_rate(last, value)) is not None:
-                        stated.append((rate, f"variable {f'{place}{self.dot}{last}'.lstrip(self.dot)!r}"))
-            if stated or not name:
-                return stated
-            name = name.rpartition(self.dot)[0]
+        scopes = [name]
+        while scopes[-1]:
+            scopes.append(scopes[-1].rpartition(self.dot)[0])
+        stated = (
+            words.list_rates(
+                (last, value, None, f"variable {f'{place}{self.dot}{last}'.lstrip(self.dot)!r}")
+                for place in (scope, f"{scope}.Properties".lstrip("."))
+                for last, value in self.scalars.get(place, {}).items()
+            )
+            for scope in scopes
+        )
+        return next(filter(None, stated), [])
 
     def refuse(self, name: str, reason: str) -> None:
         """State why a variable cannot be read."""
@@ -182,19 +179,14 @@ class _Hdf5(_Variables):
 
     def __init__(self, path: Path, kind: str, dot: str) -> None:
         super().__init__(path, dot)
-        self.kind, self.is_matlab = kind, dot == "."
+        self.is_matlab = dot == "."
         self.seen: set[Any] = set()
+        self._open = partial(open_with, path, kind, "h5py", lambda h5py: h5py.File(path, "r"))
 
     def read_file(self) -> Source:
         with self._open() as file:
             self._visit_group("", file, 0)
         return self.source("variable" if self.is_matlab else "data set")
-
-    @contextmanager
-    def _open(self) -> Iterator[Any]:
-        h5py = import_library("h5py", f"{self.kind} ({self.path.suffix})", "h5py")
-        with explain_damage(self.path, self.kind), h5py.File(self.path, "r") as file:
-            yield file
 
     def _visit_group(self, name: str, group: Any, depth: int) -> None:
         import h5py
@@ -224,10 +216,7 @@ class _Hdf5(_Variables):
             if value.size == 1 and value.dtype.kind in "iuf":
                 self.scalars.setdefault(name, {})[key] = float(value.item())
             elif key.lower() in ("unit", "units") and value.size == 1:
-                text = value.item()
-                self.texts[f"{name}_unit"] = (
-                    text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
-                )
+                self.texts[f"{name}_unit"] = _decode(value.item())
 
     def _visit_dataset(self, name: str, data: Any) -> None:
         import h5py
@@ -244,16 +233,14 @@ class _Hdf5(_Variables):
                     raise ValueError(f"{self.path.name}: variable {name!r} {_NO_NUMBERS}")
                 return _join_numbers(elements)
 
-        place, kind = data.name, data.attrs.get("MATLAB_class", b"")
-        kind = kind.decode() if isinstance(kind, bytes) else str(kind)
+        place, kind = data.name, _decode(data.attrs.get("MATLAB_class", b""))
         is_reference = h5py.check_ref_dtype(data.dtype) is not None
         check_claim(self.path, data.size * data.dtype.itemsize if data.shape is not None else 0)
         self._add_attributes(name, data)
         if data.shape is None or data.size == 0 or data.attrs.get("MATLAB_empty", 0):
             self.refuse(name, "is empty")
         elif kind == "char":
-            if data.size < 1000:
-                self.texts[name] = _decode_text(data)
+            self.texts[name] = _decode_text(data) if data.size < 1000 else ""
         elif is_reference and kind == "cell":
             cells = [data.file[reference] for reference in data[()].ravel()] if data.size <= 1000 else []
             if cells and all(cell.attrs.get("MATLAB_class") == b"char" for cell in cells):
@@ -281,6 +268,10 @@ def _join_numbers(elements: Iterable[Any]) -> NDArray[Any]:
     return np.array([float(np.ravel(element[()])[0]) for element in elements])
 
 
+def _decode(text: Any) -> str:
+    return text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
+
+
 def _decode_text(data: Any) -> str:
     """Return MATLAB's text, which is UTF-16 codes."""
     if data.attrs.get("MATLAB_empty", 0):
@@ -288,59 +279,46 @@ def _decode_text(data: Any) -> str:
     return np.asarray(data[()], dtype="<u2").ravel(order="F").tobytes().decode("utf-16-le", "replace")
 
 
-def _check_elements(path: Path) -> None:
-    """Check that no element of a v5 to v7 file claims more bytes than the file has.
+def _check_elements(path: Path, order: str, content: memoryview, depth: int = 0) -> None:
+    """Check that no element of a v5 to v7 file, and none in those, claims more bytes than there are.
 
     scipy makes an array of the claimed shape before it reads its content.
     """
-    content = memoryview(path.read_bytes())
-    order = {b"IM": "<", b"MI": ">"}[bytes(content[126:128])]
-    for kind, element in _iterate_elements(order, content, start=128):
-        if kind == _COMPRESSED:
-            inflate = zlib.decompressobj()
-            head = inflate.decompress(element, 8)
-            (claimed,) = struct.unpack_from(f"{order}I", head, 4)
-            check_claim(path, claimed)
-            variable = inflate.decompress(inflate.unconsumed_tail, claimed + 8)
-            if len(variable) < claimed:
-                raise ValueError("a compressed element is shorter than it claims")
-            _check_matrix(order, memoryview(variable), 0)
-        elif kind == _MATRIX:
-            _check_matrix(order, element, 0)
-
-
-def _check_matrix(order: str, content: memoryview, depth: int) -> None:
-    """Check the shapes of a matrix element and of those that it holds."""
     if depth > 2 * _DEEPEST:
         raise ValueError("variables are nested too deeply")
     kind = 0
     for number, (element, part) in enumerate(_iterate_elements(order, content)):
-        if number == 0:
+        if depth and number == 0:
             kind = part[0 if order == "<" else 3] if len(part) >= 4 else 0
             if kind > _LAST_CLASS:
                 raise ValueError(f"a variable is of class {kind}")
-        elif number == 1 and kind != 17:  # objects have no shape here
+        elif depth and number == 1 and kind != _OPAQUE:
             shape = struct.unpack(f"{order}{len(part) // 4}i", part[: len(part) // 4 * 4])
-            if any(length < 0 for length in shape) or (
-                kind != _SPARSE and math.prod(shape) > max(len(content), 8)
-            ):
+            too_large = kind != _SPARSE and math.prod(shape) > max(len(content), 8)
+            if too_large or any(length < 0 for length in shape):
                 raise ValueError(f"a variable claims the shape {shape} in {len(content)} bytes")
         elif element == _MATRIX:
-            _check_matrix(order, part, depth + 1)
+            _check_elements(path, order, part, depth + 1)
+        elif element == _COMPRESSED and not depth:
+            inflate = zlib.decompressobj()
+            (claimed,) = struct.unpack_from(f"{order}I", inflate.decompress(part, 8), 4)
+            check_claim(path, claimed)
+            variable = inflate.decompress(inflate.unconsumed_tail, claimed + 8)
+            if len(variable) < claimed:
+                raise ValueError("a compressed element is shorter than it claims")
+            _check_elements(path, order, memoryview(variable), 1)
 
 
-def _iterate_elements(order: str, content: memoryview, start: int = 0) -> Iterator[tuple[int, memoryview]]:
-    position = start
+def _iterate_elements(order: str, content: memoryview) -> Iterator[tuple[int, memoryview]]:
+    """Yield the type and the content of each element; what follows the last whole tag is left out."""
+    position = 0
     while position + 8 <= len(content):
-        first, n_bytes = struct.unpack_from(f"{order}II", content, position)
-        if first >> 16:  # a small element: length and type in one word, up to four bytes in the next
-            yield first & 0xFFFF, content[position + 4 : position + 4 + min(first >> 16, 4)]
-            position += 8
-            continue
+        kind, n_bytes = struct.unpack_from(f"{order}II", content, position)
         position += 8
+        if kind >> 16:  # a small element: length and type in one word, up to four bytes in the next
+            yield kind & 0xFFFF, content[position - 4 : position - 4 + min(kind >> 16, 4)]
+            continue
         if position + n_bytes > len(content):
-            raise ValueError(f"the element at byte {position - 8} of {n_bytes} bytes is not whole")
-        yield first, content[position : position + n_bytes]
-        position += n_bytes + (0 if first == _COMPRESSED else -n_bytes % 8)
-    if start and position < len(content):
-        raise ValueError("it ends within a tag")
+            raise ValueError(f"an element of {n_bytes} bytes is not whole")
+        yield kind, content[position : position + n_bytes]
+        position += n_bytes + (0 if kind == _COMPRESSED else -n_bytes % 8)

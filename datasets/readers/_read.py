@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
 from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
@@ -15,30 +14,19 @@ import numpy as np
 from cyclofeat._base.checks import check_type
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import QUANTITIES, QUANTITY_UNITS
-from cyclofeat.datasets.readers._columns import (
-    ANGLE_NAMES,
-    ANGLE_REMEDY,
-    COUNT_NAMES,
-    DISC_ANGLE_NAMES,
-    LABELS,
-    PULSE_NAMES,
-    Channel,
-    Float,
-    ReadingOptions,
-    Source,
-    labels_to_write,
-)
+from cyclofeat.datasets.readers import _words as words
+from cyclofeat.datasets.readers._columns import ANGLE_REMEDY, Channel, Float, ReadingOptions, Source
 from cyclofeat.datasets.readers._times import time_base, time_channels
 from cyclofeat.recordings import Recording
 from cyclofeat.signal.tachometer import angle_from_pulses, continuous_angle
 
-# Function for each kind of file that returns its channels, or its module and name, imported when needed.
-SOURCES: dict[str, tuple[str, str] | Callable[[Path, ReadingOptions], Source]] = {
-    ".csv": ("_csv", "open_text"), ".csv.gz": ("_csv", "open_text"), ".npz": ("_binary", "open_npz"),
-    ".tdms": ("_tdms", "open_tdms"), ".mat": ("_matlab", "open_matlab"), ".h5": ("_matlab", "open_hdf5"),
-    ".hdf5": ("_matlab", "open_hdf5"), ".mf4": ("_binary", "open_mdf"), ".unv": ("_binary", "open_universal"),
-    ".uff": ("_binary", "open_universal"), ".parquet": ("_binary", "open_parquet"),
-    ".wav": ("_binary", "open_wav"), ".xlsx": ("_csv", "open_xlsx"),
+# Function that returns the channels of each kind of file, by its module, which is imported when needed.
+SOURCES = {
+    ".csv": "_csv.open_text", ".csv.gz": "_csv.open_text", ".npz": "_binary.open_npz",
+    ".tdms": "_tdms.open_tdms", ".mat": "_matlab.open_matlab", ".h5": "_matlab.open_hdf5",
+    ".hdf5": "_matlab.open_hdf5", ".mf4": "_binary.open_mdf", ".unv": "_binary.open_universal",
+    ".uff": "_binary.open_universal", ".parquet": "_binary.open_parquet", ".wav": "_binary.open_wav",
+    ".xlsx": "_csv.open_xlsx",
 }  # fmt: skip
 # Read as these where they are named; a folder's other text files are notes.
 _TEXT_FILES = {
@@ -141,12 +129,10 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
 def read_stretches(path: str | os.PathLike[str], **options: Any) -> list[Recording]:
     """Return all stretches into which :func:`read_recording` cuts a file: one, unless gaps are cut."""
     path = file_path(path)
-    labels = {name: value for name, value in options.items() if name not in _OPTIONS}
-    unknown = labels.keys() - set(LABELS)
-    if unknown:
-        raise TypeError(
-            f"unknown option or label {min(unknown)!r}; known are {', '.join(sorted({*_OPTIONS, *LABELS}))}"
-        )
+    labels = {name: options[name] for name in options.keys() - _OPTIONS}
+    if unknown := labels.keys() - set(words.LABELS):
+        known = ", ".join(sorted({*_OPTIONS, *words.LABELS}))
+        raise TypeError(f"unknown option or label {min(unknown)!r}; known are {known}")
     reading = ReadingOptions(**{name: options[name] for name in options.keys() & _OPTIONS})
     source = _open_source(path, reading)
     parameters, angle, stretches = _read_parameters(source, reading)
@@ -251,7 +237,7 @@ def write_recording(path: str | os.PathLike[str], recording: Recording) -> None:
     write = {".csv": _csv.write_csv, ".npz": _binary.write_npz}.get(path.suffix.lower())
     if write is None:
         raise ValueError(f"{path.name}: unknown kind of file {path.suffix!r}; .csv and .npz can be written")
-    labels = labels_to_write(recording)
+    labels = words.labels_to_write(recording)
     write_whole(path, lambda file: write(file, recording, labels))
 
 
@@ -288,33 +274,23 @@ def _open_source(path: Path, reading: ReadingOptions) -> Source:
             f"{path.name} is no {suffix} file: it begins like a {kinds} file"
             + (f"; rename it to end in {kinds}" if looks[0] in SOURCES else "")
         )
-    kind = SOURCES[suffix]
-    if isinstance(kind, tuple):
-        kind = getattr(import_module(f"cyclofeat.datasets.readers.{kind[0]}"), kind[1])
-    if not suffix.startswith((".csv", ".xlsx")):
-        for name in ("delimiter", "decimal", "table_line"):
-            if (value := getattr(reading, name)) is not None:
-                raise ValueError(f"{name} is for CSV files, got {value!r} for {path.name}")
-    return kind(path, reading)
+    module, function = SOURCES[suffix].split(".")
+    open_file = getattr(import_module(f"cyclofeat.datasets.readers.{module}"), function)
+    for name in ("delimiter", "decimal", "table_line"):
+        if module != "_csv" and (value := getattr(reading, name)) is not None:
+            raise ValueError(f"{name} is for CSV files, got {value!r} for {path.name}")
+    source: Source = open_file(path, reading) if module == "_csv" else open_file(path)
+    return source
 
 
 def _read_parameters(
     source: Source, reading: ReadingOptions
 ) -> tuple[dict[str, Any], tuple[Channel, Float] | None, list[tuple[int, float]]]:
     """Return parameters of the recording, the angle's channel with its values, and the time base."""
-    others: set[Channel | None] = set(time_channels(source))
+    others: list[Channel | None] = [*time_channels(source)]
     if reading.time_channel is not None and not reading.without_times:
-        others |= {source.find_channel("time_channel", reading.time_channel)}
-    angle = None
-    if reading.angle_channel is not False:
-        by_pulses, by_counts = reading.pulses_per_turn is not None, reading.counts_per_turn is not None
-        names = PULSE_NAMES if by_pulses else COUNT_NAMES | ANGLE_NAMES if by_counts else ANGLE_NAMES
-        angle = source.find_channel("angle_channel", reading.angle_channel, names)
-        if (by_pulses or by_counts) and angle is None:
-            raise ValueError(
-                f"{source.file}: angle_channel= must be given, to say which {source.noun} holds the "
-                f"{'pulses' if by_pulses else 'counts'}: {source.list_names()}"
-            )
+        others.append(source.find_channel("time_channel", reading.time_channel))
+    angle = _find_angle(source, reading)
     labels = dict(source.other_labels if source.labels is None else source.labels)
     stated = labels.get("quantity")
     if stated is not None and reading.quantity not in (None, stated):
@@ -323,7 +299,7 @@ def _read_parameters(
         )
     sought = reading.quantity or stated
     quantity = sought or QUANTITIES[0]
-    torque = source.find_torque(reading.channel, {*others, angle}, sought)
+    torque = source.find_torque(reading.channel, [*others, angle], sought)
     factor, unit = source.unit_factor(torque, reading.scale, quantity)
     # The rate first: it is known without reading a long record.
     stretches, meta = time_base(source, torque, reading)
@@ -341,27 +317,49 @@ def _read_parameters(
     parameters = {"torque": samples, "quantity": quantity} | labels | {"meta": meta}
     if angle is None:  # then the file's labels of the angle are void
         return {key: x for key, x in parameters.items() if not key.startswith("angle")}, None, stretches
-    parameters.setdefault("angle_of", "disc" if angle.base in DISC_ANGLE_NAMES else "input")
+    parameters.setdefault("angle_of", "disc" if angle.base in words.DISC_ANGLE_NAMES else "input")
     return parameters, (angle, source.column_values(angle)), stretches
+
+
+def _find_angle(source: Source, reading: ReadingOptions) -> Channel | None:
+    """Return the channel of the angle, or of pulses or counts from which it follows."""
+    if reading.angle_channel is False:
+        return None
+    if reading.angle_channel is not None:
+        return source.find_channel("angle_channel", reading.angle_channel)
+    names, content = words.ANGLE_NAMES, ""
+    if reading.pulses_per_turn is not None:
+        names, content = words.PULSE_NAMES, "pulses"
+    elif reading.counts_per_turn is not None:
+        names, content = words.COUNT_NAMES | words.ANGLE_NAMES, "counts"
+    angle = source.find_only("angle_channel", [x for x in source.channels if x.base in names])
+    if angle is None and content:
+        raise ValueError(
+            f"{source.file}: angle_channel= must be given, to say which {source.noun} holds the {content}: "
+            f"{source.list_names()}"
+        )
+    return angle
 
 
 def _read_angle(
     source: Source, channel: Channel, values: Float, reading: ReadingOptions
 ) -> tuple[Float, dict[str, Any]]:
     """Return the angle in rad by values of a channel, and what was done for it."""
-    factor, assumed = 1.0, False
-    if reading.counts_per_turn is not None:
-        factor = 2 * math.pi / reading.counts_per_turn
-    elif reading.pulses_per_turn is None:
-        factor, assumed = source.angle_factor(channel, reading.angle_unit)
-    # By the layout of written files it is in rad.
-    meta: dict[str, Any] = {"angle_unit_assumed": True} if assumed and source.labels is None else {}
+    meta: dict[str, Any] = {}
     try:
         if reading.pulses_per_turn is not None:
             return angle_from_pulses(values, reading.pulses_per_turn), {"angle_from": "follows from pulses"}
+        if reading.counts_per_turn is not None:
+            factor = 2 * math.pi / reading.counts_per_turn
+        else:
+            factor, assumed = source.angle_factor(channel, reading.angle_unit)
+            if assumed and source.labels is None:  # by the layout of written files it is in rad
+                meta["angle_unit_assumed"] = True
         given = values * factor
         angle = continuous_angle(given)
     except ValueError as error:
+        if str(error).startswith(source.file):
+            raise
         raise ValueError(
             f"{source.call(channel)}: {error} (angle_channel=False leaves the angle out)"
         ) from None

@@ -13,18 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.datasets.readers._columns import (
-    ANGLE_NAMES,
-    PULSE_NAMES,
-    UNITS,
-    UNITS_OF,
-    ReadingOptions,
-    clean_unit,
-    is_time_name,
-    is_usual,
-    name_and_unit,
-)
-from cyclofeat.datasets.readers._times import named_rate
+from cyclofeat.datasets.readers import _words as words
+from cyclofeat.datasets.readers._columns import ReadingOptions
 
 HEAD_LINES = 1000  # from which all is concluded
 # No torque record has more; a file that has is something else, and splitting it would take long.
@@ -146,7 +136,7 @@ def _table_of(
     first = min([first, *wrong])
     label = next((rows[i] for i in range(at) if rows[i][:1] == ["Y_Unit_Label"]), None)
     if units is None and label is not None:  # LabVIEW, of the values after the times
-        units = [None, *map(clean_unit, label[1:width]), *[None] * width][:width]
+        units = [None, *map(words.clean_unit, label[1:width]), *[None] * width][:width]
     widest = max(width, len(rows[at])) if heads and delimiter != " " else width
     comma = any("," in rows[i][j] and kinds[i][j] == "n" for i in samples if i >= first for j in numeric)
     table = Table(
@@ -165,17 +155,17 @@ def _names_of(
     """Return the names and units of the columns from the rows above them, and the line of the names."""
     if not heads:
         return None, None, -1
-    is_units = len(heads) > 1 and any(clean_unit(cell) in UNITS for cell in heads[0][1])
+    is_units = len(heads) > 1 and any(words.clean_unit(cell) in words.UNITS for cell in heads[0][1])
     likely = [k for k, (_, cells) in enumerate(heads) if any(map(_is_known_name, cells))]
     likely = [k for k in likely if k >= is_units] or likely
     listed = [k for k, (_, cells) in enumerate(heads) if cells[0].lower() == "name" and 0 in numeric]
     chosen = len(heads) - 1 if reading.table_line else [*listed, *likely, int(is_units)][0]
     at, names = heads[chosen]
-    units = [clean_unit(cell) for cell in heads[0][1]] if is_units and chosen else None
+    units = [words.clean_unit(cell) for cell in heads[0][1]] if is_units and chosen else None
     if listed:  # TwinCAT: pairs of times and values, with lines of properties below the names
         stated = next((cells for _, cells in heads[:chosen] if cells[0].lower() == "unit"), names)
         units = [
-            None if unit in (stated[0], "(None)", name) else clean_unit(unit)
+            None if unit in (stated[0], "(None)", name) else words.clean_unit(unit)
             for unit, name in zip(stated, names, strict=True)
         ]
         names = ["time" if name.lower() == "name" else name for name in names]
@@ -216,9 +206,9 @@ def _kind_of(cell: str) -> str:
 
 
 def _is_known_name(cell: str) -> bool:
-    base = name_and_unit(cell)[0] if cell else ""
-    known = is_time_name(base) or base in ANGLE_NAMES | PULSE_NAMES
-    return known or any(is_usual(base, quantity) for quantity in UNITS_OF)
+    base = words.name_and_unit(cell)[0] if cell else ""
+    known = words.is_time_name(base) or base in words.ANGLE_NAMES | words.PULSE_NAMES
+    return known or any(words.is_usual(base, quantity) for quantity in words.UNITS_OF)
 
 
 def _head_rates(
@@ -236,9 +226,9 @@ def _head_rates(
         triples += [match.groups()] if match else []
         for name, value, unit in (triple for triple in triples if len(triple) == 3):
             number = re.fullmatch(r"\s*([+-]?\d*[.,]?\d+(?:[eE][+-]?\d+)?)\s*", value)
-            known = clean_unit(unit) if clean_unit(unit) in UNITS else None
+            known = words.clean_unit(unit) if words.clean_unit(unit) in words.UNITS else None
             amount = float(number[1].replace(",", ".")) if number and name.strip() else 0.0
-            if (rate := named_rate(name, amount, known)) is not None:
+            if (rate := words.named_rate(name, amount, known)) is not None:
                 rates.setdefault(f"line {i + 1} ({name.strip()!r})", rate)
     return [(rate, where) for where, rate in rates.items()]
 

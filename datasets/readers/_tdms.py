@@ -9,24 +9,15 @@ import struct
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.datasets.readers._columns import (
-    CURRENT_UNITS,
-    TORQUE_UNITS,
-    Channel,
-    ReadingOptions,
-    Source,
-    clean_unit,
-    explain_damage,
-    import_library,
-)
-from cyclofeat.datasets.readers._times import named_rate
+from cyclofeat.datasets.readers import _words as words
+from cyclofeat.datasets.readers._columns import Channel, Source
+from cyclofeat.datasets.readers._damage import open_with
 
 _LEAD_IN = 28
 _BIG_ENDIAN = 1 << 6
@@ -43,7 +34,7 @@ _SCALES = {
 _UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "unit", "Unit")
 
 
-def open_tdms(path: Path, _: ReadingOptions) -> Source:
+def open_tdms(path: Path) -> Source:
     """Return the channels of a TDMS file, named ``group/channel``; each is read in parts from a huge file.
 
     The index file that may lie beside it is not used: it may be of another recording.
@@ -70,7 +61,7 @@ def _describe_channel(
         dtype: np.dtype[Any] | None = np.dtype(channel.dtype)
     except Exception:  # it has no type, or a scale that cannot be computed: reading it says why
         dtype = None
-    kind = "" if dtype is None else dtype.kind
+    kind = "?" if dtype is None else dtype.kind
     unit = next((str(properties[key]) for key in _UNIT_PROPERTIES if properties.get(key)), None)
 
     # The innermost scope with scales applies.
@@ -84,35 +75,31 @@ def _describe_channel(
             f"has a scale that cannot be computed (NI_Scale[{unknown[0][0]}]: {unknown[0][1]!r}); known are "
             f"{', '.join(sorted(_SCALES))}. Save it scaled: raw counts are not read in its place"
         )
-    elif (kind and kind in "iu" and clean_unit(unit) not in TORQUE_UNITS | CURRENT_UNITS) or (
+    elif (kind in "iu" and words.clean_unit(unit) not in words.TORQUE_UNITS | words.CURRENT_UNITS) or (
         properties.get("NI_Scaling_Status") == "unscaled" and not _n_scales(properties)
     ):
         raw = f"raw counts ({dtype}), and the file states no scale; give scale= (Nm per count)"
 
-    stated = {}
-    step_unit = clean_unit(str(properties.get("wf_xunit_string", ""))) or "s"
-    for number, _, step in increments:
-        of_segment = f" of segment {number}" if len(increments) > 1 else ""
-        stated[f"property 'wf_increment'{of_segment}"] = named_rate("dt", step, step_unit)
-    for scope, where in zip(scopes, ("", " of the group", " of the file"), strict=True):
-        for key, value in scope.items():
-            if isinstance(value, (int, float, np.number)) and key != "wf_increment":
-                stated[f"property {key!r}{where}"] = named_rate(key, float(value))
+    step_unit = words.clean_unit(str(properties.get("wf_xunit_string", ""))) or "s"
+    several = len(increments) > 1
+    stated: list[tuple[str, float, str | None, str]] = [
+        ("dt", step, step_unit, "property 'wf_increment'" + f" of segment {number}" * several)
+        for number, _, step in increments
+    ]
+    stated += [
+        (key, float(value), None, f"property {key!r}{where}")
+        for scope, where in zip(scopes, ("", " of the group", " of the file"), strict=True)
+        for key, value in scope.items()
+        if isinstance(value, (int, float, np.number)) and key != "wf_increment"
+    ]
     start_time = properties.get("wf_start_time")
     return Channel(
-        name,
-        partial(_read_samples, path, name, (channel.group_name, channel.name), dtype, error),
-        unit,
-        channel.name,
-        length=len(channel),
-        usable=len(channel) > 0 and bool(kind) and kind in "iuf",
-        rates=[(rate, where) for where, rate in stated.items() if rate is not None],
-        meta={} if start_time is None else {"start_time": str(start_time)},
+        name, partial(_read_samples, path, name, (channel.group_name, channel.name), dtype, error), unit,
+        channel.name, length=len(channel), usable=len(channel) > 0 and kind in "iuf",
+        rates=words.list_rates(stated), meta={} if start_time is None else {"start_time": str(start_time)},
         raw=raw,
-        segments=partial(_segment_starts, path, channel.path, increments, step_unit)
-        if len(increments) > 1
-        else None,
-    )
+        segments=partial(_segment_starts, path, channel.path, increments, step_unit) if several else None,
+    )  # fmt: skip
 
 
 def _read_samples(
@@ -148,7 +135,7 @@ def _segment_starts(
         with _open_tdms(path, position) as file:
             lengths = {each.path: len(each) for group in file.groups() for each in group.channels()}
         starts.append(lengths.get(channel, 0))
-    rates = [named_rate("dt", step, unit) or 0.0 for _, _, step in increments]
+    rates = [words.named_rate("dt", step, unit) or 0.0 for _, _, step in increments]
     return list(zip(starts, rates, strict=True))
 
 
@@ -170,8 +157,6 @@ class _Bounded(io.BufferedReader):
 @contextmanager
 def _open_tdms(path: Path, end: int | None = None) -> Iterator[Any]:
     """Open the file with npTDMS, up to an end; its log messages about lost data become errors."""
-    nptdms = import_library("nptdms", ".tdms", "npTDMS")
-    loggers = list(import_module("nptdms.log").log_manager.loggers.values())
     lost: list[str] = []
 
     def keep_losses(record: logging.LogRecord) -> bool:
@@ -180,14 +165,16 @@ def _open_tdms(path: Path, end: int | None = None) -> Iterator[Any]:
             lost.append(text.partition(". ")[0])
         return False
 
-    for logger in loggers:
-        logger.addFilter(keep_losses)
+    loggers = []
+
+    def open_file(nptdms: Any) -> Any:
+        loggers.extend(nptdms.log.log_manager.loggers.values())
+        for logger in loggers:
+            logger.addFilter(keep_losses)
+        return nptdms.TdmsFile.open(stream)
+
     try:
-        with (
-            _Bounded(path, end) as stream,
-            explain_damage(path, "TDMS"),
-            nptdms.TdmsFile.open(stream) as file,
-        ):
+        with _Bounded(path, end) as stream, open_with(path, "TDMS", "nptdms", open_file) as file:
             yield file
     finally:
         for logger in loggers:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -11,18 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cyclofeat._base.quantities import number_of
-from cyclofeat.datasets.readers._columns import (
-    RATE_UNITS,
-    TIME_UNITS,
-    Channel,
-    Float,
-    ReadingOptions,
-    Source,
-    is_time_name,
-    name_and_unit,
-    whole_rate,
-    with_spaces,
-)
+from cyclofeat.datasets.readers._columns import Channel, Float, ReadingOptions, Source
+from cyclofeat.datasets.readers._words import TIME_UNITS, is_time_name, whole_rate
 
 # Rounded times lie within a fraction of a sample of even spacing; one missing sample moves them by at least
 # half a sample somewhere.
@@ -40,11 +29,6 @@ _SENSIBLE = (200.0, 1e7)
 _MOST_GAPS = 100  # that a recording lists
 _PART = 2**15  # times that are compared with even ones at once
 _EVEN = "if the samples are even, give sampling_rate="
-_RATE = r"fs|f s|f sample|(sampl(e|ing)|scan) ?(rate|freq|frequency)|(abtast|mess)(rate|frequenz)"
-_STEP = (
-    r"dt|ts|delta ?[xt]|time ?(step|interval)|sampl(e|ing) ?(time|period|interval)|(x ?)?incr(ement)?|xinc|"
-    r"abtast(zeit|intervall|periode)|horizontal interval|zeitschritt"
-)
 
 
 class Statement(NamedTuple):
@@ -66,19 +50,6 @@ class TimeError(ValueError):
         self.usual, self.gaps = usual, list(gaps)
 
 
-def named_rate(name: str, value: float, unit: str | None = None) -> float | None:
-    """Return the sampling rate in Hz that a number states by its name, such as ``fs`` or ``dt [ms]``."""
-    base, own = name_and_unit(name)
-    unit, base = unit or own, with_spaces(base)
-    if not 0 < value < math.inf:
-        return None
-    if re.fullmatch(_RATE, base) and (unit is None or unit in RATE_UNITS):
-        return value * RATE_UNITS.get(unit or "Hz", 1.0)
-    if re.fullmatch(_STEP, base) and (unit is None or unit in TIME_UNITS):
-        return whole_rate(1 / (value * TIME_UNITS[unit or "s"]))
-    return None
-
-
 def time_channels(source: Source) -> list[Channel]:
     """Return the channels that hold times by their names."""
     return [channel for channel in source.channels if is_time_name(channel.base)]
@@ -96,13 +67,9 @@ def time_base(
     starts = torque.segments() if cut and torque.segments else [(0, 0.0)]
     if len(starts) > 1 and given is None:
         return starts, {"rate_from": "the segments"}
-    stated = [Statement(rate, where) for rate, where in torque.rates]
-    if source.labels is not None:
-        stated = [Statement(source.labels["sampling_rate"], "header")]
-    times: list[Statement] = []
-    meta: dict[str, Any] = {}
-    notes: list[str] = []
-    foreign = ""
+    rates = torque.rates if source.labels is None else [(source.labels["sampling_rate"], "header")]
+    stated, times = [Statement(rate, where) for rate, where in rates], list[Statement]()
+    meta, notes, foreign = dict[str, Any](), list[str](), ""
     for channel in _candidates(source, torque, reading):
         name = f"time {source.noun} {channel.name!r}"
         if channel.length != torque.length:
@@ -114,7 +81,10 @@ def time_base(
                 raise ValueError(f"{source.file}: {foreign}")
             continue
         try:
-            times.append(_times_statement(source, channel, reading, stated, meta, notes))
+            statement, found, jitter = _times_statement(source, channel, reading, stated)
+            times.append(statement)
+            notes += found
+            meta |= {"time_jitter": round(jitter, 3)} if jitter > _REPORTED_JITTER else {}
         except ValueError as error:
             gaps, usual = (error.gaps, error.usual) if isinstance(error, TimeError) else ([], 0.0)
             if given is None and (gaps or asked is not None or not stated) and not (gaps and cut):
@@ -123,38 +93,36 @@ def time_base(
                 meta["gaps"] = gaps[:_MOST_GAPS]
                 starts = [(0, 0.0), *((place, 0.0) for place, _ in gaps)] if cut else starts
             notes.append(str(error).partition("; ")[0].removeprefix(f"{source.file}: "))
-            if usual:
-                times.append(Statement(usual, name))
+            times += [Statement(usual, name)] if usual else []
     statements = times if asked is not None and times else [*stated, *times]
     if given is not None:
-        rate, taken, chosen = float(given), [Statement(float(given), "argument")], "sampling rate given"
+        taken, chosen = [Statement(float(given), "argument")], "sampling rate given"
     elif not statements:
         raise ValueError(
             f"{source.file}: no sampling rate{': ' * bool(foreign)}{foreign}; give sampling_rate= (Hz), or "
             f"time_channel= for a {source.noun} of times; {source.noun}s are {source.list_names()}"
         )
     else:
-        rate, chosen = statements[0].rate, "time channel chosen"
-        taken = [statement for statement in statements if statement.agrees(rate)]
+        chosen = "time channel chosen"
+        taken = [statement for statement in statements if statement.agrees(statements[0].rate)]
         if len(taken) < len(statements):
-            choices = ["gaps='cut' (for each segment by itself)"] if torque.segments else []
-            raise ValueError(f"{source.file}: {_contradiction(statements, choices)}")
-    for other in (*stated, *times):
-        if not other.agrees(rate):
-            notes.append(
-                f"the {chosen}, {rate:.6g} Hz, overrides {other.source}, which says {other.rate:.6g} Hz"
+            listed = ", ".join(f"{source} says {rate:.6g} Hz" for rate, source, _ in statements)
+            choices = [f"sampling_rate = {rate:.10g}" for rate, _, _ in statements]
+            choices += [choice for _, _, choice in statements if choice]
+            choices += ["gaps='cut' (for each segment by itself)"] if torque.segments else []
+            raise ValueError(
+                f"{source.file}: the sampling rate is contradicted: {listed}; "
+                f"give {' or '.join(dict.fromkeys(choices))}"
             )
+    rate = taken[0].rate
+    notes += [
+        f"the {chosen}, {rate:.6g} Hz, overrides {other.source}, which says {other.rate:.6g} Hz"
+        for other in (*stated, *times)
+        if not other.agrees(rate)
+    ]
     meta["rate_from"] = " and ".join(statement.source for statement in taken)
     meta |= {"time_notes": [*dict.fromkeys(notes)]} if notes else {}
     return [(start, rate) for start, _ in starts], meta
-
-
-def _contradiction(statements: Sequence[Statement], choices: Sequence[str]) -> str:
-    """Return the message of statements that disagree, with the options that choose one."""
-    listed = ", ".join(f"{statement.source} says {statement.rate:.6g} Hz" for statement in statements)
-    rates = [f"sampling_rate = {statement.rate:.10g}" for statement in statements]
-    choices = [*rates, *(statement.choice for statement in statements if statement.choice), *choices]
-    return f"the sampling rate is contradicted: {listed}; give {' or '.join(dict.fromkeys(choices))}"
 
 
 def _candidates(source: Source, torque: Channel, reading: ReadingOptions) -> Sequence[Channel]:
@@ -162,9 +130,7 @@ def _candidates(source: Source, torque: Channel, reading: ReadingOptions) -> Seq
     if reading.without_times or source.labels is not None:
         return []
     if reading.time_channel is not None:
-        channel = source.find_channel("time_channel", reading.time_channel)
-        assert channel is not None
-        return [channel]
+        return [source.find_channel("time_channel", reading.time_channel)]
     channels = [channel for channel in time_channels(source) if channel is not torque]
     near = [channel for channel in channels if channel.group == torque.group]
     fitting = [channel for channel in near or channels if channel.length == torque.length]
@@ -172,14 +138,9 @@ def _candidates(source: Source, torque: Channel, reading: ReadingOptions) -> Seq
 
 
 def _times_statement(
-    source: Source,
-    channel: Channel,
-    reading: ReadingOptions,
-    stated: list[Statement],
-    meta: dict[str, Any],
-    notes: list[str],
-) -> Statement:
-    """Return the rate that a channel of times states; ``meta`` and ``notes`` get what is known of them."""
+    source: Source, channel: Channel, reading: ReadingOptions, stated: list[Statement]
+) -> tuple[Statement, list[str], float]:
+    """Return the rate that a channel of times states, notes on it, and the jitter of the times in samples."""
     name = f"time {source.noun} {channel.name!r}"
     values = channel.read()
     stated_unit, origin, assumed = reading.time_unit or channel.unit, "", False
@@ -204,59 +165,60 @@ def _times_statement(
         seconds *= factor
     del values  # each is as long as the record
     rate, jitter = _even_rate(f"{source.file}: {name}", seconds, channel)
-    if assumed and not _SENSIBLE[0] <= rate < _SENSIBLE[1]:
+    if assumed and not _is_sensible(rate):
         by_unit = {unit: rate / factor for unit, factor in TIME_UNITS.items()}
         same = [unit for unit in by_unit for statement in stated if statement.agrees(by_unit[unit])]
         if not same:
-            sensible = [unit for unit in by_unit if _SENSIBLE[0] <= by_unit[unit] < _SENSIBLE[1]]
-            units = [f"time_unit={unit!r} ({by_unit[unit]:.6g} Hz)" for unit in sensible]
+            sensible = [item for item in by_unit.items() if _is_sensible(item[1])]
+            units = [f"time_unit={unit!r} ({hertz:.6g} Hz)" for unit, hertz in sensible]
             units.append("time_channel='none' with sampling_rate= if it counts samples")
             raise ValueError(
                 f"{source.file}: {name} states no unit, and in s the sampling rate would be {rate:.6g} Hz; "
                 f"give {', '.join(units)}, or time_unit='s'"
             )
         rate, assumed, origin = by_unit[same[0]], False, f" (in {same[0]})"
-    if assumed:
-        notes.append(f"the file states no unit of {name}: s assumed")
-    if jitter > _REPORTED_JITTER:
-        meta["time_jitter"] = round(jitter, 3)
-    return Statement(rate, name + origin, f"time_channel={channel.name!r}")
+    notes = [f"the file states no unit of {name}: s assumed"] if assumed else []
+    return Statement(rate, name + origin, f"time_channel={channel.name!r}"), notes, jitter
+
+
+def _is_sensible(rate: float) -> bool:
+    return _SENSIBLE[0] <= rate < _SENSIBLE[1]
 
 
 def _even_rate(called: str, seconds: Float, channel: Channel) -> tuple[float, float]:
     """Rate of an evenly spaced column of times from 0 in Hz, and its largest jitter in samples."""
-    span, falls = seconds[-1] - seconds[0], seconds[1:] < seconds[:-1]
-    rate, jitter, worst = _fit_rate(seconds) if span > 0 else (0.0, math.inf, 0)
-    if falls.any() or jitter > _MOST_JITTER:
-        steps = np.diff(seconds)
-        usual = float(np.median(steps))
-        breaks = np.flatnonzero((steps > 1.5 * usual) | (steps < 0)) + 1
-        if usual > 0 and 0 < len(breaks) <= max(1, steps.size // 100):
-            edges = [0, *breaks, seconds.size]
-            first, end = max(pairwise(edges), key=lambda ends: ends[1] - ends[0])
-            usual = _fit_rate(seconds[first:end])[0] if end - first > 1 else 1 / usual
-            if all(_fit_rate(seconds[a:b], usual)[1] <= _MOST_JITTER for a, b in pairwise(edges)):
-                gaps = [[int(k), max(0, round(steps[k - 1] * usual) - 1)] for k in breaks]
-                place, longest = max(gaps, key=lambda gap: gap[1])
-                words = f"the longest of {number_of(longest, 'sample')}" if longest else "times restart"
-                raise TimeError(
-                    f"{called} is not evenly spaced: {number_of(len(gaps), 'gap')} at a usual {usual:.6g} Hz"
-                    f", {words} before {channel.place(place)}; to read the samples as if none were missing, "
-                    f"give sampling_rate = {usual:.6g}, or gaps='cut' to read what lies between the gaps",
-                    usual,
-                    gaps,
-                )
-    if falls.any() or not span > 0:
-        where = int(np.argmin(np.diff(seconds))) + 1
-        by = f"{seconds[where - 1] - seconds[where]:.3g} s at {channel.place(where)}"
+    rises = seconds[-1] > seconds[0]
+    rate, jitter, worst = _fit_rate(seconds) if rises else (0.0, math.inf, 0)
+    falls = not rises or bool((seconds[1:] < seconds[:-1]).any())
+    if not falls and jitter <= _MOST_JITTER:
+        return rate, jitter
+    steps = np.diff(seconds)
+    usual = float(np.median(steps))
+    breaks = np.flatnonzero((steps > 1.5 * usual) | (steps < 0)) + 1
+    if usual > 0 and 0 < len(breaks) <= max(1, steps.size // 100):
+        edges = [0, *breaks, seconds.size]
+        first, end = max(pairwise(edges), key=lambda ends: ends[1] - ends[0])
+        usual = _fit_rate(seconds[first:end])[0] if end - first > 1 else 1 / usual
+        if all(_fit_rate(seconds[a:b], usual)[1] <= _MOST_JITTER for a, b in pairwise(edges)):
+            gaps = [[int(k), max(0, round(steps[k - 1] * usual) - 1)] for k in breaks]
+            place, longest = max(gaps, key=lambda gap: gap[1])
+            words = f"the longest of {number_of(longest, 'sample')}" if longest else "times restart"
+            raise TimeError(
+                f"{called} is not evenly spaced: {number_of(len(gaps), 'gap')} at a usual {usual:.6g} Hz, "
+                f"{words} before {channel.place(place)}; to read the samples as if none were missing, "
+                f"give sampling_rate = {usual:.6g}, or gaps='cut' to read what lies between the gaps",
+                usual,
+                gaps,
+            )
+    if falls:
+        where = int(np.argmin(steps)) + 1
+        by = f"{abs(steps[where - 1]):.3g} s at {channel.place(where)}"
         raise TimeError(f"{called} must rise, it falls by {by}; {_EVEN}")
-    if jitter > _MOST_JITTER:
-        raise TimeError(
-            f"{called} is not evenly spaced: at {channel.place(worst)} it is {jitter:.2g} samples away from "
-            f"{rate:.6g} Hz (samples missing, a clock that jitters, or times rounded too coarsely); {_EVEN}",
-            rate,
-        )
-    return rate, jitter
+    raise TimeError(
+        f"{called} is not evenly spaced: at {channel.place(worst)} it is {jitter:.2g} samples away from "
+        f"{rate:.6g} Hz (samples missing, a clock that jitters, or times rounded too coarsely); {_EVEN}",
+        rate,
+    )
 
 
 def _fit_rate(seconds: Float, rate: float | None = None) -> tuple[float, float, int]:

@@ -17,7 +17,7 @@ from small_model import recording as burst_recording
 from small_model import shaft_model
 
 from cyclofeat.datasets import describe, read_recording, write_recording
-from cyclofeat.datasets.readers import _columns, one_line
+from cyclofeat.datasets.readers import _damage, one_line
 from cyclofeat.recordings import Recording
 
 STEADY = settings(derandomize=True, deadline=None, max_examples=20)
@@ -415,7 +415,7 @@ def test_packed_text_is_bounded_and_whole(tmp_path, monkeypatch):
     path = tmp_path / "rig.csv.gz"
     path.write_bytes(gzip.compress(content))
     assert read_recording(path, sampling_rate=1).n_samples == 300_000
-    monkeypatch.setattr(_columns, "LARGEST_UNPACKED", 1_400_000)
+    monkeypatch.setattr(_damage, "LARGEST_UNPACKED", 1_400_000)
     with pytest.raises(ValueError, match=r"rig.csv.gz takes .* GB when unpacked"):
         read_recording(path, sampling_rate=1)
     for damaged in (path.read_bytes()[:-9], content):
