@@ -122,7 +122,8 @@ def copy_results(app, config):
 
 def link_results(app, name, source):
     """Links to tables, which lead to files in the repository, lead to their pages here."""
-    source[0] = source[0].replace("](../benchmarks/", "](generated/results/")
+    for up, to in (("../../", "../"), ("../", "")):
+        source[0] = source[0].replace(f"]({up}benchmarks/", f"]({to}generated/results/")
 
 
 def escape_bars_and_powers(app, what, name, obj, options, lines):

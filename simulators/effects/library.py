@@ -64,8 +64,9 @@ def known_effects(*, proposed: bool = False) -> Mapping[str, Effect]:
     Parameters
     ----------
     proposed : bool, default False
-        Return only the effects that a search proposes when it adds one at a time. Registered effects with a
-        fitted parameter are among them (:func:`register_effect`).
+        Return only the effects that a search proposes when it adds one at a time: one of look-alikes is
+        enough. The gap workflow weighs more of them, ``cyclofeat.gap.World().effects``. Registered effects
+        with a fitted parameter are among them (:func:`register_effect`).
 
     Returns
     -------

@@ -14,6 +14,7 @@ import importlib
 import json
 import os
 import re
+import runpy
 import shlex
 import shutil
 import time
@@ -30,7 +31,9 @@ from scipy.io import savemat
 from cyclofeat.cli import main, make_parser
 from cyclofeat.counting import LobeModel
 from cyclofeat.datasets import write_recording
+from cyclofeat.gap import World
 from cyclofeat.models import save_model
+from cyclofeat.simulators import known_effects
 
 ROOT = Path(__file__).parents[2]
 FOLDERS = (ROOT / "docs", ROOT / "docs" / "howto", ROOT / "docs" / "notes")
@@ -42,9 +45,9 @@ PAGES = [
 ]
 # Others' pages, of which some blocks go on from data that only the text describes: parsed, not run.
 PARSED = {"gap.md", "counting.md", "simulator.md", "api.rst"}
-RUN = [path for path in PAGES if path.name not in PARSED and path.parent.name != "notes"]
+RUN = [path for path in PAGES[1:] if path.name not in PARSED and path.parent.name != "notes"]
 # Commands that take minutes, on pages that go on from what others have made: parsed, not run.
-LEFT_OUT = {"README.md": {"train"}, "campaigns.md": set(), "gap.rst": {"gap"}}
+LEFT_OUT = {"demo", "gap"}
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 NOT_RUN = re.compile(r"^(?:\.\.|<!--) not run: \S")
 
@@ -105,7 +108,7 @@ def commands(block: Block) -> list[tuple[list[str], str]]:
 
 
 def test_every_page_is_looked_at():
-    assert {"README.md", "tutorial.rst", "campaigns.md", "nested.rst"} <= {path.name for path in RUN}
+    assert {"tutorial.rst", "campaigns.md", "nested.rst"} <= {path.name for path in RUN}
     assert sum(len(blocks(path)) for path in RUN) > 30
     workflow = blocks(ROOT / "docs" / "howto" / "gap.rst")
     assert [n for n, block in enumerate(workflow) if block.runs] == [5, 6]
@@ -203,13 +206,11 @@ def desk(rig_files, tmp_path, monkeypatch):
 
 def run_commands(block: Block, page: str, capsys: pytest.CaptureFixture[str]) -> None:
     for words, expected in commands(block):
-        if words[0] != "cyclofeat" or words[1] in {"demo", "gap"} | LEFT_OUT.get(page, set()):
+        if words[0] != "cyclofeat" or words[1] in LEFT_OUT:
             continue
         where = f"{page}:{block.line}: {' '.join(words)}"
         if words[1] == "watch" and "--once" not in words:
             words.append("--once")  # it would never end
-        if page == "README.md" and "--duration" in words:
-            words[words.index("--duration") + 1] = "3.7"  # two turns of the output say as much as five
         if words[1] == "campaign" and "--out" in words and "--jobs" not in words:
             words += ["--jobs", "1"]  # a few short runs are not worth starting processes for
         if words[1] == "train":
@@ -252,3 +253,58 @@ def test_page_runs_from_top_to_bottom(path, desk, capsys):
             assert runner.failures == 0, "".join(said)
         elif block.language == "console":
             run_commands(block, path.name, capsys)
+
+
+@pytest.mark.slow
+def test_the_readme_is_followed_as_typed_in_an_empty_folder(tmp_path, monkeypatch, capsys):
+    """Its commands take about seven minutes on two cores, as it states beside them."""
+    monkeypatch.chdir(tmp_path)
+    for block in blocks(ROOT / "README.md"):
+        if block.language == "python":
+            exec(compile(block.text, f"README.md:{block.line}", "exec"), {})
+            continue
+        for words, _ in commands(block):
+            if words[0] == "cyclofeat":
+                assert main(words[1:]) == 0, f"{words}\n{capsys.readouterr().err}"
+    assert {"count.html", "gap.html", "corrected.json", "corrected.skops", "mine.json"} <= {
+        path.name for path in tmp_path.iterdir()
+    }
+
+
+def test_every_command_of_the_readme_states_its_time():
+    for block in blocks(ROOT / "README.md"):
+        lines = block.text.splitlines() if block.language == "console" else []
+        for line in lines:
+            if line.startswith("cyclofeat "):
+                assert re.search(r"# \d+ (s|min)\b", line), line
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/results.md"])
+def test_figures_are_those_of_the_benchmarks(page):
+    """Each section's figures stand in the tables that it links."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    checked = 0
+    for section in re.split(r"^## ", text, flags=re.MULTILINE)[1:]:
+        tables = re.findall(r"\]\((?:\.\./)?(benchmarks/[\w/]+\.md)\)", section)
+        known = " ".join((ROOT / table).read_text(encoding="utf-8") for table in tables)
+        figures = re.findall(r"\d+\.\d{2,}|\d+\.\d%|\d\d\.\d", section) if known else []
+        missing = [one for one in figures if not re.search(rf"(?<![\d.]){re.escape(one)}(?!\d)", known)]
+        assert not missing, f"{section.splitlines()[0]}: {missing}"
+        checked += len(figures)
+    assert checked > 10
+
+
+def test_pages_of_effects_and_rigs_are_those_of_the_classes():
+    """``python docs/_effects.py`` writes them."""
+    made = runpy.run_path(str(ROOT / "docs" / "_effects.py"))
+    for name in ("effects", "rigs"):
+        assert (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8") == made[f"{name}_page"](), name
+
+
+def test_every_effect_that_the_gap_weighs_has_its_row():
+    text = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
+    weighed, *_ = text.partition("## Effects that")
+    assert {f"| `{effect.effect_id}` |" for effect in World().effects} <= set(
+        re.findall(r"\| `\w+` \|", weighed)
+    )
+    assert len(re.findall(r"^\| `", text, flags=re.MULTILINE)) == len(known_effects())
