@@ -17,7 +17,7 @@ from cyclofeat.datasets.readers import _words as words
 from cyclofeat.datasets.readers._columns import Channel, Source
 from cyclofeat.datasets.readers._damage import check_claim, explain_damage, open_with
 
-_DEEPEST, _MOST_VARIABLES, _MOST_COLUMNS = 8, 10_000, 64
+_DEEPEST, _MOST_VARIABLES, _MOST_COLUMNS, _LONGEST = 8, 10_000, 64, 1000
 _COMPRESSED, _MATRIX = 15, 14  # types of elements
 _SPARSE, _OPAQUE, _LAST_CLASS = 5, 17, 18  # classes of variables; opaque ones have no shape
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -72,11 +72,8 @@ class _Variables:
         channels = []
         for name, (read, length) in self.vectors.items():
             place, _, last = name.rpartition(self.dot)
-            title = self.titles.get(name)
-            columns, units = (
-                self.lists.get(f"{place}.Properties.{key}".lstrip("."), [])
-                for key in ("VariableNames", "VariableUnits")
-            )
+            title, of_table = self.titles.get(name), f"{place}.Properties.Variable".lstrip(".")
+            columns, units = (self.lists.get(of_table + key, []) for key in ("Names", "Units"))
             unit = dict(zip(columns, units, strict=False)).get(last)
             channels.append(
                 Channel(
@@ -123,12 +120,9 @@ class _Variables:
         elif size == max(shape, default=0):
             self.vectors[name] = lambda: read(...).ravel(), size
         elif len(shape) == 2 and 1 < min(shape) <= _MOST_COLUMNS:
+            tall = shape[0] >= shape[1]
             for k in range(min(shape)):
-                part, at = (
-                    (f"(:,{k + 1})", (slice(None), k))
-                    if shape[0] >= shape[1]
-                    else (f"({k + 1},:)", (k, slice(None)))
-                )
+                part, at = (f"(:,{k + 1})", np.s_[:, k]) if tall else (f"({k + 1},:)", np.s_[k, :])
                 self.vectors[name + part] = partial(read, at), max(shape)
         else:
             self.refuse(name, f"must be a vector, got shape {'x'.join(str(n) for n in shape)}")
@@ -240,9 +234,9 @@ class _Hdf5(_Variables):
         if data.shape is None or data.size == 0 or data.attrs.get("MATLAB_empty", 0):
             self.refuse(name, "is empty")
         elif kind == "char":
-            self.texts[name] = _decode_text(data) if data.size < 1000 else ""
+            self.texts[name] = _decode_text(data) if data.size < _LONGEST else ""
         elif is_reference and kind == "cell":
-            cells = [data.file[reference] for reference in data[()].ravel()] if data.size <= 1000 else []
+            cells = [data.file[reference] for reference in data[()].ravel()] if data.size < _LONGEST else []
             if cells and all(cell.attrs.get("MATLAB_class") == b"char" for cell in cells):
                 self.lists[name] = [_decode_text(cell) for cell in cells]
             else:

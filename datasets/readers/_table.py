@@ -111,15 +111,13 @@ def _table_of(
     width = weights.most_common(1)[0][0]
     samples = [i for i in later if len(rows[i]) == width]
     samples = samples[next((k for k, i in enumerate(samples) if set("nt") & set(kinds[i])), 0) :]
-    columns = range(width)
-    kinds_of = [[kinds[i][j] for i in samples] for j in columns]
-    filled_cells = [sum(kind != "b" for kind in column) for column in kinds_of]
-    numbers = [sum(kind in "nt" for kind in column) for column in kinds_of]
-    numeric = {j for j in columns if 2 * numbers[j] >= filled_cells[j] > 0}
+    kinds_of = list(zip(*(kinds[i] for i in samples), strict=True))
+    filled_cells = [len(column) - column.count("b") for column in kinds_of]
+    numbers = [column.count("n") + column.count("t") for column in kinds_of]
+    numeric = {j for j in range(width) if 2 * numbers[j] >= filled_cells[j] > 0}
     fit = [
-        len(rows[i]) == width and any(kinds[i][j] != "b" for j in numeric)
-        and all(kinds[i][j] != "x" for j in numeric) for i in filled
-    ]  # fmt: skip
+        len(rows[i]) == width and {*"nt"} >= {kinds[i][j] for j in numeric} - {"b"} > set() for i in filled
+    ]
     # A setting above the table may look like a sample; what follows it does not.
     likely = (k for k in range(len(fit)) if fit[k] and 2 * sum(fit[k : k + 4]) >= len(fit[k : k + 4]))
     first = next((filled[k] for k in likely), None)

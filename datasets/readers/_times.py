@@ -106,14 +106,7 @@ def time_base(
         chosen = "time channel chosen"
         taken = [statement for statement in statements if statement.agrees(statements[0].rate)]
         if len(taken) < len(statements):
-            listed = ", ".join(f"{source} says {rate:.6g} Hz" for rate, source, _ in statements)
-            choices = [f"sampling_rate = {rate:.10g}" for rate, _, _ in statements]
-            choices += [choice for _, _, choice in statements if choice]
-            choices += ["gaps='cut' (for each segment by itself)"] if torque.segments else []
-            raise ValueError(
-                f"{source.file}: the sampling rate is contradicted: {listed}; "
-                f"give {' or '.join(dict.fromkeys(choices))}"
-            )
+            raise ValueError(f"{source.file}: {_contradiction(statements, torque.segments is not None)}")
     rate = taken[0].rate
     notes += [
         f"the {chosen}, {rate:.6g} Hz, overrides {other.source}, which says {other.rate:.6g} Hz"
@@ -123,6 +116,15 @@ def time_base(
     meta["rate_from"] = " and ".join(statement.source for statement in taken)
     meta |= {"time_notes": [*dict.fromkeys(notes)]} if notes else {}
     return [(start, rate) for start, _ in starts], meta
+
+
+def _contradiction(statements: Sequence[Statement], cut: bool) -> str:
+    """Return the message of statements that disagree, with the options that choose one."""
+    listed = ", ".join(f"{source} says {rate:.6g} Hz" for rate, source, _ in statements)
+    choices = [f"sampling_rate = {rate:.10g}" for rate, _, _ in statements]
+    choices += [choice for _, _, choice in statements if choice]
+    choices += ["gaps='cut' (for each segment by itself)"] if cut else []
+    return f"the sampling rate is contradicted: {listed}; give {' or '.join(dict.fromkeys(choices))}"
 
 
 def _candidates(source: Source, torque: Channel, reading: ReadingOptions) -> Sequence[Channel]:
