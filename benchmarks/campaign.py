@@ -107,7 +107,7 @@ def timed(owner: Any, name: str) -> Iterator[list[float]]:
 
 KERNEL: dict[str, tuple[Any, str]] = {
     "exact": (_kernels, "integrate"),
-    "batch": (batch_runs, "integrate_lanes"),
+    "batch": (batch_runs, "integrate_batch"),
 }
 # Parts of a run outside the kernel, with the functions that do them.
 OUTSIDE: dict[str, tuple[Any, str]] = {

@@ -29,11 +29,10 @@ from cyclofeat.simulators._jit import addresses, njit
 from cyclofeat.simulators._outline import FASTMATH, describe, moved_on, small_sincos
 
 # Of _outline.py: numba's cache on disk notices changes of this file only.
-OUTLINE_CHECKSUM = 0x788C62FD
+OUTLINE_CHECKSUM = 0x6C590C71
 
-PAPER_LAW = 0
-HUNT_CROSSLEY_LAW = 1
-CONSERVATIVE_LAW = 2
+# In the order of the gearbox's ``CONTACT_LAWS``.
+PAPER_LAW, HUNT_CROSSLEY_LAW, CONSERVATIVE_LAW = range(3)
 
 # Named tuples of numbers only: an array inside one would be reference-counted at every call.
 ContactConstants = namedtuple(
@@ -75,13 +74,10 @@ FrictionConstants = namedtuple(
 
 # Tables of the internal sleeves: rows of one length, as in the outline's.
 SLEEVE_COS, SLEEVE_SIN = (np.uintp(row * rows.COLUMNS) for row in range(2))
-# Per wheel and sleeve: force, its vector on the wheel in the fixed frame, and the vector with friction, which
-# presses the sleeve on its axle.
-S_FORCE, S_X, S_Y, S_LOAD_X, S_LOAD_Y = (np.uintp(row * rows.COLUMNS) for row in range(5))
-JOINT_SIZE = 5 * rows.COLUMNS
-# The same per wheel and pin, gathered from flanks and edges on demand.
-P_FORCE, P_X, P_Y = (np.uintp(row * rows.COLUMNS) for row in range(3))
-PIN_FORCE_SIZE = 3 * rows.COLUMNS
+# Rows for all sleeves of a kind on one wheel: force, its vector on the wheel in the fixed frame, and with
+# friction their axles and the vectors that press on these. External sleeves come first, on both wheels.
+FORCE, PUSH_X, PUSH_Y, AXLE_X, AXLE_Y, LOAD_X, LOAD_Y = (np.uintp(row * rows.COLUMNS) for row in range(7))
+SLEEVES_SIZE = 7 * rows.COLUMNS
 
 N_STATE = 8
 N_RESULT = 2  # torque_out, torque_in
@@ -229,7 +225,7 @@ def _joint_contacts(
         inverse = distance * (1.0 / square)  # root and quotient at the same time
         penetration_rate = (rate_0 + ca * rate_c + sa * rate_s) * inverse
         f = contact_force(distance - joint.gap_at_centre, penetration_rate, contact.constant_radius, contact)
-        carried[first + S_FORCE + k] = f
+        carried[first + FORCE + k] = f
         over = f * inverse
         sum_0 += over
         sum_c += over * ca
@@ -241,49 +237,58 @@ def _joint_contacts(
 
 
 @njit(fastmath=FASTMATH)
-def _joint_vectors(w, joint, sleeves, carried, cx, cy, cos_out, sin_out, cos_hole, sin_hole):
-    """Write the vectors on wheel ``w`` of the forces that the internal sleeves carry."""
-    first = np.uintp(w * JOINT_SIZE)
-    sx, sy = joint.pitch_radius * (cos_out - cos_hole), joint.pitch_radius * (sin_out - sin_hole)
+def _gather_joint_forces(w, joint, sleeves, carried, cx, cy, cos_out, sin_out, cos_hole, sin_hole):
+    """Write axles and vectors on wheel ``w`` of the forces that the internal sleeves carry."""
+    first = np.uintp((2 + w) * SLEEVES_SIZE)
+    r = joint.pitch_radius
+    sx, sy = r * (cos_out - cos_hole), r * (sin_out - sin_hole)
     for k in range(np.uintp(joint.n_sleeves)):
         ca, sa = sleeves[SLEEVE_COS + k], sleeves[SLEEVE_SIN + k]
         dx, dy = ca * sx - sa * sy - cx, sa * sx + ca * sy - cy
-        over = carried[first + S_FORCE + k] / np.sqrt(dx * dx + dy * dy)
-        carried[first + S_X + k] = over * dx
-        carried[first + S_Y + k] = over * dy
+        over = carried[first + FORCE + k] / np.sqrt(dx * dx + dy * dy)
+        carried[first + PUSH_X + k] = over * dx
+        carried[first + PUSH_Y + k] = over * dy
+        carried[first + AXLE_X + k] = r * (ca * cos_out - sa * sin_out)
+        carried[first + AXLE_Y + k] = r * (sa * cos_out + ca * sin_out)
+
+
+@njit(fastmath=FASTMATH, inline="always")
+def _add_pin_force(carried, j, force, along, tilt, nx, ny, turned_cos, turned_sin):
+    """Add the force of one contact along its direction, given by its normal, to its pin."""
+    fx, fy = force * (along * nx - tilt * ny), force * (along * ny + tilt * nx)
+    carried[FORCE + j] += force
+    carried[PUSH_X + j] -= turned_cos * fx - turned_sin * fy
+    carried[PUSH_Y + j] -= turned_sin * fx + turned_cos * fy
 
 
 @njit(fastmath=FASTMATH)
-def gather_pin_forces(w, counts, flanks, edges, turned_cos, turned_sin, n_pins, carried):
-    """Force of every pin on wheel ``w``: magnitudes added, and the vector on the wheel in the fixed frame."""
+def _gather_pin_forces(w, counts, flanks, edges, turned_cos, turned_sin, wheel, pins, carried):
+    """Write axle and force of every pin on wheel ``w``: magnitudes added, and the vector on the wheel."""
     own = np.uintp(w * rows.COLUMNS)
-    first = np.uintp(w * PIN_FORCE_SIZE)
-    for i in range(np.uintp(n_pins)):
-        carried[first + P_FORCE + i] = 0.0
-        carried[first + P_X + i] = 0.0
-        carried[first + P_Y + i] = 0.0
+    first = np.uintp(w * SLEEVES_SIZE)
+    for j in range(np.uintp(wheel.n_lobes + 1)):
+        radial = wheel.pin_circle_radius + pins[rows.PIN_RADIAL_ERROR + j]
+        c, s, tangential = pins[rows.PIN_COS + j], pins[rows.PIN_SIN + j], pins[rows.PIN_TANGENTIAL_ERROR + j]
+        carried[first + AXLE_X + j] = c * radial - s * tangential
+        carried[first + AXLE_Y + j] = s * radial + c * tangential
+        carried[first + FORCE + j] = 0.0
+        carried[first + PUSH_X + j] = 0.0
+        carried[first + PUSH_Y + j] = 0.0
     for i in range(counts[own + rows.USED_FLANKS]):
         k = np.uintp(w * rows.FLANK_SIZE) + i
-        j = first + np.uintp(flanks[rows.F_PIN + k])
-        carried[P_FORCE + j] += flanks[rows.F_FORCE + k]
         tilt = flanks[rows.F_TILT + k]
-        along = 1.0 - 0.5 * tilt * tilt
-        fx = flanks[rows.F_FORCE + k] * (along * flanks[rows.F_NX + k] - tilt * flanks[rows.F_NY + k])
-        fy = flanks[rows.F_FORCE + k] * (along * flanks[rows.F_NY + k] + tilt * flanks[rows.F_NX + k])
-        carried[P_X + j] -= turned_cos * fx - turned_sin * fy
-        carried[P_Y + j] -= turned_sin * fx + turned_cos * fy
+        _add_pin_force(
+            carried, first + np.uintp(flanks[rows.F_PIN + k]), flanks[rows.F_FORCE + k],
+            1.0 - 0.5 * tilt * tilt, tilt, flanks[rows.F_NX + k], flanks[rows.F_NY + k], turned_cos,
+            turned_sin,
+        )  # fmt: skip
     for i in range(counts[own + rows.USED_EDGES]):
         k = np.uintp(w * rows.EDGE_SIZE) + i
-        j = first + np.uintp(edges[rows.E_PIN + k])
-        carried[P_FORCE + j] += edges[rows.E_FORCE + k]
-        fx = edges[rows.E_FORCE + k] * (
-            edges[rows.E_ALONG + k] * edges[rows.E_NX + k] - edges[rows.E_TILT + k] * edges[rows.E_NY + k]
-        )
-        fy = edges[rows.E_FORCE + k] * (
-            edges[rows.E_ALONG + k] * edges[rows.E_NY + k] + edges[rows.E_TILT + k] * edges[rows.E_NX + k]
-        )
-        carried[P_X + j] -= turned_cos * fx - turned_sin * fy
-        carried[P_Y + j] -= turned_sin * fx + turned_cos * fy
+        _add_pin_force(
+            carried, first + np.uintp(edges[rows.E_PIN + k]), edges[rows.E_FORCE + k],
+            edges[rows.E_ALONG + k], edges[rows.E_TILT + k], edges[rows.E_NX + k], edges[rows.E_NY + k],
+            turned_cos, turned_sin,
+        )  # fmt: skip
 
 
 @njit(fastmath=FASTMATH, inline="always")
@@ -303,70 +308,36 @@ def bearing_friction(speed, coulomb, viscous, friction):
 
 
 @njit(fastmath=FASTMATH)
-def _pin_friction(w, wheel, friction, pins, carried, cx, cy, cvx, cvy, rate, state, torques):
-    """Friction of all pins on wheel ``w``: force and moment on the wheel; adds to the sleeves' torques."""
-    q = wheel.pin_radius
-    total_x, total_y = 0.0, 0.0
-    moment = 0.0
-    first = np.uintp(w * PIN_FORCE_SIZE)
-    for j in range(np.uintp(wheel.n_lobes + 1)):
-        fx, fy = carried[first + P_X + j], carried[first + P_Y + j]
-        force = np.sqrt(fx * fx + fy * fy)
-        if force == 0.0:
-            continue
-        # m points out of the wheel; a pin that touches twice rubs where the resultant acts
-        mx, my = -fx / force, -fy / force
-        radial = wheel.pin_circle_radius + pins[rows.PIN_RADIAL_ERROR + j]
-        tangential = pins[rows.PIN_TANGENTIAL_ERROR + j]
-        ax = pins[rows.PIN_COS + j] * radial - pins[rows.PIN_SIN + j] * tangential - cx - q * mx
-        ay = pins[rows.PIN_SIN + j] * radial + pins[rows.PIN_COS + j] * tangential - cy - q * my
-        lever = ax * mx + ay * my
-        slip = cvy * mx - cvx * my + rate * lever + q * state[np.uintp(N_STATE) + j]
-        rub = _sleeve_friction(slip, force, friction)
-        total_x += rub * my
-        total_y -= rub * mx
-        moment -= rub * lever
-        torques[j] -= q * rub
-        carried[first + P_X + j] += rub * my
-        carried[first + P_Y + j] -= rub * mx
-    return total_x, total_y, moment
+def _rub_sleeves(first, n, spins, radius, carrier, friction, carried, cx, cy, omega, rate, state, torques):
+    """Friction of all sleeves of a kind on one wheel: moments of the cam, on the wheel and on the carrier.
 
-
-@njit(fastmath=FASTMATH)
-def _joint_friction(
-    w, n_pins, joint, friction, sleeves, carried, cx, cy, cvx, cvy, cos_out, sin_out, rate_out, rate, state,
-    torques,
-):  # fmt: skip
-    """Friction of internal sleeves in one wheel's holes: force and moment on it, moment on the output."""
+    ``spins`` is the place of the first sleeve's spin in the state, ``carrier`` the rate of the body on which
+    the axles sit. A pin that touches twice rubs where the resultant acts.
+    """
     total_x, total_y = 0.0, 0.0
-    moment, moment_out = 0.0, 0.0
-    r = joint.pitch_radius
-    q = joint.sleeve_radius
-    first = np.uintp(w * JOINT_SIZE)
-    for k in range(np.uintp(joint.n_sleeves)):
-        fx, fy = carried[first + S_X + k], carried[first + S_Y + k]
+    moment, on_carrier = 0.0, 0.0
+    for k in range(np.uintp(n)):
+        fx, fy = carried[first + PUSH_X + k], carried[first + PUSH_Y + k]
+        carried[first + LOAD_X + k] = fx
+        carried[first + LOAD_Y + k] = fy
         force = np.sqrt(fx * fx + fy * fy)
-        carried[first + S_LOAD_X + k] = 0.0
-        carried[first + S_LOAD_Y + k] = 0.0
         if force == 0.0:
             continue
         nx, ny = fx / force, fy / force
-        sx = r * (sleeves[SLEEVE_COS + k] * cos_out - sleeves[SLEEVE_SIN + k] * sin_out)
-        sy = r * (sleeves[SLEEVE_SIN + k] * cos_out + sleeves[SLEEVE_COS + k] * sin_out)
-        ax, ay = sx + q * nx - cx, sy + q * ny - cy
-        lever = ax * nx + ay * ny
-        spin = state[np.uintp(N_STATE + n_pins) + k]
-        # wheel minus sleeve at the contact, along n turned by a quarter turn
-        slip = (cvy * nx - cvx * ny + rate * lever) - rate_out * (sx * nx + sy * ny) - spin * q
+        sx, sy = carried[first + AXLE_X + k], carried[first + AXLE_Y + k]
+        lever = (sx + radius * nx - cx) * nx + (sy + radius * ny - cy) * ny
+        axle = sx * nx + sy * ny
+        # Wheel minus sleeve at the contact, along n turned by a quarter turn.
+        slip = omega * (cx * nx + cy * ny) + rate * lever - carrier * axle - state[spins + k] * radius
         rub = _sleeve_friction(slip, force, friction)
         total_x += rub * ny
         total_y -= rub * nx
         moment -= rub * lever
-        torques[np.uintp(n_pins) + k] += q * rub
-        moment_out += rub * (sx * nx + sy * ny)
-        carried[first + S_LOAD_X + k] = fx + rub * ny
-        carried[first + S_LOAD_Y + k] = fy - rub * nx
-    return total_x, total_y, moment, moment_out
+        on_carrier += rub * axle
+        torques[spins - np.uintp(N_STATE) + k] += radius * rub
+        carried[first + LOAD_X + k] += rub * ny
+        carried[first + LOAD_Y + k] -= rub * nx
+    return cx * total_y - cy * total_x, moment, on_carrier
 
 
 @njit(fastmath=FASTMATH, forceinline=True)
@@ -381,7 +352,7 @@ def derivatives(
     derivative of ``state`` into ``rates`` and output and input torque into ``result``.
     """
     wheel, joint, contact, joint_contact, body, pins, mounts, lobes, wear, sleeves = machine
-    seen, counts, feet, flanks, edges, on_sleeves, on_pins, torques = memory
+    seen, counts, feet, flanks, edges, carried, torques = memory
     z = float(wheel.n_lobes)
     mean_rate = -omega / z
     mean_acceleration = -alpha / z
@@ -390,6 +361,8 @@ def derivatives(
     rate_out = mean_rate + state[6]
     moment_out = 0.0
     torque_in = 0.0
+    pin_spins = np.uintp(N_STATE)
+    joint_spins = pin_spins + np.uintp(wheel.n_lobes + 1)
     if friction is not None:
         for k in range(np.uintp(wheel.n_lobes + 1 + joint.n_sleeves)):
             torques[k] = 0.0
@@ -399,7 +372,6 @@ def derivatives(
         eps = state[w]
         cx = mounts[own + rows.CAM_X] * cos_phi - mounts[own + rows.CAM_Y] * sin_phi
         cy = mounts[own + rows.CAM_X] * sin_phi + mounts[own + rows.CAM_Y] * cos_phi
-        cvx, cvy = -omega * cy, omega * cx
         rate = mean_rate + state[4 + w]
         # Direction of the holes, eps - phi/z_s, and of the profile, theta = eps - phi/z_s + rest angle.
         eps_sin, eps_cos = small_sincos(eps)
@@ -436,35 +408,38 @@ def derivatives(
                 first, n_flanks, False, contact, flanks, ct, st, own_cx, own_cy, omega, rate
             )
         joint_on_cam, joint_moment, on_output = _joint_contacts(
-            np.uintp(w * JOINT_SIZE), joint, joint_contact, sleeves, on_sleeves, cx, cy, omega, cos_out,
+            np.uintp((2 + w) * SLEEVES_SIZE), joint, joint_contact, sleeves, carried, cx, cy, omega, cos_out,
             sin_out, cos_hole, sin_hole, rate_out, rate,
         )  # fmt: skip
         on_cam += joint_on_cam
         moment += joint_moment
         moment_out += on_output
         if friction is not None:
-            gather_pin_forces(w, counts, flanks, edges, ct, st, wheel.n_lobes + 1, on_pins)
-            _joint_vectors(w, joint, sleeves, on_sleeves, cx, cy, cos_out, sin_out, cos_hole, sin_hole)
-            fx, fy, m = _pin_friction(
-                w, wheel, friction, pins, on_pins, cx, cy, cvx, cvy, rate, state, torques
-            )
-            on_cam += cx * fy - cy * fx
-            moment += m
-            fx, fy, m, on_output = _joint_friction(
-                w, wheel.n_lobes + 1, joint, friction, sleeves, on_sleeves, cx, cy, cvx, cvy, cos_out,
-                sin_out, rate_out, rate, state, torques,
+            _gather_pin_forces(w, counts, flanks, edges, ct, st, wheel, pins, carried)
+            _gather_joint_forces(w, joint, sleeves, carried, cx, cy, cos_out, sin_out, cos_hole, sin_hole)
+            pins_on_cam, by_pins, _ = _rub_sleeves(
+                np.uintp(w * SLEEVES_SIZE), wheel.n_lobes + 1, pin_spins, wheel.pin_radius, 0.0, friction,
+                carried, cx, cy, omega, rate, state, torques,
             )  # fmt: skip
-            on_cam += cx * fy - cy * fx
-            moment += m
+            joints_on_cam, by_joints, on_output = _rub_sleeves(
+                np.uintp((2 + w) * SLEEVES_SIZE), joint.n_sleeves, joint_spins, joint.sleeve_radius, rate_out,
+                friction, carried, cx, cy, omega, rate, state, torques,
+            )  # fmt: skip
+            on_cam += pins_on_cam + joints_on_cam
+            moment += by_pins + by_joints
             moment_out += on_output
         rates[w] = state[4 + w]
         rates[4 + w] = moment / body.wheel_inertia - mean_acceleration
         # Moment about the input shaft of the cam's force on the wheel.
         torque_in += body.wheel_mass * alpha * (cx * cx + cy * cy) - on_cam
     if friction is not None:
-        moment_out += _sleeve_rates(
-            wheel, joint, friction, state, rate_out, on_pins, on_sleeves, torques, rates
+        _spin_sleeves(
+            0, wheel.n_lobes + 1, pin_spins, wheel.pin_radius, 0.0, friction, carried, state, torques, rates
         )
+        moment_out += _spin_sleeves(
+            2, joint.n_sleeves, joint_spins, joint.sleeve_radius, rate_out, friction, carried, state, torques,
+            rates,
+        )  # fmt: skip
         moment_out -= bearing_friction(
             rate_out, friction.output_bearing_torque, friction.output_bearing_viscosity, friction
         )
@@ -486,62 +461,43 @@ def derivatives(
 
 
 @njit(fastmath=FASTMATH)
-def _sleeve_rates(wheel, joint, friction, state, rate_out, on_pins, on_sleeves, torques, rates):
-    """Spin of all sleeves on their axles; return the journals' moment on the output shaft.
-
-    Axles of external sleeves are fixed, those of internal sleeves turn with the output shaft.
-    """
-    n_pins = np.uintp(wheel.n_lobes + 1)
-    second_pins = np.uintp(PIN_FORCE_SIZE)
-    second_sleeves = np.uintp(JOINT_SIZE)
-    for j in range(n_pins):
-        fx = on_pins[P_X + j] + on_pins[second_pins + P_X + j]
-        fy = on_pins[P_Y + j] + on_pins[second_pins + P_Y + j]
-        q = wheel.pin_radius
-        spin = state[np.uintp(N_STATE) + j]
-        grip = friction.journal_friction * q * np.sqrt(fx * fx + fy * fy)
-        drag = grip * np.tanh(spin * q / friction.friction_transition_speed)
-        rates[np.uintp(N_STATE) + j] = (torques[j] - drag) / friction.sleeve_inertia
-    moment_out = 0.0
-    for k in range(np.uintp(joint.n_sleeves)):
-        fx = on_sleeves[S_LOAD_X + k] + on_sleeves[second_sleeves + S_LOAD_X + k]
-        fy = on_sleeves[S_LOAD_Y + k] + on_sleeves[second_sleeves + S_LOAD_Y + k]
-        q = joint.sleeve_radius
-        at = np.uintp(N_STATE) + n_pins + k
-        grip = friction.journal_friction * q * np.sqrt(fx * fx + fy * fy)
-        drag = grip * np.tanh((state[at] - rate_out) * q / friction.friction_transition_speed)
-        rates[at] = (torques[n_pins + k] - drag) / friction.sleeve_inertia
-        moment_out += drag
-    return moment_out
+def _spin_sleeves(kind, n, spins, radius, carrier, friction, carried, state, torques, rates):
+    """Rates of the spin of all sleeves of a kind on their axles; return the moment on the axles' carrier."""
+    first, second = np.uintp(kind * SLEEVES_SIZE), np.uintp((kind + 1) * SLEEVES_SIZE)
+    on_carrier = 0.0
+    for k in range(np.uintp(n)):
+        fx = carried[first + LOAD_X + k] + carried[second + LOAD_X + k]
+        fy = carried[first + LOAD_Y + k] + carried[second + LOAD_Y + k]
+        grip = friction.journal_friction * radius * np.sqrt(fx * fx + fy * fy)
+        drag = grip * np.tanh((state[spins + k] - carrier) * radius / friction.friction_transition_speed)
+        rates[spins + k] = (torques[spins - np.uintp(N_STATE) + k] - drag) / friction.sleeve_inertia
+        on_carrier += drag
+    return on_carrier
 
 
 @njit(fastmath=FASTMATH)
-def gather(wheel, joint, mounts, sleeves, memory, phi, state, external, internal):
+def gather(machine, memory, phi, state, external, internal):
     """Forces of all sleeves at the last evaluation: (2, n_sleeves, 3), magnitude and vector on the wheel."""
-    seen, counts, _, flanks, edges, on_sleeves, on_pins, _ = memory
+    wheel, joint, _, _, _, pins, mounts, _, _, sleeves = machine
+    seen, counts, _, flanks, edges, carried, _ = memory
     z = float(wheel.n_lobes)
+    cos_phi, sin_phi = np.cos(phi), np.sin(phi)
     for w in range(2):
         own = np.uintp(w * rows.COLUMNS)
         st, ct = small_sincos(state[w] - seen[own + rows.SEEN_EPS] - (phi - seen[own + rows.SEEN_PHI]) / z)
-        gather_pin_forces(w, counts, flanks, edges, ct, st, wheel.n_lobes + 1, on_pins)
-        first = np.uintp(w * PIN_FORCE_SIZE)
-        for j in range(np.uintp(wheel.n_lobes + 1)):
-            external[w, j, 0] = on_pins[first + P_FORCE + j]
-            external[w, j, 1] = on_pins[first + P_X + j]
-            external[w, j, 2] = on_pins[first + P_Y + j]
-        cos_phi, sin_phi = np.cos(phi), np.sin(phi)
-        _joint_vectors(
-            w, joint, sleeves, on_sleeves,
+        _gather_pin_forces(w, counts, flanks, edges, ct, st, wheel, pins, carried)
+        _gather_joint_forces(
+            w, joint, sleeves, carried,
             mounts[own + rows.CAM_X] * cos_phi - mounts[own + rows.CAM_Y] * sin_phi,
             mounts[own + rows.CAM_X] * sin_phi + mounts[own + rows.CAM_Y] * cos_phi,
             np.cos(state[2] - phi / z), np.sin(state[2] - phi / z),
             np.cos(state[w] - phi / z), np.sin(state[w] - phi / z),
         )  # fmt: skip
-        first = np.uintp(w * JOINT_SIZE)
-        for k in range(np.uintp(joint.n_sleeves)):
-            internal[w, k, 0] = on_sleeves[first + S_FORCE + k]
-            internal[w, k, 1] = on_sleeves[first + S_X + k]
-            internal[w, k, 2] = on_sleeves[first + S_Y + k]
+        for kind, forces in enumerate((external[w], internal[w])):
+            for k in range(forces.shape[0]):
+                for row in range(3):
+                    place = (2 * kind + w) * SLEEVES_SIZE + row * rows.COLUMNS + k
+                    forces[k, row] = carried[np.uintp(place)]
 
 
 def new_memory(state: NDArray[np.float64]) -> tuple[NDArray[Any], ...]:
@@ -549,7 +505,7 @@ def new_memory(state: NDArray[np.float64]) -> tuple[NDArray[Any], ...]:
     return (
         np.full(rows.WHEEL_TABLE_SIZE, np.inf), np.zeros(rows.WHEEL_TABLE_SIZE, dtype=np.uintp),
         np.zeros(rows.FEET_SIZE), np.zeros(2 * rows.FLANK_SIZE), np.zeros(2 * rows.EDGE_SIZE),
-        np.zeros(2 * JOINT_SIZE), np.zeros(2 * PIN_FORCE_SIZE), np.zeros(state.size - N_STATE),
+        np.zeros(4 * SLEEVES_SIZE), np.zeros(state.size - N_STATE),
     )  # fmt: skip
 
 
@@ -570,7 +526,7 @@ RESYNC = 128
 def integrate(
     stages, n_steps, dt, phi, omega, alpha, load, state, wheel, joint, contact, joint_contact, body, friction,
     pins, mounts, lobes, wear, sleeves, memory, limit, locked_torque, locked_steps, result, kept, motion,
-    external, internal, last_external, last_internal,
+    external, internal,
 ):  # fmt: skip
     """Integrate over ``n_steps`` steps.
 
@@ -579,11 +535,10 @@ def integrate(
 
     ``phi``, ``omega``, ``alpha``, ``load`` hold the driver and load at every half step: (2 n_steps + 1,).
     ``memory`` comes from :func:`new_memory`. ``result`` is (n_steps, 2). ``kept`` (n_kept,) lists the steps,
-    rising, whose state goes into ``motion`` (n_kept, 8 or more) and whose forces into ``external`` (n_kept or
-    0, 2, n_pins, 3) and ``internal`` (n_kept or 0, 2, n_internal, 3). Returns the number of finished steps:
-    fewer than ``n_steps`` where a torque exceeded ``limit`` or was not a number, or the input torque
-    ``locked_torque`` for more than ``locked_steps`` steps; ``last_external`` and ``last_internal`` then hold
-    the last forces.
+    rising, whose state goes into ``motion`` (n_kept, 8 or more) and whose forces into ``external`` and
+    ``internal`` (n_kept + 1 or 1, 2, n_sleeves, 3). Returns the number of finished steps: fewer than
+    ``n_steps`` where a torque exceeded ``limit`` or was not a number, or the input torque ``locked_torque``
+    for more than ``locked_steps`` steps; the last rows of the forces are then those of that step.
     """
     z = float(wheel.n_lobes)
     n_state = state.size
@@ -624,12 +579,12 @@ def integrate(
         if row < kept.size and step == kept[row]:
             for k in range(motion.shape[1]):
                 motion[row, k] = state[k]
-            if row < external.shape[0]:
-                gather(wheel, joint, mounts, sleeves, memory, phi[i], state, external[row], internal[row])
+            if row < external.shape[0] - 1:
+                gather(machine, memory, phi[i], state, external[row], internal[row])
             row += 1
         locked = locked + 1 if abs(now[1]) > locked_torque else 0
         if locked > locked_steps or not (abs(now[0]) < limit and abs(now[1]) < limit):
-            gather(wheel, joint, mounts, sleeves, memory, phi[i], state, last_external, last_internal)
+            gather(machine, memory, phi[i], state, external[-1], internal[-1])
             return step
         if stages == 2:
             for k in range(n_state):

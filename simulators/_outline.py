@@ -173,25 +173,32 @@ def _newton_feet(wheel, pins, feet, lobe_cos, lobe_sin):
         feet[STEP + j] = step
 
 
+@njit(fastmath=FASTMATH, inline="always")
+def _at_foot(wheel, dx, dy, qx, qy, step):
+    """Vector from the profile at ``step`` to a displaced pin, the tangent's factor, and sine and cosine."""
+    inverse_m = 1.0 / wheel.shortening
+    s1, c1 = small_sincos(step)
+    s2, c2 = small_sincos(float(wheel.n_lobes + 1) * step)
+    wx, wy = c2 * qx - s2 * qy, c2 * qy + s2 * qx
+    rx = dx + wheel.pin_circle_radius * (1.0 - c1) + wheel.eccentricity * (qx - wx)
+    ry = dy - wheel.pin_circle_radius * s1 + wheel.eccentricity * (qy - wy)
+    # exp(i step) g(t), g = 1/m + exp(i z_s t) being the factor of the tangent i e z_k exp(it) g.
+    return rx, ry, c1 * inverse_m + wx, s1 * inverse_m + wy, s1, c1
+
+
 @njit(fastmath=FASTMATH)
 def _searched_foot(wheel, dx, dy, qx, qy):
     """As :func:`_newton_feet` for one far displaced pin; removed lobes of both wheels let the output slip."""
-    eccentricity = wheel.eccentricity
-    inverse_m = 1.0 / wheel.shortening
     n_lobes = float(wheel.n_lobes)
-    n_pins = n_lobes + 1.0
-    big_r = wheel.pin_circle_radius
-    inverse_ez = 1.0 / (eccentricity * n_pins)
+    inverse_m = 1.0 / wheel.shortening
+    inverse_ez = 1.0 / (wheel.eccentricity * (n_lobes + 1.0))
     width = SEARCH_WIDTH * np.pi / n_lobes
     spacing = 2.0 * width / (SEARCH_POINTS - 1)
     step = 0.0
     nearest = np.inf
     for k in range(SEARCH_POINTS):
         trial = k * spacing - width
-        ux, uy = np.cos(trial), np.sin(trial)
-        cos_lobe, sin_lobe = np.cos(n_pins * trial), np.sin(n_pins * trial)
-        rx = dx + big_r * (1.0 - ux) + eccentricity * (qx - (cos_lobe * qx - sin_lobe * qy))
-        ry = dy - big_r * uy + eccentricity * (qy - (cos_lobe * qy + sin_lobe * qx))
+        rx, ry, _, _, _, _ = _at_foot(wheel, dx, dy, qx, qy, trial)
         distance = rx * rx + ry * ry
         if distance < nearest:
             nearest = distance
@@ -199,12 +206,8 @@ def _searched_foot(wheel, dx, dy, qx, qy):
     # Newton steps, kept inside a bracket that shrinks.
     low, high = step - spacing, step + spacing
     for _ in range(SEARCH_STEPS):
-        ux, uy = np.cos(step), np.sin(step)
-        cos_lobe, sin_lobe = np.cos(n_pins * step), np.sin(n_pins * step)
-        wx, wy = cos_lobe * qx - sin_lobe * qy, cos_lobe * qy + sin_lobe * qx
-        rx = dx + big_r * (1.0 - ux) + eccentricity * (qx - wx)
-        ry = dy - big_r * uy + eccentricity * (qy - wy)
-        hx, hy = ux * inverse_m + wx, uy * inverse_m + wy
+        rx, ry, hx, hy, s1, c1 = _at_foot(wheel, dx, dy, qx, qy, step)
+        wx, wy = hx - c1 * inverse_m, hy - s1 * inverse_m
         ahead = (ry * hx - rx * hy) * inverse_ez
         slope = hx * hx + hy * hy + (rx * (hx + n_lobes * wx) + ry * (hy + n_lobes * wy)) * inverse_ez
         if ahead > 0.0:
@@ -219,19 +222,6 @@ def _searched_foot(wheel, dx, dy, qx, qy):
         if change < 1e-13:
             break
     return step
-
-
-@njit(fastmath=FASTMATH, inline="always")
-def _at_foot(wheel, dx, dy, qx, qy, step):
-    """Vector from the profile at ``step`` to a displaced pin, the tangent's factor, and sine and cosine."""
-    inverse_m = 1.0 / wheel.shortening
-    s1, c1 = small_sincos(step)
-    s2, c2 = small_sincos(float(wheel.n_lobes + 1) * step)
-    wx, wy = c2 * qx - s2 * qy, c2 * qy + s2 * qx
-    rx = dx + wheel.pin_circle_radius * (1.0 - c1) + wheel.eccentricity * (qx - wx)
-    ry = dy - wheel.pin_circle_radius * s1 + wheel.eccentricity * (qy - wy)
-    # exp(i step) g(t), g = 1/m + exp(i z_s t) being the factor of the tangent i e z_k exp(it) g.
-    return rx, ry, c1 * inverse_m + wx, s1 * inverse_m + wy, s1, c1
 
 
 @njit(fastmath=FASTMATH)

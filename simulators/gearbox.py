@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.checks import (
+    Replaceable,
     check_number,
     list_members,
     not_negative,
@@ -36,34 +37,17 @@ CONTACT_LAWS = ("paper", "hunt_crossley", "conservative")
 _COMPLEX = ("wheel_runouts", "cam_errors")
 _REAL = (int, float, np.integer, np.floating)
 _PLANE = (*_REAL, complex, np.complexfloating)
-_POSITIVE = (
-    "eccentricity", "pin_radius", "internal_pitch_radius", "internal_sleeve_radius", "wheel_mass",
-    "wheel_inertia", "output_shaft_inertia", "wheel_youngs_modulus", "sleeve_youngs_modulus",
-    "stiffness_scale", "sleeve_inertia", "stribeck_speed", "friction_transition_speed",
-    "bearing_transition_speed", "contact_ramp", "input_speed",
-)  # fmt: skip
-_NOT_NEGATIVE = (
-    "internal_sleeve_mass", "input_shaft_inertia", "clearance", "contact_damping", "load_torque",
-    "ramp_time", "brake_inertia", "meter_stiffness", "meter_damping", "pin_clearance", "sleeve_friction",
-    "sleeve_static_friction", "sleeve_viscous_friction", "journal_friction", "input_bearing_torque",
-    "input_bearing_viscosity", "output_bearing_torque", "output_bearing_viscosity",
-)  # fmt: skip
+# Numbers above 0, apart from those that may be 0; others have checks of their own.
+_MAY_BE_ZERO = ("internal_sleeve_mass", "input_shaft_inertia", "contact_damping", "load_torque", "ramp_time")
+_OTHER = ("shortening", "wheel_poisson_ratio", "sleeve_poisson_ratio")
 
 
 @dataclass(frozen=True)
 class CycloidalProfile:
-    """Profile of a cycloidal wheel (paper A eq. 1, paper B eq. 1).
+    """Profile of a cycloidal wheel (paper A eq. 1, paper B eq. 1), lengths in m.
 
-    Parameters
-    ----------
-    eccentricity : float
-        Eccentricity e of the cams in m.
-    n_pins : int
-        Number of pins (external sleeves) z_k; the wheel has ``n_pins - 1`` lobes (z_s).
-    shortening : float
-        Short-width coefficient m, between 0 and 1; the pins sit on a circle of radius e z_k / m.
-    pin_radius : float
-        Radius q of a pin in m.
+    The wheel has ``n_pins - 1`` lobes (z_s); the pins of radius q sit on a circle of radius e z_k / m, with
+    the eccentricity e of the cams, the number of pins z_k and the ``shortening`` m, between 0 and 1.
 
     Examples
     --------
@@ -135,27 +119,15 @@ class CycloidalProfile:
         return np.asarray(self.eccentricity * self.n_pins * np.abs(self._tangent_factor(t)))
 
     def flank_length(self, first: float = 0.0, last: float = 1.0) -> float:
-        """Length of the profile between two places of a flank, from 0 (tip) to 1 (pit), in m.
-
-        Examples
-        --------
-        >>> profile = CycloidalProfile(2.8e-3, 16, 0.7, 6e-3)
-        >>> round(profile.flank_length() * 1e3, 2)
-        13.85
-        """
+        """Length of the profile between two places of a flank, from 0 (tip) to 1 (pit), in m."""
         t = np.linspace(first, last, 1001) * np.pi / self.n_lobes
         return float(np.trapezoid(self._path_speed(t) * (1 - self.curvature(t) * self.pin_radius), t))
 
     def deepest_wear(self, share: float, centre: float) -> float:
-        """Return the largest radial wear that a pin can follow, in m.
+        """Return the largest radial wear that a pin can follow, in m; arguments as of ``LobeDefects``.
 
         Where the pins' path over the worn flank would be curved more tightly than a pin, the pin would rest
         on an edge instead of following it (to first order in the wear).
-
-        Parameters
-        ----------
-        share, centre : float
-            As ``wear_share`` and ``wear_centre`` of :class:`cyclofeat.simulators.LobeDefects`.
         """
         x = np.linspace(0, 1, 1001)
         flank = np.pi / self.n_lobes
@@ -175,18 +147,9 @@ class CycloidalProfile:
         return complex(self.point(0.0)), complex(self.point(np.pi / self.n_lobes))
 
     def outline(self, worn: tuple[int, ...] = (), points_per_lobe: int = 200) -> Complex:
-        """Closed outline of the wheel with the chord at each worn lobe, for drawing.
+        """Closed outline of the wheel with the chord at each worn lobe, for drawing: complex, in m.
 
-        Parameters
-        ----------
-        worn : tuple of int
-            Worn lobes, counted from 0.
-        points_per_lobe : int
-            Even number of points on each lobe.
-
-        Returns
-        -------
-        ndarray of complex, shape (n_lobes * points_per_lobe,)
+        It has an even number of ``points_per_lobe``; ``worn`` lobes count from 0.
         """
         t = np.arange(self.n_lobes * points_per_lobe) * self.lobe_pitch / points_per_lobe
         outline = self.point(t)
@@ -200,7 +163,7 @@ class CycloidalProfile:
 
 
 @dataclass(frozen=True, repr=False)
-class CycloidalGearbox:
+class CycloidalGearbox(Replaceable):
     """A single-stage cycloidal gearbox with two wheels, and the rig that drives and brakes it.
 
     Defaults are those of paper B (steel), where it states them. Fields marked *assumption* are stated in
@@ -362,12 +325,10 @@ class CycloidalGearbox:
                 if isinstance(value, (list, np.ndarray)):
                     given = tuple(np.asarray(value).tolist())
                 object.__setattr__(self, name, given)
-            elif name in _POSITIVE:
-                positive(name, value)
-            elif name in _NOT_NEGATIVE:
-                not_negative(name, value)
-            elif not isinstance(field.default, str):
+            elif isinstance(field.default, int) or name in _OTHER:
                 number(name, value)
+            elif isinstance(field.default, float):
+                (not_negative if field.default == 0 or name in _MAY_BE_ZERO else positive)(name, value)
         for name in ("wheel_poisson_ratio", "sleeve_poisson_ratio"):
             if not 0 <= getattr(self, name) <= 0.5:
                 raise ValueError(f"{name} must lie between 0 and 0.5, got {getattr(self, name)!r}")
@@ -490,20 +451,6 @@ class CycloidalGearbox:
             output_shaft_inertia=5e-5, wheel_youngs_modulus=2.5e9, wheel_poisson_ratio=0.37,
             sleeve_youngs_modulus=2.5e9, sleeve_poisson_ratio=0.37, contact_damping=20.0, stiffness_scale=0.2,
         ).replace(**changes)  # fmt: skip
-
-    def replace(self, **changes: Any) -> CycloidalGearbox:
-        """Return a copy with single fields changed.
-
-        Parameters
-        ----------
-        **changes : object
-            New values by field, in SI units.
-
-        Returns
-        -------
-        CycloidalGearbox
-        """
-        return dataclasses.replace(self, **changes)
 
     @property
     def n_lobes(self) -> int:

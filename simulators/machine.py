@@ -16,7 +16,7 @@ from cyclofeat._base.quantities import CHANNELS, TORQUES, factor_to_output
 from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.courses import Courses
 from cyclofeat.simulators.effects import Effect, library
-from cyclofeat.simulators.effects.effect import Fluctuation, TorqueContext
+from cyclofeat.simulators.effects.effect import Fluctuation, TorqueContext, draw_for_assembly
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.motor import Motor, drive_run
 from cyclofeat.simulators.simulation import SimulationRun, simulate
@@ -45,18 +45,9 @@ def seed_sequence(random_state: Any, name: str = "random_state") -> np.random.Se
 class Machine:
     """One machine of a rig; made by :meth:`cyclofeat.simulators.Rig.draw`.
 
-    Attributes
-    ----------
-    gearbox : CycloidalGearbox
-        With all effects of this machine on it.
-    effects : tuple of Effect
-        The rig's effects in the order of the chain, with the numbers of this machine.
-    random_state : numpy.random.SeedSequence
-        Seed of the assembly.
-    simulator : Simulator or None
-        User's simulator, with all effects of this machine on it.
-    motor : Motor or None
-        Motor on the input shaft, with all effects of this machine on it; None for a given speed.
+    Gearbox, a user's simulator and the motor on the input shaft (None for a given speed) have all effects of
+    this machine on them; ``effects`` are the rig's in the order of the chain, with the numbers of this
+    machine, and ``random_state`` is the seed of the assembly.
     """
 
     gearbox: CycloidalGearbox
@@ -66,14 +57,7 @@ class Machine:
     motor: Motor | None = None
 
     def true_values(self) -> dict[str, float]:
-        """Return the machine's speed, load, brake and contacts, as recordings and campaigns state them.
-
-        Returns
-        -------
-        dict from str to float
-            ``true_speed_rpm``, ``true_load_nm``, ``brake_inertia_kg_m2``, ``meter_stiffness_nm_per_rad``,
-            ``meter_damping_nms_per_rad``, ``stiffness_scale``, ``contact_damping`` and ``clearance_m``.
-        """
+        """Return the machine's speed, load, brake and contacts, as recordings and campaigns state them."""
         gearbox = self.gearbox
         return {
             # Rounded: the conversion to rad/s and back changes the last digits.
@@ -185,23 +169,12 @@ class MachineRun:
     run: SimulationRun = dataclasses.field(repr=False)  #: Channels from the start on, settling included
 
     def record(self, effects: Sequence[Effect] = ()) -> SimulationRun:
-        """Return the record of the chain of measurement.
+        """Return the record of the chain of measurement, with ``effects`` in addition to the rig's.
 
-        Parameters
-        ----------
-        effects : sequence of Effect
-            Effects in addition to the rig's, none that the gearbox answers (:meth:`Effect.needs_simulation`).
-
-        Returns
-        -------
-        SimulationRun
-            Equal, to the last bit, to that of a rig with these effects and the same seed; only for a
-            converter that runs slow do drifts differ, as that rig's run is longer.
-
-        Raises
-        ------
-        ValueError
-            If the gearbox answers an effect, or effects need more samples than the machine ran for.
+        None of these may be one that the gearbox answers (:meth:`Effect.needs_simulation`). The record
+        equals, to the last bit, that of a rig with these effects and the same seed; only for a converter that
+        runs slow do drifts differ, as that rig's run is longer. ValueError if the gearbox answers an effect,
+        or effects need more samples than the machine ran for.
         """
         plan, rate = self.plan, self.run.sampling_rate
         machine = plan.machine.measured_by(library.checked_effects(effects))
@@ -230,7 +203,7 @@ def draw_effects(
     """Return the effects with numbers drawn for a machine that already has the effects ``before``."""
     keys = library.stream_keys((*before, *effects))[len(before) :]
     return tuple(
-        effect.for_assembly(library.stream(random_state, *key, library.RANGES))
+        draw_for_assembly(effect, library.stream(random_state, *key, library.RANGES))
         if effect.has_spread
         else effect
         for effect, key in zip(effects, keys, strict=True)

@@ -12,14 +12,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import namedtuple
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import resample_poly
 
-from cyclofeat._base.checks import not_negative, positive, whole
+from cyclofeat._base.checks import Replaceable, not_negative, positive, whole
 from cyclofeat.simulators._jit import inner_njit, njit
 from cyclofeat.simulators.courses import interpolate_rows
 from cyclofeat.simulators.gearbox import CycloidalGearbox
@@ -34,7 +35,7 @@ _RUNAWAY = 10.0
 
 
 @dataclass(frozen=True)
-class Motor:
+class Motor(Replaceable):
     """A motor on the input shaft with control of its speed; made by effects such as ``ServoMotor``.
 
     J w' = k(phi) i - friction - cogging(phi) - T_in, with phi and w = phi' of the input, J of the rotor with
@@ -110,67 +111,43 @@ class Motor:
         """Time in s after which a start in steady state is forgotten: ten time constants of the control."""
         return 10 / (math.pi * self.bandwidth_hz)
 
-    def replace(self, **changes: float | tuple[float, ...]) -> Motor:
-        """Return a copy with single fields changed.
 
-        Parameters
-        ----------
-        **changes : float or tuple of float
-            New values by field.
-
-        Returns
-        -------
-        Motor
-        """
-        return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
+# Motor, control and gearbox as the compiled equation takes them, in SI units.
+_Constants = namedtuple(
+    "_Constants",
+    [
+        "inertia", "gear_inertia", "output_inertia", "brake_inertia", "stiffness", "damping", "reduction",
+        "proportional", "integral", "lag", "coulomb", "viscous", "ripple", "ripple_order", "ripple_phase",
+    ],
+)  # fmt: skip
 
 
-class _Constants(NamedTuple):
-    """Motor, control and gearbox as the compiled equation takes them, in SI units."""
-
-    inertia: float
-    gear_inertia: float
-    output_inertia: float
-    brake_inertia: float
-    stiffness: float
-    damping: float
-    reduction: float
-    proportional: float
-    integral: float
-    lag: float
-    coulomb: float
-    viscous: float
-    ripple: float
-    ripple_order: float
-    ripple_phase: float
-
-    @classmethod
-    def from_motor(cls, motor: Motor, gearbox: CycloidalGearbox) -> _Constants:
-        """Return the constants of a motor on the input shaft of a gearbox."""
-        z = gearbox.n_lobes
-        stiffness, damping = torsion(gearbox) if gearbox.brake_inertia > 0 else (0.0, 0.0)
-        gear = 2 * gearbox.wheel_mass * gearbox.eccentricity**2
-        gear += (2 * gearbox.wheel_inertia + gearbox.output_inertia) / z**2
-        inertia = motor.inertia + gearbox.input_shaft_inertia + gear
-        bandwidth = 2 * math.pi * motor.bandwidth_hz
-        proportional = bandwidth * (inertia + gearbox.brake_inertia / z**2)
-        return cls(
-            inertia=inertia,
-            gear_inertia=gear,
-            output_inertia=float(gearbox.output_inertia),
-            brake_inertia=float(gearbox.brake_inertia),
-            stiffness=stiffness,
-            damping=damping,
-            reduction=float(z),
-            proportional=proportional,
-            integral=proportional * bandwidth / 4,
-            lag=2 * math.pi * motor.current_bandwidth_hz,
-            coulomb=float(motor.coulomb_nm),
-            viscous=float(motor.viscous),
-            ripple=float(motor.ripple),
-            ripple_order=6.0 * motor.pole_pairs,
-            ripple_phase=float(motor.ripple_phase),
-        )
+def _motor_constants(motor: Motor, gearbox: CycloidalGearbox) -> _Constants:
+    """Return the constants of a motor on the input shaft of a gearbox."""
+    z = gearbox.n_lobes
+    stiffness, damping = torsion(gearbox) if gearbox.brake_inertia > 0 else (0.0, 0.0)
+    gear = 2 * gearbox.wheel_mass * gearbox.eccentricity**2
+    gear += (2 * gearbox.wheel_inertia + gearbox.output_inertia) / z**2
+    inertia = motor.inertia + gearbox.input_shaft_inertia + gear
+    bandwidth = 2 * math.pi * motor.bandwidth_hz
+    proportional = bandwidth * (inertia + gearbox.brake_inertia / z**2)
+    return _Constants(
+        inertia=inertia,
+        gear_inertia=gear,
+        output_inertia=float(gearbox.output_inertia),
+        brake_inertia=float(gearbox.brake_inertia),
+        stiffness=stiffness,
+        damping=damping,
+        reduction=float(z),
+        proportional=proportional,
+        integral=proportional * bandwidth / 4,
+        lag=2 * math.pi * motor.current_bandwidth_hz,
+        coulomb=float(motor.coulomb_nm),
+        viscous=float(motor.viscous),
+        ripple=float(motor.ripple),
+        ripple_order=6.0 * motor.pole_pairs,
+        ripple_phase=float(motor.ripple_phase),
+    )
 
 
 def drive_run(run: SimulationRun, motor: Motor, start: int, random: np.random.Generator) -> SimulationRun:
@@ -192,7 +169,7 @@ def drive_run(run: SimulationRun, motor: Motor, start: int, random: np.random.Ge
     if finer > 1:  # band-limited
         mean, low_pass = [run.torque_in.mean(), run.torque_out.mean()], anti_alias_filter(finer, 1)
         torques = resample_poly(torques - mean, finer, 1, window=low_pass)[: at.size] + mean
-    constants = _Constants.from_motor(motor, run.gearbox)
+    constants = _motor_constants(motor, run.gearbox)
     waves = np.array([motor.cogging_orders, motor.cogging_nm, motor.cogging_phases], dtype=float)
     carried = float(run.torque_in[start:].mean()) + motor.coulomb_nm + motor.viscous * float(speed[start])
     result = np.empty((n - start, 6))

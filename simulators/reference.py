@@ -352,14 +352,9 @@ class ReferenceGearbox:
     ) -> Solution:
         """Solve [[M, -D^T], [D, 0]] [u''; lambda] = [F; gamma] (paper B eq. 2) at one instant.
 
-        Parameters
-        ----------
-        phi, omega, alpha : float
-            Prescribed angle (rad), speed (rad/s) and acceleration (rad/s2) of the input shaft.
-        angles, rates : array-like of shape (3,)
-            theta_1, theta_2, psi in rad and their rates in rad/s.
-        load_torque : float
-            Torque on the output shaft in Nm; positive resists the output when ``omega`` is positive.
+        ``phi`` (rad), ``omega`` and ``alpha`` are of the input shaft; ``angles`` and ``rates``, shape (3,),
+        those of theta_1, theta_2, psi. A positive ``load_torque`` in Nm resists the output when ``omega`` is
+        positive.
         """
         u = self.coordinates(phi, angles)
         v = self.velocities(u, omega, rates)
@@ -389,25 +384,12 @@ class ReferenceGearbox:
     def integrate(
         self, t0: float, t1: float, dt: float, state: ArrayLike, driver: Driver, load: Load
     ) -> Trajectory:
-        """Integrate with the papers' second-order Runge-Kutta method (midpoint).
+        """Integrate with the papers' second-order Runge-Kutta method (midpoint) in steps of ``dt`` s.
 
-        Only the angles are integrated; all other coordinates follow from the joints.
-
-        Parameters
-        ----------
-        t0, t1, dt : float
-            Start, end and step in s; the number of steps is rounded.
-        state : array-like of shape (6,)
-            theta_1, theta_2, psi (rad) and their rates (rad/s) at ``t0``.
-        driver : callable
-            ``driver(t)`` gives phi (rad), omega (rad/s) and alpha (rad/s2); see `ramped_driver`.
-        load : callable
-            ``load(t)`` gives the load torque in Nm; see `ramped_load`.
-
-        Raises
-        ------
-        FloatingPointError
-            When a contact force is not finite or beyond 100 kN: the integration has diverged.
+        Only the angles are integrated; all other coordinates follow from the joints. ``state``, shape (6,),
+        holds theta_1, theta_2, psi (rad) and their rates at ``t0``; ``driver(t)`` gives phi, omega and alpha,
+        ``load(t)`` the load torque in Nm. FloatingPointError when a contact force is not finite or beyond 100
+        kN: the integration has diverged.
         """
 
         def evaluate(t: float, y: Real) -> tuple[Real, Solution]:

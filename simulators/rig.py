@@ -16,7 +16,15 @@ import numpy as np
 from scipy.stats import rayleigh, uniform
 
 from cyclofeat._base import displays
-from cyclofeat._base.checks import check_type, is_number, number_pair, one_of, positive, repr_of
+from cyclofeat._base.checks import (
+    Replaceable,
+    check_type,
+    is_number,
+    number_pair,
+    one_of,
+    positive,
+    repr_of,
+)
 from cyclofeat._base.displays import html_card
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import QUANTITIES
@@ -61,7 +69,7 @@ _LEAD_S = 0.1
 
 
 @dataclass(frozen=True)
-class Rig:
+class Rig(Replaceable):
     """A nominal gearbox and the effects of the rig that it runs on: the complete input of a simulation.
 
     An effect's parameter is a number, or a range or distribution from which each assembly draws
@@ -225,7 +233,7 @@ class Rig:
             "load": f"{gearbox.load_torque:.4g} Nm",
             "simulator": "" if self.simulator is None else repr(self.simulator),
         }
-        for label, effect in self.labelled_effects().items():
+        for label, effect in library.label_effects(self.effects).items():
             texts = []
             for name, value in effect.get_params(deep=False).items():
                 text = value_text(value) if is_distribution(value) else repr_of(value)
@@ -256,20 +264,6 @@ class Rig:
     def has_motor(self) -> bool:
         """True if a motor with control turns the input shaft, if only in a variant, and not a given speed."""
         return any(effect.place == "motor" for effects in self.effect_sets() for effect in effects)
-
-    def replace(self, **changes: Any) -> Rig:
-        """Return a checked copy with single fields changed.
-
-        Parameters
-        ----------
-        **changes : object
-            New values by field.
-
-        Returns
-        -------
-        Rig
-        """
-        return dataclasses.replace(self, **changes)
 
     def with_effects(self, *effects: Effect) -> Rig:
         """Return a copy with effects added, each instead of those of the same name.
@@ -343,19 +337,9 @@ class Rig:
         0.3
         """
         values = {_GEARBOX + name: getattr(self.gearbox, name) for name in GEARBOX_NUMBERS}
-        for label, effect in self.labelled_effects().items():
+        for label, effect in library.label_effects(self.effects).items():
             values |= {f"{label}.{name}": getattr(effect, name) for name in effect.parameters}
         return values
-
-    def labelled_effects(self) -> dict[str, Effect]:
-        """Return the effects by their labels in :meth:`parameters`.
-
-        Returns
-        -------
-        dict
-            From labels such as ``"hum_2"`` to effects; those of variants are not among them.
-        """
-        return library.label_effects(self.effects)
 
     def effect_sets(self) -> list[tuple[Effect, ...]]:
         """Return the effects with those of each variant, in the order of the chain.
@@ -402,14 +386,15 @@ class Rig:
                 raise ValueError(
                     f"unknown parameter {name!r} of rig {self.name!r}: {suggest_key(name, known)}"
                 )
-        changed: dict[str, dict[str, Any]] = {name: {} for name in self.labelled_effects()}
+        effects = library.label_effects(self.effects)
+        changed: dict[str, dict[str, Any]] = {label: {} for label in effects}
         gearbox: dict[str, Any] = {}
         for name, value in values.items():
             label, _, rest = name.rpartition(".")
             (gearbox if name.startswith(_GEARBOX) else changed[label])[rest] = value
         return self.replace(
             gearbox=self.gearbox.replace(**gearbox),
-            effects=[one.with_parameters(**changed[label]) for label, one in self.labelled_effects().items()],
+            effects=[one.with_parameters(**changed[label]) for label, one in effects.items()],
         )
 
     def at(self, speed_rpm: float | None = None, load_nm: float | None = None) -> Rig:

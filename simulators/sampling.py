@@ -121,23 +121,22 @@ def sample_runs(
     ValueError is that of a machine that cannot be built or run.
     """
     checks.one_of("kernel", kernel, ("exact", "batch", "auto"))
-    plans: list[PlannedRun | ValueError] = []
+    runs: list[Any] = []
     for sample in samples:
         try:
-            plans.append(sample.plan() if isinstance(sample, Sample) else sample)
+            runs.append(sample.plan() if isinstance(sample, Sample) else sample)
         except ValueError as error:
-            plans.append(error)
-    possible = [plan for plan in plans if isinstance(plan, PlannedRun)]
-    runs: list[Any]
+            runs.append(error)
+    places = [place for place, plan in enumerate(runs) if isinstance(plan, PlannedRun)]
+    plans = [runs[place] for place in places]
     try:
-        simulated = dict(simulate_each([plan.arguments for plan in possible], kernel))
-        runs = [_finish_or_error(plan, simulated[place]) for place, plan in enumerate(possible)]
+        for number, simulated in simulate_each([plan.arguments for plan in plans], kernel):
+            runs[places[number]] = _finish_or_error(plans[number], simulated)
     except ValueError as error:  # of one of them
-        runs = [error]
-        if len(possible) > 1:
-            runs = [run for plan in possible for run in sample_runs([plan], kernel=kernel)]
-    queue = iter(runs)
-    return [next(queue) if isinstance(plan, PlannedRun) else plan for plan in plans]
+        for place, plan in zip(places, plans, strict=True):
+            if runs[place] is plan:
+                (runs[place],) = sample_runs([plan], kernel=kernel) if len(plans) > 1 else [error]
+    return runs
 
 
 def _finish_or_error(

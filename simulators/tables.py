@@ -13,15 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat.simulators import _kernels, _outline
 from cyclofeat.simulators.defects import LobeDefects
-from cyclofeat.simulators.gearbox import CycloidalGearbox
+from cyclofeat.simulators.gearbox import CONTACT_LAWS, CycloidalGearbox
 
 Float = NDArray[np.float64]
-
-_LAWS = {
-    "paper": _kernels.PAPER_LAW,
-    "hunt_crossley": _kernels.HUNT_CROSSLEY_LAW,
-    "conservative": _kernels.CONSERVATIVE_LAW,
-}
 
 
 class KernelInput(NamedTuple):
@@ -60,23 +54,18 @@ def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput
     return KernelInput(
         wheel=_wheel_constants(gearbox, defects),
         joint=_kernels.JointConstants(
-            n_sleeves=gearbox.n_internal_sleeves,
-            sleeve_radius=float(gearbox.internal_sleeve_radius),
-            pitch_radius=float(gearbox.internal_pitch_radius),
-            gap_at_centre=float(gearbox.eccentricity + gearbox.clearance),
+            gearbox.n_internal_sleeves, float(gearbox.internal_pitch_radius),
+            float(gearbox.internal_sleeve_radius), float(gearbox.eccentricity + gearbox.clearance),
         ),
         # The conservative law uses the radius of the pin for every pin contact, as on a plane flank.
         contact=contact_constants(gearbox, gearbox.pin_radius),
         joint_contact=contact_constants(gearbox, joint_effective_radius(gearbox)),
         body=_constants(_kernels.BodyConstants, gearbox),
-        friction=(
-            _constants(
-                _kernels.FrictionConstants,
-                gearbox,
-                sleeve_static_friction=float(gearbox.sleeve_static_friction or gearbox.sleeve_friction),
-            )
-            if gearbox.has_friction
-            else None
+        friction=None
+        if not gearbox.has_friction
+        else _constants(
+            _kernels.FrictionConstants, gearbox,
+            sleeve_static_friction=float(gearbox.sleeve_static_friction or gearbox.sleeve_friction),
         ),
         pins=_table_of_rows(
             np.cos(pin_angles), np.sin(pin_angles), gearbox.pin_radial_errors,
@@ -158,9 +147,8 @@ def joint_effective_radius(gearbox: CycloidalGearbox) -> float:
 def pin_centres(gearbox: CycloidalGearbox) -> NDArray[np.complex128]:
     """Positions x + iy of the external sleeves' axles, with their errors, in m: shape (n_pins,)."""
     angles = 2 * np.pi * np.arange(gearbox.n_pins) / gearbox.n_pins
-    errors = np.asarray(gearbox.pin_radial_errors or 0.0) + 1j * np.asarray(
-        gearbox.pin_tangential_errors or 0.0
-    )
+    radial, tangential = gearbox.pin_radial_errors or 0.0, gearbox.pin_tangential_errors or 0.0
+    errors = np.asarray(radial) + 1j * np.asarray(tangential)
     return np.asarray((gearbox.pin_circle_radius + errors) * np.exp(1j * angles))
 
 
@@ -173,7 +161,7 @@ def sleeve_centres(gearbox: CycloidalGearbox, output_angle: NDArray[np.float64])
 def contact_constants(gearbox: CycloidalGearbox, constant_radius: float) -> _kernels.ContactConstants:
     """Constants of one kind of contact; ``constant_radius`` (m) is that of the conservative law."""
     return _kernels.ContactConstants(
-        law=_LAWS[gearbox.contact_law],
+        law=CONTACT_LAWS.index(gearbox.contact_law),
         stiffness_factor=stiffness_factor(gearbox),
         damping=float(gearbox.contact_damping),
         inverse_ramp=1 / gearbox.contact_ramp,

@@ -5,9 +5,10 @@ They raise TypeError for a wrong type and ValueError for a value out of range. T
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -186,3 +187,21 @@ def wheel_numbers(value: Any) -> tuple[int, ...] | None:
         if given is not None and sorted(given, key=str) == list(known):
             return known
     raise ValueError(f"wheels must be 'random', (0,), (1,) or (0, 1), got {value!r}")
+
+
+class Replaceable:
+    """Base of frozen dataclasses that check their fields."""
+
+    def replace(self, **changes: Any) -> Self:
+        """Return a checked copy with single fields changed.
+
+        Parameters
+        ----------
+        **changes : object
+            New values by field.
+
+        Returns
+        -------
+        Self
+        """
+        return dataclasses.replace(self, **changes)  # type: ignore[type-var]

@@ -39,22 +39,10 @@ _UNIT_IN_NAME = {
 
 @dataclass(frozen=True)
 class Feature:
-    """One row of the registry.
+    """One row of the registry: unique name in snake case, without unit; unit, formula in plain text, source.
 
-    Parameters
-    ----------
-    name : str
-        Unique name, in snake case, without unit.
-    unit : str
-        Unit: ``"Nm"``, ``"Nm^2"``, ``"Nm^2/Hz"``, ``"Hz"``, ``"bit"``, ``"dB"`` or ``"1"`` for a pure number.
-    formula : str
-        Formula in plain text.
-    source : str
-        Where the formula comes from.
-    version : int, default=1
-        Version of the definition.
-    needs : str
-        Shortest window from which it means something.
+    Units are ``"Nm"``, ``"Nm^2"``, ``"Nm^2/Hz"``, ``"Hz"``, ``"bit"``, ``"dB"`` or ``"1"`` for a pure number;
+    ``version`` is that of the definition, ``needs`` the shortest window from which it means something.
     """
 
     name: str
@@ -65,16 +53,10 @@ class Feature:
     needs: str = TWO_SAMPLES
 
     def column(self, *qualifiers: str) -> str:
-        """Name of the feature's column.
-
-        Parameters
-        ----------
-        *qualifiers : str
-            The definition behind the number: preset, band, lobe, level, ...
+        """Return the name of the feature's column; qualifiers are preset, band, lobe, level and the like.
 
         Examples
         --------
-        >>> from cyclofeat.features.registry import REGISTRY
         >>> REGISTRY["shannon_entropy"].column("ripple")
         'shannon_entropy_bits(ripple)'
         """
@@ -85,14 +67,7 @@ class Feature:
 
 
 def band_qualifier(band: tuple[float, float]) -> str:
-    """Band in Hz as a qualifier.
-
-    Examples
-    --------
-    >>> from cyclofeat.features.registry import band_qualifier
-    >>> band_qualifier((0.0, 1500.0))
-    '0..1500Hz'
-    """
+    """Return a band in Hz as a qualifier, such as ``0..1500Hz``."""
     low, high = band
     return f"{low:.12g}..{high:.12g}Hz"
 

@@ -25,13 +25,7 @@ T = TypeVar("T")
 
 
 class Display:
-    """What all displays have once they are drawn.
-
-    Attributes
-    ----------
-    ax_ : matplotlib.axes.Axes
-    figure_ : matplotlib.figure.Figure
-    """
+    """What all displays have once they are drawn: axes and figure of matplotlib."""
 
     ax_: Axes
     figure_: Figure | SubFigure

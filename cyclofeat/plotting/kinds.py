@@ -51,13 +51,7 @@ _OF_LOBE_MAP = {
 
 
 def feature_of(kind: str) -> Feature | None:
-    """Return the registry's row of a kind of columns; None for features of others.
-
-    Examples
-    --------
-    >>> feature_of("lobe_slot_rms").unit, feature_of("mine")
-    ('1', None)
-    """
+    """Return the registry's row of a kind of columns, such as ``lobe_slot_rms``; None for those of others."""
     return next((row for row in REGISTRY.values() if row.column().split("(")[0] == kind), None)
 
 
@@ -66,8 +60,6 @@ def words_of(kind: str) -> Words:
 
     Examples
     --------
-    >>> words_of("lobe_line_contrast_db").title
-    'Pattern of the lobe lines'
     >>> words_of("amplitude_nm").axis
     'amplitude (Nm)'
     """

@@ -114,26 +114,14 @@ def reduce_rate(X: Float, sampling_rate: float, wanted_rate: float) -> tuple[Flo
 
 
 def whitened_rate(sampling_rate: float, input_speed_hz: float, n_lobes: int, n_lines: int) -> float:
-    """Return the sampling rate in Hz to which windows are reduced before :func:`prewhiten`.
-
-    Examples
-    --------
-    >>> whitened_rate(25_600, 500 / 60, 15, 44)
-    2560.0
-    """
+    """Return the sampling rate in Hz to which windows are reduced before :func:`prewhiten`."""
     wanted = _RATE_PER_LINE * n_lines * lobe_frequency(input_speed_hz, n_lobes)
     return sampling_rate / max(1, int(sampling_rate // wanted))
 
 
 @functools.lru_cache(maxsize=16)
 def anti_alias(factor: int) -> Float:
-    """Return the filter that ``scipy.signal.resample_poly`` would design anew for each window, read-only.
-
-    Examples
-    --------
-    >>> anti_alias(3).size
-    61
-    """
+    """Return the filter that ``scipy.signal.resample_poly`` would design anew for each window, read-only."""
     return _make_read_only(firwin(20 * factor + 1, 1 / factor, window=("kaiser", 5.0)))
 
 
@@ -180,20 +168,10 @@ def prewhiten(X: Float, sampling_rate: float, order: int, lowest_hz: float) -> F
 class LobeComb:
     """Comb of lobe lines that is fitted to the spectrum of windows.
 
-    Parameters
-    ----------
-    n_lobes : int, default=15
-        Number of lobes z_s.
-    n_lines : int, default=44
-        Number of lobe lines.
-    ar_order : int, default=16
-        Order of the autoregressive model that takes out torsional resonances, at about ``6 n_lines`` lobe
-        frequencies of sampling rate; 0 for none.
-    speed_tolerance : float, default=0.015
-        Largest relative deviation of the speed that is searched; 0 takes the nominal speed.
-    searched : sequence of int, optional
-        Numbers of the lobe lines that the search looks at. Default: all from the fifth on, because the brake
-        drifts below.
+    ``ar_order`` is that of the autoregressive model that takes out torsional resonances, at about
+    ``6 n_lines`` lobe frequencies of sampling rate; 0 for none. ``speed_tolerance`` is the largest relative
+    deviation of the speed that is searched; 0 takes the nominal speed. ``searched`` are the numbers of the
+    lobe lines that the search looks at: by default all from the fifth on, because the brake drifts below.
     """
 
     n_lobes: int = 15

@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.fft import fft, ifft, next_fast_len
 from scipy.interpolate import CubicSpline
-from scipy.signal import firwin, kaiser_beta, kaiserord, upfirdn
+from scipy.signal import firwin, kaiser_beta, kaiserord, upfirdn, zoom_fft
 
 from cyclofeat._base.checks import number_series, one_of, whole
 from cyclofeat.signal import lobes
@@ -37,13 +36,7 @@ _ALIAS_DB = 100.0
 
 
 def mean_speed(angle: ArrayLike, sampling_rate: float) -> Float:
-    """Mean speed of rotation in turns per second, shape (...), of unwrapped angles in rad, shape (..., n).
-
-    Examples
-    --------
-    >>> float(mean_speed(2 * np.pi * np.linspace(0, 10, 101), 100.0))
-    10.0
-    """
+    """Mean speed of rotation in turns per second, shape (...), of unwrapped angles in rad, shape (..., n)."""
     angles = np.asarray(angle, dtype=float)
     turned = angles[..., -1] - angles[..., 0]
     return np.asarray(turned / (2 * np.pi * (angles.shape[-1] - 1)) * sampling_rate)
@@ -74,11 +67,6 @@ def at_every_sample(n_samples: int, known: NDArray[Any], values: Float) -> Float
     """Return straight lines between ``values`` at increasing samples ``known``, at all ``n_samples``.
 
     ``numpy.interp`` gives the same, but takes several more arrays as long as the record.
-
-    Examples
-    --------
-    >>> at_every_sample(4, np.array([0, 2]), np.array([0.0, 1.0]))
-    array([0. , 0.5, 1. , 1. ])
     """
     line = np.empty(n_samples)
     for first in range(0, n_samples, _PIECE):
@@ -92,38 +80,20 @@ def at_every_sample(n_samples: int, known: NDArray[Any], values: Float) -> Float
 def resample_by_angle(
     torque: ArrayLike, angle: ArrayLike, samples_per_turn: int, sampling_rate: float
 ) -> tuple[Float, Float]:
-    """Resample torque to equal steps of the shaft angle, without aliasing.
+    """Resample torque to equal steps of the shaft angle, without aliasing; return both, shape (m,).
 
-    The result lies on whole multiples of ``2 pi / samples_per_turn`` from the angle's zero, so records of
-    one absolute angle share one grid. Torque is interpolated by a cubic spline in time. Where a turn of the
-    record holds more samples than ``samples_per_turn``, the torque is first low-passed on a finer grid: the
-    filter cuts at a fixed *order*, however the speed varies.
+    ``torque`` in Nm and ``angle`` of the shaft in rad, strictly increasing, have the shape (n,) and are
+    sampled at ``sampling_rate`` Hz. The result lies on whole multiples of ``2 pi / samples_per_turn`` from
+    the angle's zero, so records of one absolute angle share one grid. Torque is interpolated by a cubic
+    spline in time. Where a turn of the record holds more samples than ``samples_per_turn``, the torque is
+    first low-passed on a finer grid: the filter cuts at a fixed *order*, however the speed varies. Orders up
+    to ``0.4 * samples_per_turn`` pass unchanged and orders from ``0.5 * samples_per_turn`` on are 80 dB down;
+    the result is then 26 samples shorter at either end than the angle's range. The spline is accurate to 1 %
+    up to a fifth of the sampling rate, to 0.1 % up to a tenth.
 
-    Parameters
-    ----------
-    torque, angle : array-like, shape (n,)
-        Torque in Nm, and angle of the shaft in rad, strictly increasing, ``sampling_rate`` times a second.
-    samples_per_turn : int
-        Samples per turn of the result.
-    sampling_rate : float
-        In Hz.
-
-    Returns
-    -------
-    torque, angle : ndarray, shape (m,)
-        Torque in Nm at angles in rad, ``2 pi / samples_per_turn`` apart.
-
-    Raises
-    ------
-    ValueError
-        If shapes differ, values are not finite, the angle does not increase, the record is too short for the
-        filter, or the shaft nearly stands still (below 1/16 of its median speed) where a low-pass is needed.
-
-    Notes
-    -----
-    With the low-pass, orders up to ``0.4 * samples_per_turn`` pass unchanged and orders from
-    ``0.5 * samples_per_turn`` on are 80 dB down; the result is then 26 samples shorter at either end than the
-    angle's range. The spline is accurate to 1 % up to a fifth of the sampling rate, to 0.1 % up to a tenth.
+    ``ValueError`` if shapes differ, values are not finite, the angle does not increase, the record is too
+    short for the filter, or the shaft nearly stands still (below 1/16 of its median speed) where a low-pass
+    is needed.
     """
     torque, angle = number_series("torque", torque, least=2), number_series("angle", angle, least=2)
     if torque.size != angle.size:
@@ -222,32 +192,15 @@ def estimate_input_speed(
     comb: str = "lobe",
     n_lobes: int = 15,
 ) -> Float:
-    """Estimate the input speed of each window from its lobe lines or its mesh lines.
+    """Estimate the input speed of each window from its lobe lines or its mesh lines, in turns per second.
 
     The lobe lines are the multiples of (z_s + 1)/z_s of the input speed; every z_s-th of them is a mesh line
-    (order z_s + 1). The speed is the one, of 301 within the tolerance, whose comb stands out most from the
-    spectrum around it, in power over the local floor; see ``cyclofeat.signal.lobes.lobe_lines``, whose
-    search this is.
+    (order z_s + 1). The speed is the one, of 301 within the relative ``tolerance`` of ``nominal_hz`` (0
+    returns that), whose comb stands out most from the spectrum around it, in power over the local floor; see
+    ``cyclofeat.signal.lobes.lobe_lines``, whose search this is. ``comb="lobe"`` takes all lobe lines from the
+    fifth to the 44th, as :class:`cyclofeat.features.LobeMap` does; ``"mesh"`` the mesh lines among them
+    alone, for torque in which the lobes do not differ. Other arguments are those of :func:`order_lines`.
 
-    Parameters
-    ----------
-    X, sampling_rate, n_lobes
-        See :func:`order_lines`.
-    nominal_hz : float
-        Nominal input speed in turns per second.
-    tolerance : float, default=0.015
-        Largest relative deviation that is searched; 0 returns the nominal speed.
-    comb : {"lobe", "mesh"}, default="lobe"
-        ``"lobe"``: all lobe lines from the fifth to the 44th, as :class:`cyclofeat.features.LobeMap` does.
-        ``"mesh"``: the mesh lines among them alone, for torque in which the lobes do not differ.
-
-    Returns
-    -------
-    ndarray, shape (n_windows,)
-        Input speed in turns per second.
-
-    Notes
-    -----
     The steps of the search are ``tolerance / 150`` (0.01 % at 1.5 %). In windows of one output turn (1.8 s at
     500 RPM) whose comb stands 10 dB out of the noise the estimate is within 0.03 % of the truth. For torque
     without lobe or mesh lines and for windows of few turns the result is any speed within the tolerance.
@@ -374,15 +327,8 @@ class _Reducer:
 
 
 def _fourier_sums(x: Float, step: float, n_lines: int) -> Complex:
-    """Sums of ``x[n] exp(-i k step n)`` for k = 1 to ``n_lines``, by Bluestein's convolution."""
-    size = max(x.size, n_lines + 1)
-    chirp = np.exp(-0.5j * step * np.arange(size, dtype=np.float64) ** 2)
-    n_fft = next_fast_len(x.size + n_lines + 1)
-    kernel = np.zeros(n_fft, dtype=np.complex128)
-    kernel[: n_lines + 1] = chirp[: n_lines + 1].conj()
-    kernel[n_fft - x.size + 1 :] = chirp[1 : x.size][::-1].conj()
-    sums = ifft(fft(x * chirp[: x.size], n_fft) * fft(kernel))[: n_lines + 1] * chirp[: n_lines + 1]
-    return np.asarray(sums[1:])
+    """Sums of ``x[n] exp(-i k step n)`` for k = 1 to ``n_lines``."""
+    return np.asarray(zoom_fft(x, [step, (n_lines + 1) * step], n_lines, fs=2 * math.pi))
 
 
 def synchronous_average(lines: Complex, n_points: int) -> Float:

@@ -98,26 +98,17 @@ class _Lines:
 
 @dataclass(frozen=True)
 class FollowedSpeed:
-    """Angle of the input shaft as the lines of the torque have it.
+    """Angle of the input shaft as the lines of the torque have it, in rad at the samples, from 0 on.
 
-    Attributes
-    ----------
-    angle : ndarray, shape (n,)
-        In rad at the samples, from 0 on.
-    speed_hz : float
-        Mean speed in turns per second.
-    evidence : float
-        Logarithm of how much more probable the lines are at this speed than noise, per input turn. Only
-        speeds followed by the same lobe lines can be compared.
-    margin : float
-        Difference of log probabilities, for one output turn, between a disc at this speed and the most
-        probable one at another (a quarter, a third, a half, 2 to 12 times it, and where the lines look
-        alike), less the least difference that counts. It is also negative where the lines are the shaft's
-        alone, as a disc has mesh or lobe lines too, and for a current where another speed has clearly more
-        evidence. Minus infinity where the torque holds no lines, or the speed lies at the end of the range.
-    reaches : bool
-        Whether the lines are those of a worn disc, as they reach beyond what the shaft of a sound disc has at
-        (n_lobes + 1) / (2 n_lobes) of the speed, where its even lines are in the places of the lobe lines.
+    ``evidence`` is the logarithm of how much more probable the lines are at this speed than noise, per input
+    turn. Only speeds followed by the same lobe lines can be compared. ``margin`` is the difference of log
+    probabilities, for one output turn, between a disc at this speed and the most probable one at another (a
+    quarter, a third, a half, 2 to 12 times it, and where the lines look alike), less the least difference
+    that counts. It is also negative where the lines are the shaft's alone, as a disc has mesh or lobe lines
+    too, and for a current where another speed has clearly more evidence. It is minus infinity where the
+    torque holds no lines, or the speed lies at the end of the range. ``reaches`` is true for the lines of a
+    worn disc: they reach beyond what the shaft of a sound disc has at (n_lobes + 1) / (2 n_lobes) of the
+    speed, where its even lines are in the places of the lobe lines.
     """
 
     angle: Float

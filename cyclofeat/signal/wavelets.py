@@ -50,24 +50,13 @@ def morris_names() -> tuple[str, ...]:
 
 
 def morris(name: str) -> pywt.Wavelet:
-    """A wavelet of the Morris minimum-bandwidth family.
+    """Wavelet of the Morris minimum-bandwidth family.
 
-    Parameters
-    ----------
-    name : str
-        ``"mbN.L"``: N is the filter's length, L the level of the transform used in its design (not a number
-        of vanishing moments; every member has one).
-
-    Returns
-    -------
-    pywt.Wavelet
-        Orthogonal to rounding; within 8e-8 of MATLAB's ``wfilters`` for all but mb14.3 (5e-6) and mb18.3
-        (2e-7), whose printed tables have misprints.
-
-    References
-    ----------
-    J. M. Morris and R. Peravali, "Minimum-bandwidth discrete-time wavelets", Signal Processing 76 (1999)
-    181-193.
+    ``name`` is ``"mbN.L"``: N is the filter's length, L the level of the transform used in its design (not a
+    number of vanishing moments; every member has one). The wavelet is orthogonal to rounding, and within 8e-8
+    of MATLAB's ``wfilters`` for all but mb14.3 (5e-6) and mb18.3 (2e-7), whose printed tables have misprints
+    (J. M. Morris and R. Peravali, "Minimum-bandwidth discrete-time wavelets", Signal Processing 76 (1999)
+    181-193). ``ValueError`` for another name.
     """
     if name not in _filter_table():
         raise ValueError(f"name must be one of {', '.join(morris_names())}, got {name!r}")
@@ -140,26 +129,14 @@ def level_of(frequency_hz: float, sampling_rate: float) -> int:
 def dwt(X: ArrayLike, wavelet: AnyWavelet = "mb32.3", levels: int = 12) -> list[Float]:
     """Discrete wavelet transform of windows, with half-sample symmetric extension at their ends.
 
-    Parameters
-    ----------
-    X : array-like, shape (..., n_samples)
-        Windows of torque in Nm.
-    wavelet : str, pywt.Wavelet or sequence of four filters, default="mb32.3"
-        Wavelet, see :func:`as_wavelet`.
-    levels : int, default=12
-        Number of levels, any from 1 to 30. Beyond ``pywt.dwt_max_level`` (10 for 46,080 samples and mb32.3)
-        every coefficient feels an end of the window. The papers show 12 all the same, so there is no warning.
+    ``X``, shape (..., n_samples), holds torque in Nm; ``wavelet`` is one of :func:`as_wavelet`. Returns the
+    details of level 1 (highest frequencies) to the last of 1 to 30 ``levels``, then the approximation of the
+    last, each of shape (..., n_coefficients), in Nm times the wavelet's 2^(k/2).
 
-    Returns
-    -------
-    list of ndarray, shape (..., n_coefficients)
-        Details of level 1 (highest frequencies) to the last, then the approximation of the last: one entry
-        more than levels. In Nm, times the wavelet's 2^(k/2); float64.
-
-    Notes
-    -----
     These are MATLAB's ``wavedec`` coefficients in its default mode ``'sym'``: level k has
-    ``(n + n_taps - 1) // 2`` of them, n being those of level k - 1.
+    ``(n + n_taps - 1) // 2`` of them, n being those of level k - 1. Beyond ``pywt.dwt_max_level`` (10 for
+    46,080 samples and mb32.3) every coefficient feels an end of the window. The papers show 12 all the same,
+    so there is no warning.
     """
     whole("levels", levels, least=1, most=30)
     bank = as_wavelet(wavelet)
@@ -215,28 +192,14 @@ def scalogram(
 ) -> NDArray[np.int64]:
     """Scalogram of windows by MATLAB's recipe, "Discrete Wavelet Transform, Absolute Coefficients".
 
-    Parameters
-    ----------
-    X, wavelet, levels
-        See :func:`dwt`; row 0 is level 1, the highest frequencies.
-    colours : int, default=64
-        Number of colours.
+    Returns the colour of each cell, 1 (smallest coefficient of the row) to ``colours`` (largest), shape
+    (..., levels, n_samples); row 0 is level 1, the highest frequencies. Other arguments are those of
+    :func:`dwt`. Paper B section 5 and figs. 10-12 have 12 levels, 64 colours, mb32.3.
 
-    Returns
-    -------
-    ndarray of int, shape (..., levels, n_samples)
-        Colour of each cell, 1 (smallest coefficient of the row) to ``colours`` (largest).
-
-    Notes
-    -----
     The colour is ``1 + fix(colours * (|c| - min) / (max - min))``, the maximum itself having the highest; it
     is 1 in rows of one size of coefficient, so everywhere in constant windows. Where sizes differ by rounding
     alone (windows of two or three samples), so do colours, as in MATLAB. Scaling the torque does not change a
     colour, as long as coefficients stay above sqrt(eps).
-
-    References
-    ----------
-    Paper B section 5 and figs. 10-12: 12 levels, 64 colours, mb32.3.
     """
     whole("colours", colours, least=2)
     n_samples = np.shape(X)[-1] if np.ndim(X) else 0

@@ -44,7 +44,7 @@ from cyclofeat.simulators.batch._vectors import (
 
 # Of all modules whose functions and constants are compiled here: numba's cache on disk notices changes of
 # this file only.
-SOURCES_CHECKSUM = 0x789904A2
+SOURCES_CHECKSUM = 0x3ED10C2
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -278,7 +278,7 @@ def _all_moments(m, step, when, faulty, angle, drive, tables, lanes, half):
 
 
 @njit(fastmath=FASTMATH, nogil=True)
-def integrate_lanes(lanes, half, stages, leaps, first, n, dt, limit, faulty, angle_, drive_, tables_, out_):
+def integrate_batch(lanes, half, stages, leaps, first, n, dt, limit, faulty, angle_, drive_, tables_, out_):
     """Go on by ``n`` steps from step ``first``, in two ``stages`` (midpoint) or one.
 
     The rule of one stage is that of Adams and Bashforth or, if it ``leaps``, the leapfrog rule.
@@ -369,7 +369,7 @@ def fill_drive(courses, sizes, first, n, stages, n_lobes, angle, drive):
 
 
 @njit(fastmath=FASTMATH, nogil=True)
-def decimate_row(lanes, results_, first, row, phases_, down, begin, samples_):
+def decimate_lanes(lanes, results_, first, row, phases_, down, begin, samples_):
     """Write the low-passed samples of one row of the results into ``samples`` (n_samples, lanes), in float64.
 
     As ``scipy.signal.resample_poly``, for all lanes at once. ``results`` begin with step ``first`` and hold

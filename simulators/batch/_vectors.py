@@ -29,7 +29,6 @@ _templates: Any = numba.core.typing.templates
 types: Any = numba.types
 _cgutils: Any = numba.core.cgutils
 intrinsic = _extending.intrinsic
-_Opaque: Any = _extending.models.OpaqueModel
 _Primitive: Any = _extending.models.PrimitiveModel
 _FLAGS = tuple(sorted(FASTMATH))
 _ELEMENTS = {types.float32: ir.FloatType(), types.float64: ir.DoubleType()}
@@ -52,34 +51,9 @@ class Mask(types.Type):
         super().__init__(name=f"Mask({lanes})")
 
 
-class Lanes:
-    """Number of lanes, as an argument of compiled functions: each number has its own machine code."""
-
-    def __init__(self, count: int) -> None:
-        self.count = count
-
-
-class LanesType(types.Type):
-    """Type of :class:`Lanes`."""
-
-    def __init__(self, count: int) -> None:
-        self.count = count
-        super().__init__(name=f"Lanes({count})")
-
-
-@_extending.typeof_impl.register(Lanes)
-def _typeof_lanes(value: Lanes, context: Any) -> LanesType:
-    return LanesType(value.count)
-
-
-@_extending.unbox(LanesType)
-def _unbox_lanes(typ: LanesType, value: Any, context: Any) -> Any:
-    return _extending.NativeValue(context.context.get_dummy_value())
-
-
-@_extending.register_model(LanesType)
-class _LanesModel(_Opaque):
-    pass
+def lane_tuple(count: int) -> tuple[int, ...]:
+    """Return the number of lanes as an argument of compiled functions: each has its own machine code."""
+    return (0,) * count
 
 
 def _vector_ir(typ: Vector) -> ir.VectorType:
@@ -181,21 +155,25 @@ _register_on_masks(operator.or_, lambda builder, x, y: builder.or_(x, y), 2)
 _register_on_masks(operator.invert, lambda builder, x: builder.not_(x), 1)
 
 
+def _typed(result: Any, kinds: Iterable[Any], emit: Callable[..., Any]) -> Any:
+    """Return signature and code of an intrinsic whose code ``emit`` makes of a builder and the arguments."""
+    return result(*kinds), lambda context, builder, sig, values: emit(builder, *values)
+
+
 def _of_vectors(emit: Callable[..., Any], n: int) -> Any:
     """An intrinsic from one or two vectors to a vector of their type."""
 
-    def type_and_code(args: Any) -> Any:
+    def type_and_code(*args: Any) -> Any:
         vector = _common_vector(args)
         if vector is None:
             return None
-
-        def generate_ir(context: Any, builder: Any, sig: Any, values: Any) -> Any:
-            return emit(builder, vector, *_spread_all(builder, values, sig.args, vector))
-
-        return vector(*_as_arguments(args, vector)), generate_ir
+        kinds = _as_arguments(args, vector)
+        return _typed(
+            vector, kinds, lambda builder, *x: emit(builder, vector, *_spread_all(builder, x, kinds, vector))
+        )
 
     # numba reads the number of arguments from the signature.
-    one, two = (lambda context, a: type_and_code((a,))), (lambda context, a, b: type_and_code((a, b)))
+    one, two = (lambda context, a: type_and_code(a)), (lambda context, a, b: type_and_code(a, b))
     return intrinsic(one if n == 1 else two)
 
 
@@ -224,33 +202,33 @@ def choose(context: Any, mask: Any, a: Any, b: Any) -> Any:
     vector = _common_vector((a, b))
     if vector is None or not isinstance(mask, Mask):
         return None
+    kinds = _as_arguments((a, b), vector)
 
-    def generate_ir(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        x, y = _spread_all(builder, args[1:], sig.args[1:], vector)
-        return builder.select(args[0], x, y)
+    def emit(builder: Any, chosen: Any, *values: Any) -> Any:
+        return builder.select(chosen, *_spread_all(builder, values, kinds, vector))
 
-    return vector(mask, *_as_arguments((a, b), vector)), generate_ir
-
-
-def _row_address(builder: Any, kind: Any, table: Any, index: Any) -> Any:
-    return builder.bitcast(builder.gep(table, [index], inbounds=True), kind.as_pointer())
+    return _typed(vector, (mask, *kinds), emit)
 
 
-def _load_at(scale: bool) -> Any:
+def _row_address(builder: Any, vector: Vector, table: Any, index: Any, by_row: bool = True) -> Any:
+    """Address of a vector in a row of a table, or from the index of a number on."""
+    if by_row:
+        index = builder.mul(index, ir.Constant(index.type, vector.lanes))
+    return builder.bitcast(builder.gep(table, [index], inbounds=True), _vector_ir(vector).as_pointer())
+
+
+def _load_at(by_row: bool) -> Any:
     """An intrinsic that loads the vector in a row of a table, or from the index of a number on."""
 
     def type_and_code(context: Any, table: Any, index: Any, lanes: Any) -> Any:
         vector = Vector(table.dtype, lanes.count)
 
-        def generate_ir(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            at = args[1]
-            if scale:
-                at = builder.mul(at, ir.Constant(at.type, vector.lanes))
-            loaded = builder.load(_row_address(builder, _vector_ir(vector), args[0], at))
+        def emit(builder: Any, table: Any, index: Any, _: Any) -> Any:
+            loaded = builder.load(_row_address(builder, vector, table, index, by_row))
             loaded.align = vector.element.bitwidth // 8
             return loaded
 
-        return vector(table, types.uintp, lanes), generate_ir
+        return _typed(vector, (table, types.uintp, lanes), emit)
 
     return intrinsic(type_and_code)
 
@@ -263,24 +241,20 @@ def store(context: Any, table: Any, row: Any, value: Any) -> Any:
     """Write a vector, or a number for every lane, into a row of a table."""
     assert isinstance(value, Vector)
 
-    def generate_ir(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        at = builder.mul(args[1], ir.Constant(args[1].type, value.lanes))
-        stored = builder.store(args[2], _row_address(builder, _vector_ir(value), args[0], at))
+    def emit(builder: Any, table: Any, row: Any, written: Any) -> Any:
+        stored = builder.store(written, _row_address(builder, value, table, row))
         stored.align = value.element.bitwidth // 8
-        return context.get_dummy_value()
+        return ir.Constant(_cgutils.voidptr_t, None)
 
-    return types.void(table, types.uintp, value), generate_ir
+    return _typed(types.void, (table, types.uintp, value), emit)
 
 
 @intrinsic
 def fill_lanes(context: Any, number: Any, table: Any, lanes: Any) -> Any:
     """The vector with one number in every lane, of the kind of a table."""
     vector = Vector(table.dtype, lanes.count)
-
-    def generate_ir(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return _spread_number(builder, args[0], vector)
-
-    return vector(vector.element, table, lanes), generate_ir
+    kinds = vector.element, table, lanes
+    return _typed(vector, kinds, lambda builder, one, *_: _spread_number(builder, one, vector))
 
 
 @intrinsic
@@ -288,13 +262,11 @@ def join_lanes(context: Any, first: Any, second: Any) -> Any:
     """The vector with the lanes of two vectors, one after the other."""
     if first != second or not isinstance(first, Vector):
         return None
-    vector = Vector(first.element, 2 * first.lanes)
-
-    def generate_ir(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        indices = ir.Constant(ir.VectorType(ir.IntType(32), vector.lanes), list(range(vector.lanes)))
-        return builder.shuffle_vector(args[0], args[1], indices)
-
-    return vector(first, second), generate_ir
+    n = 2 * first.lanes
+    indices = ir.Constant(ir.VectorType(ir.IntType(32), n), list(range(n)))
+    return _typed(
+        Vector(first.element, n), (first, second), lambda builder, x, y: builder.shuffle_vector(x, y, indices)
+    )
 
 
 @intrinsic
@@ -303,55 +275,44 @@ def round_to(context: Any, value: Any, table: Any) -> Any:
     vector = Vector(table.dtype, value.lanes)
     change = vector.element.bitwidth - value.element.bitwidth
 
-    def generate_ir(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        if change == 0:
-            return args[0]
-        cast = builder.fpext if change > 0 else builder.fptrunc
-        return cast(args[0], _vector_ir(vector))
+    def emit(builder: Any, x: Any, _: Any) -> Any:
+        return x if change == 0 else (builder.fpext if change > 0 else builder.fptrunc)(x, _vector_ir(vector))
 
-    return vector(value, table), generate_ir
+    return _typed(vector, (value, table), emit)
 
 
 @intrinsic
 def bits_of(context: Any, mask: Any) -> Any:
     """A mask as a whole number: bit k is lane k."""
 
-    def generate_ir(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        kind = ir.IntType(mask.lanes)
-        number = builder.bitcast(args[0], kind)
+    def emit(builder: Any, x: Any) -> Any:
+        number = builder.bitcast(x, ir.IntType(mask.lanes))
         return number if mask.lanes == 64 else builder.zext(number, ir.IntType(64))
 
-    return types.uint64(mask), generate_ir
+    return _typed(types.uint64, [mask], emit)
 
 
 @intrinsic
 def first_bit(context: Any, bits: Any) -> Any:
     """Index of the lowest bit of a whole number that is not zero."""
-
-    def generate_ir(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
-
-    return types.uint64(types.uint64), generate_ir
+    one = ir.Constant(ir.IntType(1), 1)
+    return _typed(types.uint64, [types.uint64], lambda builder, x: builder.cttz(x, one))
 
 
 @intrinsic
 def largest_lane(context: Any, value: Any) -> Any:
     """Return the largest number of a vector without NaN."""
 
-    def generate_ir(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    def emit(builder: Any, x: Any) -> Any:
         kind = ir.FunctionType(_ELEMENTS[value.element], [_vector_ir(value)])
         name = f"llvm.vector.reduce.fmax.v{value.lanes}{_SUFFIXES[value.element]}"
         function = _cgutils.get_or_insert_function(builder.module, kind, name)
-        return builder.call(function, args, fastmath=("nnan", *_FLAGS))
+        return builder.call(function, [x], fastmath=("nnan", *_FLAGS))
 
-    return value.element(value), generate_ir
+    return _typed(value.element, [value], emit)
 
 
 @intrinsic
 def lane_count(context: Any, lanes: Any) -> Any:
     """The number of lanes."""
-
-    def generate_ir(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return ir.Constant(ir.IntType(64), lanes.count)
-
-    return types.uintp(lanes), generate_ir
+    return _typed(types.uintp, [lanes], lambda builder, _: ir.Constant(ir.IntType(64), lanes.count))

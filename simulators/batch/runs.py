@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from cyclofeat._base.checks import number, one_of
 from cyclofeat.simulators import simulation
 from cyclofeat.simulators.batch import _tables as rows
-from cyclofeat.simulators.batch._kernel import decimate_row, fill_drive, integrate_lanes
+from cyclofeat.simulators.batch._kernel import decimate_lanes, fill_drive, integrate_batch
 from cyclofeat.simulators.batch._tables import aligned_zeros, batch_tables, read_states, write_states
-from cyclofeat.simulators.batch._vectors import Lanes
+from cyclofeat.simulators.batch._vectors import lane_tuple
 from cyclofeat.simulators.courses import Courses, DriveAndLoad, on_lines
 from cyclofeat.simulators.defects import LobeDefects, check_machine
 from cyclofeat.simulators.gearbox import CycloidalGearbox
@@ -127,15 +127,10 @@ def group_requests(requests: Mapping[int, Request]) -> Iterator[dict[int, Reques
 
 
 class SampledCourse:
-    """Input and load of a run at every evaluation, and the input at its samples.
+    """Input and load of a run at every one of ``n`` evaluations, and the input at its samples.
 
-    Attributes
-    ----------
-    n : int
-        Number of evaluations.
-    angle, speed : ndarray, shape (n_samples,)
-        Of the input, in rad and rad/s, once all pieces were asked for. The speed is picked, like any motion,
-        and empty without.
+    Once all pieces were asked for, ``angle`` and ``speed``, shape (n_samples,), are those of the input in rad
+    and rad/s. The speed is picked, like any motion, and empty without.
     """
 
     def __init__(self, request: Request) -> None:
@@ -197,7 +192,7 @@ class BatchIntegration:
         at first. They are valid until the next piece. Results after a run's own end mean nothing.
         """
         stages, tables, n_steps = self._stages, self._tables, max(self._own_steps)
-        lanes, pins = Lanes(self._lanes), Lanes(_PINS)
+        lanes, pins = lane_tuple(self._lanes), lane_tuple(_PINS)
         faulty = bool(tables.geometry[:, rows.HAS_FAULTS : rows.HAS_FAULTS + 2].any())
         results = aligned_zeros((again + min(_PIECE, n_steps), rows.N_RESULTS, self._lanes), self._dtype)
         angle = aligned_zeros((stages * _CHUNK, self._lanes), np.float64)
@@ -216,7 +211,7 @@ class BatchIntegration:
             for first in range(0, size, _CHUNK):
                 n = min(_CHUNK, size - first)
                 fill_drive(inputs, sizes, stages * first, stages * n, stages, tables.n_lobes, angle, drive)
-                done = integrate_lanes(
+                done = integrate_batch(
                     lanes, pins, stages, self._solver.integrator == "leapfrog", begin + first, n,
                     self._solver.dt, simulation.ABSURD_TORQUE, faulty, angle, drive, tables,
                     results[again + first : again + first + n],
@@ -239,7 +234,7 @@ class Samples:
     def __init__(
         self, sampling: Sampling, lanes: int, filtered: tuple[int, ...], picked: tuple[int, ...]
     ) -> None:
-        self._lanes, self._steps, n = Lanes(lanes), sampling.steps, sampling.time.size
+        self._lanes, self._steps, n = lane_tuple(lanes), sampling.steps, sampling.time.size
         self._up, self._down = sampling.ratio.numerator, sampling.ratio.denominator
         if sampling.picks:
             filtered, picked = (), filtered + picked
@@ -267,7 +262,9 @@ class Samples:
             n_done = max(min(n_done, self._steps.size), self._done)
             for row in self._filtered:
                 samples = self._rows[row][self._done : n_done]
-                decimate_row(self._lanes, results, first, row, self._phases, self._down, self._done, samples)
+                decimate_lanes(
+                    self._lanes, results, first, row, self._phases, self._down, self._done, samples
+                )
             self._done = n_done
         inside = slice(*np.searchsorted(self._steps, [begin, end]))
         for row in self._picked:
@@ -279,17 +276,9 @@ class Samples:
 
 
 def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
-    """Simulate requests of one form; None for a run that did not reach its end.
+    """Simulate requests of one form, at most one per lane; None for a run that did not reach its end.
 
-    Parameters
-    ----------
-    requests : sequence of Request
-        At most one per lane.
-
-    Returns
-    -------
-    list of SimulationRun or None
-        The bits of a run depend on its own request only.
+    The bits of a run depend on its own request only.
     """
     first = requests[0]
     courses = [SampledCourse(request) for request in requests]

@@ -67,7 +67,7 @@ class RunPlan(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Campaign:
+class Campaign(checks.Replaceable):
     """Design of a campaign: a rig with ranges and distributions, and classes, to be simulated to disk.
 
     Run i has the defect count ``defect_counts[i % len(defect_counts)]`` and a machine of its own. The design
@@ -194,54 +194,7 @@ class Campaign:
     @property
     def explored_names(self) -> tuple[str, ...]:
         """Names of the explored parameters, as in :meth:`Rig.parameters`; those of the wear."""
-        return tuple(self.quantile_functions())
-
-    def quantile_functions(self) -> dict[str, Callable[[float], float]]:
-        """Return the quantile function of each explored parameter by name.
-
-        Returns
-        -------
-        dict
-            Each takes a probability from 0 to 1 and returns a value in the parameter's unit.
-        """
-        quantiles: dict[str, Callable[[float], float]] = {}
-        for label, effect in self.rig.labelled_effects().items():
-            for name, parameter in effect.parameters.items():
-                value = getattr(effect, name)
-                if not checks.is_number(value):
-                    quantiles[f"{label}.{name}"] = partial(parameter.draw, value)
-        for name in OF_DEFECTS:
-            if isinstance(value := getattr(self, name), tuple):
-                quantiles[name] = partial(np.interp, xp=(0.0, 1.0), fp=value)
-        return quantiles
-
-    def replace(self, **changes: Any) -> Campaign:
-        """Return a copy with single fields changed, checked anew.
-
-        Parameters
-        ----------
-        **changes : object
-            New values by field.
-
-        Returns
-        -------
-        Campaign
-        """
-        return dataclasses.replace(self, **changes)
-
-    def shard_size(self, shard: int) -> int:
-        """Return the number of runs in a shard.
-
-        Parameters
-        ----------
-        shard : int
-            Index of the shard, from 0.
-
-        Returns
-        -------
-        int
-        """
-        return min(self.shard_length, self.n_runs - shard * self.shard_length)
+        return tuple(quantile_functions(self))
 
     def plans(self, first: int = 0, n_runs: int | None = None) -> Iterator[RunPlan]:
         """Yield the plans of successive runs.
@@ -260,70 +213,12 @@ class Campaign:
         end = self.n_runs if n_runs is None else min(first + n_runs, self.n_runs)
         n_classes = len(self.defect_counts)
         repeat, last = first // n_classes, -(-end // n_classes)
-        quantiles = self.quantile_functions()
+        quantiles = quantile_functions(self)
         shares = {count: self._draw_shares(count, repeat, last - repeat) for count in self.defect_counts}
         for index in range(first, end):
             count = self.defect_counts[index % n_classes]
             pairs = zip(quantiles.items(), shares[count][index // n_classes - repeat].tolist(), strict=True)
             yield RunPlan(index, count, {name: float(quantile(share)) for (name, quantile), share in pairs})
-
-    def rig_at(self, values: Mapping[str, float]) -> Rig:
-        """Return the rig with its explored parameters set to given values.
-
-        Parameters
-        ----------
-        values : mapping from str to float
-            As those of a :class:`RunPlan`; values of the wear are ignored.
-
-        Returns
-        -------
-        Rig
-        """
-        rig: Rig = self.rig
-        return rig.with_parameters({name: v for name, v in values.items() if name not in OF_DEFECTS})
-
-    def defects_of(self, plan: RunPlan) -> LobeDefects:
-        """Draw the worn lobes of a run.
-
-        Parameters
-        ----------
-        plan : RunPlan
-
-        Returns
-        -------
-        LobeDefects
-        """
-        depth, wear_um = (plan.values.get(name, getattr(self, name)) for name in OF_DEFECTS)
-        wear = Wear(
-            lobes=self.lobes, wheels=None if isinstance(self.wheels, str) else self.wheels, depth=depth,
-            wear_um=None if wear_um is None else (wear_um, wear_um),
-        )  # fmt: skip
-        return wear.draw(plan.defect_count, self.rig.gearbox.n_lobes, self._seed_of(plan.run))
-
-    def sample(self, plan: RunPlan) -> Sample:
-        """Return a run to simulate.
-
-        Parameters
-        ----------
-        plan : RunPlan
-
-        Returns
-        -------
-        Sample
-
-        Raises
-        ------
-        ValueError
-            If the values of the plan contradict each other.
-        """
-        return Sample(
-            rig=self.rig_at(plan.values), defects=self.defects_of(plan),
-            duration=self.n_samples / self.sampling_rate, sampling_rate=self.sampling_rate,
-            random_state=self._seed_of(plan.run), solver=Solver(integrator=self.integrator),
-        )  # fmt: skip
-
-    def _seed_of(self, run: int) -> np.random.SeedSequence:
-        return recording_seed(self.random_state, self.name, run)
 
     def _draw_shares(self, count: int, first: int, n: int) -> Float:
         """Return the probability below each explored value, shape (n, n_explored).
@@ -447,6 +342,52 @@ class Campaign:
         return cls(**given)
 
 
+def shard_size(campaign: Campaign, shard: int) -> int:
+    """Return the number of runs in a shard, counted from 0."""
+    return min(campaign.shard_length, campaign.n_runs - shard * campaign.shard_length)
+
+
+def quantile_functions(campaign: Campaign) -> dict[str, Callable[[float], float]]:
+    """Return by name of each explored parameter the value, in its unit, of a probability from 0 to 1."""
+    quantiles: dict[str, Callable[[float], float]] = {}
+    for label, effect in label_effects(campaign.rig.effects).items():
+        for name, parameter in effect.parameters.items():
+            value = getattr(effect, name)
+            if not checks.is_number(value):
+                quantiles[f"{label}.{name}"] = partial(parameter.draw, value)
+    for name in OF_DEFECTS:
+        if isinstance(value := getattr(campaign, name), tuple):
+            quantiles[name] = partial(np.interp, xp=(0.0, 1.0), fp=value)
+    return quantiles
+
+
+def _rig_at(campaign: Campaign, values: Mapping[str, float]) -> Rig:
+    """Return the rig with its explored parameters set to those of a plan."""
+    rig: Rig = campaign.rig
+    return rig.with_parameters({name: v for name, v in values.items() if name not in OF_DEFECTS})
+
+
+def draw_defects(campaign: Campaign, plan: RunPlan) -> LobeDefects:
+    """Draw the worn lobes of a run."""
+    depth, wear_um = (plan.values.get(name, getattr(campaign, name)) for name in OF_DEFECTS)
+    wear = Wear(
+        lobes=campaign.lobes, wheels=None if isinstance(campaign.wheels, str) else campaign.wheels,
+        depth=depth, wear_um=None if wear_um is None else (wear_um, wear_um),
+    )  # fmt: skip
+    seed = recording_seed(campaign.random_state, campaign.name, plan.run)
+    return wear.draw(plan.defect_count, campaign.rig.gearbox.n_lobes, seed)
+
+
+def sample_of(campaign: Campaign, plan: RunPlan) -> Sample:
+    """Return a run to simulate; raise ValueError if the values of the plan contradict each other."""
+    return Sample(
+        rig=_rig_at(campaign, plan.values), defects=draw_defects(campaign, plan),
+        duration=campaign.n_samples / campaign.sampling_rate, sampling_rate=campaign.sampling_rate,
+        random_state=recording_seed(campaign.random_state, campaign.name, plan.run),
+        solver=Solver(integrator=campaign.integrator),
+    )  # fmt: skip
+
+
 def _rig_of(rig: Any) -> Rig:
     if isinstance(rig, Rig):
         return rig
@@ -503,8 +444,8 @@ def check_middle(campaign: Campaign) -> None:
     check_kernel(campaign)
     duration = max(2 / campaign.sampling_rate, min(campaign.duration, 0.01))
     try:
-        quantiles = campaign.quantile_functions()
-        rig = campaign.rig_at({name: float(quantile(0.5)) for name, quantile in quantiles.items()})
+        quantiles = quantile_functions(campaign)
+        rig = _rig_at(campaign, {name: float(quantile(0.5)) for name, quantile in quantiles.items()})
         planned = rig.plan_run(
             duration=duration, sampling_rate=campaign.sampling_rate, random_state=0, settled=rig.has_motor,
             torque_in=False, motion=False,
@@ -522,7 +463,7 @@ def check_middle(campaign: Campaign) -> None:
 
 def _draw_run(campaign: Campaign, plan: RunPlan) -> tuple[dict[str, Any], PlannedRun | ValueError]:
     """Return the row of a run, with all that is known before it, and what is to be simulated."""
-    defects = campaign.defects_of(plan)
+    defects = draw_defects(campaign, plan)
     row: dict[str, Any] = {name: math.nan for name, kind in table_columns(campaign).items() if kind is float}
     row |= {f"effects.{name}": value for name, value in plan.values.items() if name not in OF_DEFECTS}
     row |= {
@@ -537,7 +478,7 @@ def _draw_run(campaign: Campaign, plan: RunPlan) -> tuple[dict[str, Any], Planne
         row[WEAR] = defects.wear_um if defects.worn_lobes else 0.0
     planned: PlannedRun | ValueError
     try:
-        sample = campaign.sample(plan)
+        sample = sample_of(campaign, plan)
         try:
             planned = sample.plan()
         except ValueError as error:

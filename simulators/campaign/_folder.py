@@ -34,6 +34,7 @@ from cyclofeat.simulators.campaign._design import (
     RunResult,
     check_kernel,
     check_middle,
+    shard_size,
     simulate_runs,
     table_columns,
 )
@@ -259,7 +260,7 @@ def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> Camp
     table = tables.read_table(folder / PARAMETERS)
     parameters = {name: table.column(name).to_numpy() for name in table.column_names}
     paths = [folder / shard_file(shard, "npy") for shard in range(campaign.n_shards)]
-    sizes = [campaign.shard_size(shard) for shard in range(campaign.n_shards)]
+    sizes = [shard_size(campaign, shard) for shard in range(campaign.n_shards)]
     shards = Shards(paths, sizes, campaign.n_samples)
     return CampaignData(
         X=shards if len(paths) > 1 else np.load(paths[0], mmap_mode="r", allow_pickle=False),
@@ -311,13 +312,13 @@ def complete_campaign(
         store.begin_work({"format": FORMAT, "made_with": versions, **campaign.to_dict()})
         digests = {shard: store.shard_digests(shard) for shard in range(campaign.n_shards)}
         missing = [shard for shard, names in digests.items() if not names]
-        done = campaign.n_runs - sum(map(campaign.shard_size, missing))
+        done = campaign.n_runs - sum(shard_size(campaign, shard) for shard in missing)
         report = progress or (lambda done, total: None)
         if done:
             report(done, campaign.n_runs)
         if not missing and store.is_finished():
             return
-        needed = sum(map(campaign.shard_size, missing)) * campaign.n_samples * 4
+        needed = sum(shard_size(campaign, shard) for shard in missing) * campaign.n_samples * 4
         free = shutil.disk_usage(folder).free
         if needed > free:
             raise OSError(
@@ -437,7 +438,7 @@ class CampaignStore(ShardStore):
 
     def write_shard(self, campaign: Campaign, shard: int, results: Iterator[RunResult]) -> dict[str, str]:
         """Write torque, rows, and last their digests, which finish the shard."""
-        size = campaign.shard_size(shard)
+        size = shard_size(campaign, shard)
         block = np.full((size, campaign.n_samples), np.nan, dtype=np.float32)
         rows = []
         for position in range(size):

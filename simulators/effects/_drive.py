@@ -29,24 +29,12 @@ MARGIN = 1.0
 
 
 def check_order(effect: Any) -> None:
-    """Raise TypeError or ValueError unless a Butterworth low-pass can have the order of an effect.
-
-    Parameters
-    ----------
-    effect : Effect
-        With the setting ``order``, a whole number from 1 to 8.
-    """
+    """Raise unless ``order`` of an effect is a whole number from 1 to 8, as of a Butterworth low-pass."""
     whole(f"order of {effect.effect_id}", effect.order, 1, 8)
 
 
 def check_phase(effect: Any) -> None:
-    """Raise ValueError unless the phase of an effect is None or a finite number of rad.
-
-    Parameters
-    ----------
-    effect : Effect
-        With the setting ``phase``.
-    """
+    """Raise ValueError unless ``phase`` of an effect is None or a finite number of rad."""
     phase = effect.phase
     if phase is not None and not (is_number(phase) and math.isfinite(phase)):
         raise ValueError(

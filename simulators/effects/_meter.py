@@ -45,22 +45,7 @@ class _MeterEffect(Effect):
         return self.distort_torque(torque, sampling_rate, random, context or TorqueContext())
 
     def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
-        """Return the torque after an effect that is not neutral.
-
-        Parameters
-        ----------
-        torque : ndarray, shape (n,)
-            In Nm, with at least one sample.
-        rate : float
-            Sampling rate in Hz.
-        random, context
-            See :meth:`change_torque`.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            See :meth:`change_torque`.
-        """
+        """Return the torque, shape (n,) in Nm, after an effect that acts; see :meth:`change_torque`."""
         raise NotImplementedError
 
 

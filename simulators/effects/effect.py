@@ -354,25 +354,6 @@ class Effect(BaseEstimator):
         """True if a parameter is a range or a distribution."""
         return any(is_spread(getattr(self, name)) for name in self.parameters)
 
-    def for_assembly(self, random: Generator) -> Self:
-        """Return a copy with a number drawn from each range and distribution.
-
-        Parameters
-        ----------
-        random : numpy.random.Generator
-            Advances by one number per parameter, so that ranges do not change the draws of others.
-
-        Returns
-        -------
-        Effect
-        """
-        self.check()
-        drawn = {
-            name: parameter.draw(getattr(self, name), float(random.random()))
-            for name, parameter in self.parameters.items()
-        }
-        return self.with_parameters(**drawn)
-
     def draw_parameters(self, random: Generator) -> Self:
         """Return a copy with fitted parameters drawn from their priors.
 
@@ -518,20 +499,9 @@ class Effect(BaseEstimator):
         """
         values = {
             name: to_plain(getattr(self, name), is_parameter=name in self.parameters)
-            for name in self.file_keys()
+            for name in file_keys(self)
         }
         return {"effect": self.effect_id, **settings_to_file(values)}
-
-    def file_keys(self) -> list[str]:
-        """Return the names of the parameters and settings that a file holds.
-
-        Returns
-        -------
-        list of str
-            All but ``of`` where the effect's name states it.
-        """
-        kind: Any = type(self)  # mypy takes the instances' hash for that of the class
-        return [name for name in _arguments(kind) if name != "of" or not isinstance(kind.effect_id, Of)]
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Effect) and type(self) is type(other) and self.to_dict() == other.to_dict()
@@ -545,6 +515,25 @@ class Effect(BaseEstimator):
         texts = {name: value_text(getattr(self, name)) for name in arguments}
         changed = [name for name in texts if texts[name] != value_text(arguments[name].default)]
         return f"{type(self).__name__}({', '.join(f'{name}={texts[name]}' for name in changed)})"
+
+
+def draw_for_assembly(effect: Effect, random: Generator) -> Effect:
+    """Return a copy of an effect with a number drawn from each range and distribution.
+
+    ``random`` advances by one number per parameter, so that ranges do not change the draws of others.
+    """
+    effect.check()
+    drawn = {
+        name: parameter.draw(getattr(effect, name), float(random.random()))
+        for name, parameter in effect.parameters.items()
+    }
+    return effect.with_parameters(**drawn)
+
+
+def file_keys(effect: Effect) -> list[str]:
+    """Return the parameters and settings that a file holds: not ``of`` where the effect's name states it."""
+    kind: Any = type(effect)  # mypy takes the instances' hash for that of the class
+    return [name for name in _arguments(kind) if name != "of" or not isinstance(kind.effect_id, Of)]
 
 
 @functools.lru_cache

@@ -27,7 +27,7 @@ from cyclofeat.simulators.effects._parameter import (
     settings_of_file,
     suggest_key,
 )
-from cyclofeat.simulators.effects.effect import HOOKS, PLACES, Effect
+from cyclofeat.simulators.effects.effect import HOOKS, PLACES, Effect, file_keys
 
 Kind = TypeVar("Kind", bound=type[Effect])
 T = TypeVar("T")
@@ -238,7 +238,7 @@ def in_chain(effects: Iterable[Effect]) -> tuple[Effect, ...]:
 
 
 def label_effects(effects: Iterable[Effect]) -> dict[str, Effect]:
-    """Return the effects of a rig by their labels, as ``Rig.labelled_effects``."""
+    """Return the effects of a rig by labels such as ``"hum_2"``, as :meth:`Rig.parameters` names them."""
     seen: Counter[str] = Counter()
     of_label = {}
     for effect in effects:
@@ -291,7 +291,7 @@ def effect_from_dict(content: Any) -> Effect:
     effect = _KNOWN.get(name)
     if effect is None:
         raise ValueError(f"unknown effect {repr_of(name)}: {suggest_key(name, _KNOWN)}")
-    keys, values = effect.file_keys(), {}
+    keys, values = file_keys(effect), {}
     for key, value in settings_of_file(content).items():
         if key == "effect":
             continue

@@ -31,6 +31,7 @@ from cyclofeat.simulators import (
     ServoMotor,
 )
 from cyclofeat.simulators.effects._drive import Cogging
+from cyclofeat.simulators.effects.library import label_effects
 from cyclofeat.simulators.simulation import SimulationDiverged
 
 SHORT = {"duration": 0.05, "rig": "R0", "random_state": 0}
@@ -228,7 +229,7 @@ def test_presets_by_name():
     rig = rig_preset("published")
     assert rig.name == "published"
     drift, offset, noise = (
-        rig.labelled_effects()[name] for name in ("proportional_drift", "offset", "noise")
+        label_effects(rig.effects)[name] for name in ("proportional_drift", "offset", "noise")
     )
     assert (drift, offset, noise) == (ProportionalDrift((0.141, 0.213), 130.0), Offset(0.51), Noise(0.2))
     assert not rig.has_brake

@@ -108,14 +108,13 @@ class Kernel:
         start = self.rest.copy()
         start[: state.size] = state
         after, torques = start.copy(), np.zeros((1, kernels.N_RESULT))
-        external = np.zeros((1, 2, self.gearbox.n_pins, 3))
-        internal = np.zeros((1, 2, self.gearbox.n_internal_sleeves, 3))
+        external = np.zeros((2, 2, self.gearbox.n_pins, 3))
+        internal = np.zeros((2, 2, self.gearbox.n_internal_sleeves, 3))
         memory = kernels.new_memory(start) if self.memory is None else self.memory
         steady = (np.full(3, value) for value in (phi, omega, alpha, load))
         kernels.integrate(
             1, 1, 1.0, *steady, after, *self.constants, memory, np.inf, np.inf, np.inf, torques,
-            np.zeros(1, dtype=int), np.zeros((1, start.size)), external, internal, external[0].copy(),
-            internal[0].copy(),
+            np.zeros(1, dtype=int), np.zeros((1, start.size)), external, internal,
         )  # fmt: skip
         change = after - start
         return {

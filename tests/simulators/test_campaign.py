@@ -42,6 +42,7 @@ from cyclofeat.simulators import (
 from cyclofeat.simulators.batch import runs as batch
 from cyclofeat.simulators.campaign import WorkerLost, _design, _folder
 from cyclofeat.simulators.campaign._folder import Shards
+from cyclofeat.simulators.effects.library import label_effects
 
 # Starts fast, hence settles fast: a run takes a hundredth of a second.
 QUICK = Rig.r0().replace(name="quick", gearbox=CycloidalGearbox.steel(ramp_time=0.02))
@@ -103,7 +104,7 @@ def test_each_class_fills_every_range_evenly() -> None:
     # Sobol': of 2^k points exactly one lies in each 2^k-th of every range.
     rig = Rig.r1().with_effects(GearboxParameter("load_torque", (10, 30)), Noise(loguniform(0.01, 10)))
     campaign = Campaign(rig=rig, repeats=32, depth=(0.2, 1.0))
-    runout = rig.labelled_effects()["run_out"].runout
+    runout = label_effects(rig.effects)["run_out"].runout
     plans = list(campaign.plans())
     for count in campaign.defect_counts:
         values = [plan.values for plan in plans if plan.defect_count == count]
@@ -130,10 +131,10 @@ def test_a_random_design_is_uniform_and_classes_are_independent() -> None:
 
 def test_name_and_seed_make_other_assemblies() -> None:
     first, plan = [plan.values for plan in SMALL.plans()], next(SMALL.plans(3))
-    state = SMALL.sample(plan).random_state.generate_state(2).tolist()
+    state = _design.sample_of(SMALL, plan).random_state.generate_state(2).tolist()
     for other in (SMALL.replace(random_state=1), SMALL.replace(name="other")):
         assert [plan.values for plan in other.plans()] != first
-        assert other.sample(plan).random_state.generate_state(2).tolist() != state
+        assert _design.sample_of(other, plan).random_state.generate_state(2).tolist() != state
 
 
 def test_a_run_is_what_the_simulator_gives_for_its_values() -> None:
@@ -207,7 +208,7 @@ def test_shards_follow_from_the_number_of_runs_unless_they_are_stated(tmp_path: 
 def test_patterns_of_wear() -> None:
     def worn(**changes: object) -> list[tuple[list[int], list[int]]]:
         campaign = SMALL.replace(defect_counts=(3,), repeats=150, depth=1.0, **changes)
-        found = (campaign.defects_of(plan) for plan in campaign.plans())
+        found = (_design.draw_defects(campaign, plan) for plan in campaign.plans())
         return [(list(defects.worn_lobes), list(defects.wheels)) for defects in found]
 
     neighbours = {tuple(sorted((first + k) % 15 for k in range(3))) for first in range(15)}

@@ -44,7 +44,7 @@ from cyclofeat.simulators.effects import (
     WarmUp,
     known_effects,
 )
-from cyclofeat.simulators.effects.effect import PLACES, TorqueContext
+from cyclofeat.simulators.effects.effect import PLACES, TorqueContext, draw_for_assembly
 from cyclofeat.simulators.effects.library import look_alikes
 from cyclofeat.simulators.tables import stiffness_factor
 
@@ -252,20 +252,20 @@ def test_draws_follow_the_prior_and_ranges_are_log_uniform_or_uniform():
     for effect, name, draw, expected in (
         *((BrakeRotor(), name, Effect.draw_parameters, p.prior) for name, p in BrakeRotor.parameters.items()),
         (Offset(), "offset_nm", Effect.draw_parameters, stats.norm(0, 0.5)),
-        (both[0], "cutoff_hz", Effect.for_assembly, stats.loguniform(100, 1600)),
-        (both[1], "offset_nm", Effect.for_assembly, stats.uniform(-0.5, 2)),
+        (both[0], "cutoff_hz", draw_for_assembly, stats.loguniform(100, 1600)),
+        (both[1], "offset_nm", draw_for_assembly, stats.uniform(-0.5, 2)),
     ):
         drawn = [draw(effect, random) for _ in range(400)]
         assert stats.kstest([getattr(one, name) for one in drawn], expected.cdf).pvalue > 1e-3
         assert not drawn[0].has_spread
     assert both[0].has_spread
-    assert TorqueMeterLowPass((250, 250)).for_assembly(random).cutoff_hz == 250.0
-    assert PinErrors((0, 0)).for_assembly(random).rms == 0
+    assert draw_for_assembly(TorqueMeterLowPass((250, 250)), random).cutoff_hz == 250.0
+    assert draw_for_assembly(PinErrors((0, 0)), random).rms == 0
 
 
 def test_a_range_changes_nothing_else_of_an_assembly():
-    fixed = BrakeRotor(0.01, (1e3, 1e4)).for_assembly(np.random.default_rng(6))
-    drawn = BrakeRotor((0.01, 0.03), (1e3, 1e4)).for_assembly(np.random.default_rng(6))
+    fixed = draw_for_assembly(BrakeRotor(0.01, (1e3, 1e4)), np.random.default_rng(6))
+    drawn = draw_for_assembly(BrakeRotor((0.01, 0.03), (1e3, 1e4)), np.random.default_rng(6))
     assert fixed.stiffness == drawn.stiffness
     assert fixed.inertia == 0.01 < drawn.inertia < 0.03
 

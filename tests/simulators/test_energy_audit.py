@@ -175,7 +175,7 @@ def contact_energy(depth, rate, radius, contact):
 @njit
 def pin_energy(phi, omega, state, wheel, contact, mounts, memory):
     """Energy stored in the contacts of pins at the last evaluation, and power of their damping."""
-    seen, counts, _, flanks, edges, _, _, _ = memory
+    seen, counts, _, flanks, edges, _, _ = memory
     z = float(wheel.n_lobes)
     stored, taken = 0.0, 0.0
     for w in range(2):

@@ -163,11 +163,11 @@ def run_both(
     state = np.zeros(kernels.N_STATE)
     state[:3] = offset
     torques, motion = np.empty((n_steps, 2)), np.empty((n_steps, 8))
-    external, internal = np.empty((n_steps, 2, 16, 3)), np.empty((n_steps, 2, 8, 3))
+    external, internal = np.empty((n_steps + 1, 2, 16, 3)), np.empty((n_steps + 1, 2, 8, 3))
     finished = kernels.integrate(
         2, n_steps, dt, phi + SPEED * times, steady, 0 * times, np.full_like(times, 22.0), state,
         *kernel_input(gearbox, defects), kernels.new_memory(state), 1e4, 1e4, 1e4, torques,
-        np.arange(n_steps), motion, external, internal, np.zeros((2, 16, 3)), np.zeros((2, 8, 3)),
+        np.arange(n_steps), motion, external, internal,
     )  # fmt: skip
     assert finished == n_steps
     reference = ReferenceGearbox(gearbox, defects)
@@ -180,8 +180,8 @@ def run_both(
         "angles": motion[:, :3] + rest[:n_steps],
         "output_torque": torques[:, 0],
         "input_torque": torques[:, 1],
-        "external_force": external[..., 0],
-        "internal_force": internal[..., 0],
+        "external_force": external[:-1, ..., 0],
+        "internal_force": internal[:-1, ..., 0],
     }
     return fast, path
 

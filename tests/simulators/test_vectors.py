@@ -48,7 +48,7 @@ def test_operators_and_functions(dtype: type, n: int) -> None:
     rng = np.random.default_rng(0)
     x, y = rng.normal(size=n).astype(dtype), rng.normal(size=n + 1).astype(dtype)
     out = np.zeros((12, n), dtype)
-    elementwise(vectors.Lanes(n), x, y, out)
+    elementwise(vectors.lane_tuple(n), x, y, out)
     np.testing.assert_allclose(out, elementwise_in_numpy(x, y), rtol=3 * np.finfo(dtype).eps)
 
 
@@ -66,7 +66,7 @@ def masks(lanes, a_, out_, wide_):
 def test_masks_and_halves() -> None:
     x = np.array([-1, 2, -3, 4, -5, 6, 7, -8], dtype=np.float32)
     out, wide = np.zeros(3, np.uint64), np.zeros(16, np.float32)
-    masks(vectors.Lanes(8), x, out, wide)
+    masks(vectors.lane_tuple(8), x, out, wide)
     assert out.tolist() == [0b01101010, 1, 8]
     assert wide.tolist() == [*x, *-x]
 
@@ -81,7 +81,7 @@ def test_differences_form_before_rounding() -> None:
     a = 1e9 + np.array([0.25, 1e-3, -0.5, 3.0])
     for dtype in (np.float32, np.float64):
         out = np.zeros(4, dtype)
-        rounded(vectors.Lanes(4), a, out)
+        rounded(vectors.lane_tuple(4), a, out)
         assert np.array_equal(out, (a - 1e9).astype(dtype))
 
 
@@ -95,7 +95,7 @@ def not_numbers(lanes, a_, out_):
 
 def test_comparisons_with_nan_are_false() -> None:
     a, out = np.array([np.nan, 0.0, 2.0, np.nan]), np.zeros(2, np.uint64)
-    not_numbers(vectors.Lanes(4), a, out)
+    not_numbers(vectors.lane_tuple(4), a, out)
     assert out.tolist() == [0b0010, 0b1101]
 
 
@@ -106,6 +106,6 @@ def mixed(lanes, a_, b_):
 
 
 def test_kinds_do_not_mix() -> None:
-    assert mixed(vectors.Lanes(4), np.zeros(4), np.ones(4)) == 0b1111
+    assert mixed(vectors.lane_tuple(4), np.zeros(4), np.ones(4)) == 0b1111
     with pytest.raises(numba.TypingError):
-        mixed(vectors.Lanes(4), np.zeros(4), np.ones(4, np.float32))
+        mixed(vectors.lane_tuple(4), np.zeros(4), np.ones(4, np.float32))
