@@ -14,10 +14,8 @@ input and a positive load torque resists it. Plane vectors are complex numbers x
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,15 +26,12 @@ from cyclofeat.simulators.gearbox import CycloidalGearbox
 
 Real = NDArray[np.float64]
 Plane = NDArray[np.complex128]
-Driver = Callable[[float], tuple[float, float, float]]
-Load = Callable[[float], float]
 
 N_INTERNAL = 8
 HOUSING, INPUT, OUTPUT = -1, 0, 1  # indices of bodies; the housing is not a body and comes last
 WHEELS, INTERNAL, EXTERNAL = slice(2, 4), slice(4, 12), slice(12, -1)
 INPUT_SHAFT_MASS, OUTPUT_SHAFT_MASS = 0.2341, 1.6345  # kg (paper B table 2)
 RAMP_DEPTH = 1e-5  # m: stiffness and damping reach their full value there (paper B eq. 12-13)
-ABSURD_FORCE = 1e5  # N, assumption: five times the force in a locked gearbox, so the integration has diverged
 
 
 class Solution(NamedTuple):
@@ -54,20 +49,6 @@ class Solution(NamedTuple):
     internal_force: Real  #: (2, 8): magnitudes in N
     external_vector: Real  #: (2, n_pins, 2): resulting force of the sleeve on the wheel in N, fixed frame
     internal_vector: Real  #: (2, 8, 2): likewise
-
-
-class Trajectory(NamedTuple):
-    """One row per time step: s, rad, rad/s, and Nm and N as in `Solution`."""
-
-    time: Real  #: (n,)
-    phi: Real  #: (n,)
-    angles: Real  #: (n, 3): theta_1, theta_2, psi
-    rates: Real  #: (n, 3)
-    input_torque: Real  #: (n,)
-    driver_torque: Real  #: (n,)
-    output_torque: Real  #: (n,)
-    external_force: Real  #: (n, 2, n_pins)
-    internal_force: Real  #: (n, 2, 8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -380,60 +361,6 @@ class ReferenceGearbox:
             external_vector=_as_xy(external_vector),
             internal_vector=_as_xy(internal_vector),
         )
-
-    def integrate(
-        self, t0: float, t1: float, dt: float, state: ArrayLike, driver: Driver, load: Load
-    ) -> Trajectory:
-        """Integrate with the papers' second-order Runge-Kutta method (midpoint) in steps of ``dt`` s.
-
-        Only the angles are integrated; all other coordinates follow from the joints. ``state``, shape (6,),
-        holds theta_1, theta_2, psi (rad) and their rates at ``t0``; ``driver(t)`` gives phi, omega and alpha,
-        ``load(t)`` the load torque in Nm. FloatingPointError when a contact force is not finite or beyond 100
-        kN: the integration has diverged.
-        """
-
-        def evaluate(t: float, y: Real) -> tuple[Real, Solution]:
-            solution = self.accelerations(*driver(t), y[:3], y[3:], load(t))
-            forces = np.concatenate([solution.external_force, solution.internal_force], axis=1)
-            if not np.all(forces < ABSURD_FORCE):
-                raise FloatingPointError(
-                    f"diverged at t = {t:.6g} s: {forces.max():.3g} N between a sleeve and a wheel; use a "
-                    "smaller dt, a smaller stiffness_scale or fewer worn lobes"
-                )
-            return np.concatenate([y[3:], solution.theta_acceleration, [solution.psi_acceleration]]), solution
-
-        time = [t0 + dt * step for step in range(round((t1 - t0) / dt) + 1)]
-        states = [np.array(state, dtype=float)]
-        slope, solution = evaluate(t0, states[0])
-        solutions = [solution]
-        for t, following in pairwise(time):
-            middle, _ = evaluate(t + dt / 2, states[-1] + dt / 2 * slope)
-            states.append(states[-1] + dt * middle)
-            slope, solution = evaluate(following, states[-1])
-            solutions.append(solution)
-        recorded = Trajectory._fields[4:]
-        columns = {name: np.array([getattr(solution, name) for solution in solutions]) for name in recorded}
-        angles, rates = np.hsplit(np.array(states), 2)
-        return Trajectory(np.array(time), np.array([driver(t)[0] for t in time]), angles, rates, **columns)
-
-
-def ramped_driver(speed: float = 52.36, ramp: float = 0.2) -> Driver:
-    """Input shaft that reaches ``speed`` (rad/s) with constant acceleration in ``ramp`` seconds.
-
-    Paper B eq. 7-8. The angle is the integral of the speed; eq. 6 jumps at the end of the ramp.
-    """
-
-    def driver(t: float) -> tuple[float, float, float]:
-        if t < ramp:
-            return speed / ramp * t**2 / 2, speed / ramp * t, speed / ramp
-        return speed * (t - ramp / 2), speed, 0.0
-
-    return driver
-
-
-def ramped_load(torque: float = 22.0, ramp: float = 0.2) -> Load:
-    """Load torque that rises linearly to ``torque`` (Nm) in ``ramp`` seconds: paper B eq. 10."""
-    return lambda t: torque * min(t / ramp, 1.0)
 
 
 def _dot_of(a: Any, b: Any) -> Real:

@@ -78,7 +78,12 @@ class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
     sampling_rate: float
 
     def needed_samples(self) -> int:
-        """Return the fewest samples of a window from which the features mean something."""
+        """Return the fewest samples of a window from which the features mean something.
+
+        Returns
+        -------
+        int
+        """
         return 2
 
     def _warn_of_short_windows(self, X: NDArray[Any]) -> None:

@@ -28,17 +28,17 @@ FINE = 1000
 MARGIN = 1.0
 
 
-def check_order(effect: Any) -> None:
+def check_order(self: Any) -> None:
     """Raise unless ``order`` of an effect is a whole number from 1 to 8, as of a Butterworth low-pass."""
-    whole(f"order of {effect.effect_id}", effect.order, 1, 8)
+    whole(f"order of {self.effect_id}", self.order, 1, 8)
 
 
-def check_phase(effect: Any) -> None:
+def check_phase(self: Any) -> None:
     """Raise ValueError unless ``phase`` of an effect is None or a finite number of rad."""
-    phase = effect.phase
+    phase = self.phase
     if phase is not None and not (is_number(phase) and math.isfinite(phase)):
         raise ValueError(
-            f"phase of {effect.effect_id} must be a number of rad, or None for a random one, got {phase!r}"
+            f"phase of {self.effect_id} must be a number of rad, or None for a random one, got {phase!r}"
         )
 
 

@@ -42,9 +42,9 @@ class _MeterEffect(Effect):
         unchanged = bool(neutral) and all(getattr(self, name) == value for name, value in neutral.items())
         if unchanged or torque.size == 0:
             return torque
-        return self.distort_torque(torque, sampling_rate, random, context or TorqueContext())
+        return self._distort_torque(torque, sampling_rate, random, context or TorqueContext())
 
-    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
+    def _distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         """Return the torque, shape (n,) in Nm, after an effect that acts; see :meth:`change_torque`."""
         raise NotImplementedError
 
@@ -77,7 +77,7 @@ class TorqueMeterLowPass(_MeterEffect):
 
     check_settings = check_order
 
-    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
+    def _distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         if self.cutoff_hz >= rate / 2:
             raise ValueError(
                 f"cutoff_hz of {self.effect_id} must lie below the Nyquist frequency "
@@ -107,7 +107,7 @@ class Gain(_MeterEffect):
     separated_by = "another load, or calibration with dead weights"
     shows_as = "mean torque"
 
-    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
+    def _distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         return np.asarray(self.factor * torque)
 
 
@@ -121,7 +121,7 @@ class Offset(_MeterEffect):
     separated_by = "the meter's reading without load, another load, and both directions of rotation"
     shows_as = "mean torque"
 
-    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
+    def _distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         return np.asarray(torque + self.offset_nm)
 
 
@@ -139,7 +139,7 @@ class Noise(_MeterEffect):
     }
     separated_by = "a record with the machine at rest"
 
-    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
+    def _distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         if self.exponent == 0:
             return np.asarray(torque + self.rms_nm * random.normal(size=torque.size))
         # Lines at multiples of a quarter of the lowest frequency: they resolve the corner of the density.
@@ -182,7 +182,7 @@ class Hum(_MeterEffect):
                 f"(1, 0, 0.3), got {self.harmonics!r}"
             )
 
-    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
+    def _distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         highest = len(self.harmonics) * self.frequency_hz
         phases = 2 * np.pi * random.random(len(self.harmonics))
         if highest >= rate / 2:
@@ -229,7 +229,7 @@ class ShaftLine(_MeterEffect):
     proposed = False
     check_settings = check_phase
 
-    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
+    def _distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         phase = 2 * np.pi * random.random() if self.phase is None else self.phase
         if context.gearbox is None or context.input_angle is None:
             raise ValueError(
@@ -265,7 +265,7 @@ class ClockError(_MeterEffect):
         n_samples = math.floor((n_given - 1) * rate) + 1
         return np.asarray(np.minimum(np.arange(n_samples) / rate, n_given - 1))
 
-    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
+    def _distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         return np.asarray(_interpolate(torque, self._instants(torque.size), _WEIGHTS))
 
     def resample(self, values: Float, sampling_rate: float) -> Float:
@@ -315,7 +315,7 @@ class Quantisation(_MeterEffect):
             f"got {self.full_scale_nm!r}"
         )
 
-    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
+    def _distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         step, full = float(self.lsb_nm), float(self.full_scale_nm)
         if step == 0:
             return np.clip(torque, -full, full)
@@ -345,7 +345,7 @@ class Clipping(_MeterEffect):
     moves_mean = True
     proposed = False
 
-    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
+    def _distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         return np.clip(torque, -float(self.limit_nm), float(self.limit_nm))
 
 
@@ -382,7 +382,7 @@ class LostSamples(_MeterEffect):
         # At most one block more than the share is lost.
         return math.ceil((n_samples + round(float(self.block))) / (1 - float(self.share))) + 1
 
-    def distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
+    def _distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         length = round(float(self.block))
         stretch = length / float(self.share)
         places = random.random(math.ceil(torque.size / stretch)) * (1 - float(self.share))

@@ -261,23 +261,6 @@ def test_single_precision(transformer):
     assert_allclose(single, double, **({"rtol": 1e-5, "atol": 1e-6} if transformer in STATISTICS else near))
 
 
-# Under X -> scale * X: which features stay, which grow by its first or second power
-GROWTH = {SpectralRolloff: 0, CoherenceToReference: 0, WelchPSD: 2, OrderSpectrum: 1}
-
-
-@pytest.mark.parametrize("kind", list(GROWTH), ids=lambda kind: kind.__name__)
-def test_growth_with_the_torques_scale(kind):
-    X = torque(5, 4000)
-    y = [0, 0, 0, 1, 1]
-    fitted = kind(SAMPLING_RATE).fit(X, y)
-    before = fitted.transform(X)
-    for scale in (0.25, 1024.0):
-        after = kind(SAMPLING_RATE).fit(X * scale, y).transform(X * scale)
-        assert_allclose(after, before * scale ** GROWTH[kind], rtol=1e-9)
-        if kind is CoherenceToReference:  # references keep their own scale
-            assert_allclose(fitted.transform(X * scale)[3:], before[3:], rtol=1e-9)
-
-
 @pytest.mark.parametrize(
     "transformer",
     [

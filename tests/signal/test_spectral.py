@@ -198,14 +198,6 @@ def test_windows_too_short_for_segments(n_samples):
 
 
 @both_presets
-def test_single_precision_is_computed_in_double(preset):
-    X = torque(2, 4000).astype(np.float32)
-    _, psd = welch_psd(X, SAMPLING_RATE, preset)
-    assert psd.dtype == np.float64
-    assert_array_equal(psd, welch_psd(X.astype(np.float64), SAMPLING_RATE, preset)[1])
-
-
-@both_presets
 def test_leading_axes_and_integers(preset):
     X = np.round(torque(6, 200)).astype(int)
     _, psd = welch_psd(X, SAMPLING_RATE, preset)
@@ -637,19 +629,6 @@ def test_entropies_are_bounded_and_proportional(X, preset):
     assert (bits >= 0).all()
     assert (bits <= limit + 1e-12).all()
     assert_allclose(normalized, bits / limit, atol=1e-13)
-
-
-@derandomized
-@given(X=windows, preset=presets)
-def test_batch_is_one_by_one(X, preset):
-    batch = welch_psd(X, SAMPLING_RATE, preset)[1]
-    for psd, x in zip(batch, X, strict=True):
-        assert_allclose(welch_psd(x, SAMPLING_RATE, preset)[1], psd, rtol=1e-9, atol=1e-12 * psd.max())
-    assert_allclose(entropy_of(X[::-1], preset)[::-1], entropy_of(X, preset), atol=1e-12)
-    statistics = torque_statistics(X)
-    for i, x in enumerate(X):
-        for name, value in torque_statistics(x).items():
-            assert_array_equal(value, statistics[name][i], err_msg=name)
 
 
 @derandomized

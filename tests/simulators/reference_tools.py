@@ -57,6 +57,25 @@ def random_state(gearbox: ReferenceGearbox, rng: np.random.Generator, spread: fl
     return State(phi, omega, alpha, angles, rates, rng.normal(0, 22))
 
 
+def midpoint_path(
+    reference: ReferenceGearbox, state: np.ndarray, phi: float, dt: float, n_steps: int
+) -> tuple[np.ndarray, list[Any]]:
+    """Angles and solutions of the 28 bodies at every step of the midpoint rule, at full speed and load."""
+    angles, solutions = [], []
+    for step in range(n_steps):
+        middle = state
+        for share in (0.0, 0.5):
+            turned = phi + SPEED * (step + share) * dt
+            solution = reference.accelerations(turned, SPEED, 0.0, middle[:3], middle[3:], 22.0)
+            slope = np.r_[middle[3:], solution.theta_acceleration, solution.psi_acceleration]
+            if share == 0:
+                angles.append(state[:3])
+                solutions.append(solution)
+            middle = state + dt / 2 * slope
+        state = state + dt * slope
+    return np.array(angles), solutions
+
+
 def random_lobes(rng: np.random.Generator, n_lobes: int = 15) -> tuple[int, ...]:
     return tuple(int(lobe) for lobe in np.flatnonzero(rng.random(n_lobes) < 0.5))
 
