@@ -186,8 +186,8 @@ class MachineRun:
         }
         if (ran := len(channels["torque_out"])) < needed:
             raise ValueError(
-                f"effects need {needed} samples, the machine ran for {ran}: its spare_s must be "
-                f"{(needed - ran) / rate:.3g} s longer"
+                f"effects need {needed} samples, the machine ran for {ran}: name them among the chains of "
+                "its plan_run"
             )
         channels = {name: values[:needed] for name, values in channels.items()}
         measured = machine.measure_channels(channels, rate, plan.random_state, plan.from_rest, plan.quantity)

@@ -6,7 +6,7 @@ import dataclasses
 import json
 import math
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -515,7 +515,7 @@ class Rig(Replaceable):
         start_angle: float | None = None,
         settled: bool = True,
         quantity: str = "output_torque",
-        spare_s: float = 0.0,
+        chains: Sequence[Sequence[Effect]] = (),
         **options: Any,
     ) -> PlannedRun:
         """Draw a machine and state its run, without simulating it.
@@ -526,8 +526,8 @@ class Rig(Replaceable):
             See :meth:`simulate`.
         assembly : int or numpy.random.SeedSequence, optional
             Seed of the assembly; equal seeds give the same machine. Default: ``random_state``.
-        spare_s : float, default 0
-            Additional time in s, for converters that run slow (:class:`cyclofeat.simulators.ClockError`).
+        chains : sequence of sequences of Effect
+            Effects of later records (:meth:`MachineRun.record`), for which the run has to be long enough.
 
         Returns
         -------
@@ -567,8 +567,9 @@ class Rig(Replaceable):
             if not settled:
                 raise ValueError("settled must be True for a rig with a motor, which begins in steady state")
             n_settling += math.ceil(motor.warm_up * sampling_rate)
-            spare_s += _LEAD_S
-        n_run = machine.samples_needed(n_samples) + math.ceil(spare_s * sampling_rate)
+        n_run = max(machine.measured_by(chain).samples_needed(n_samples) for chain in ((), *chains))
+        if motor is not None:
+            n_run += math.ceil(_LEAD_S * sampling_rate)
         total = (n_settling + n_run) / sampling_rate
         if start_angle is None:
             output_turn = 2 * np.pi * gearbox.n_lobes  # as an angle of the input

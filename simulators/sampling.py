@@ -15,6 +15,7 @@ import numpy as np
 
 from cyclofeat._base import checks
 from cyclofeat.simulators.defects import MOST_WEAR_UM, LobeDefects
+from cyclofeat.simulators.effects import Effect
 from cyclofeat.simulators.effects.library import child_seed
 from cyclofeat.simulators.machine import MachineRun, PlannedRun
 from cyclofeat.simulators.many import simulate_each
@@ -48,7 +49,7 @@ class Sample:
     solver: Solver | None = None  #: time step and integrator
     #: In place of a solver: largest error of the torque, in Nm rms (:func:`simulation.solver_within`).
     error_nm: float | None = None
-    spare_s: float = 0.0  #: additional time, for converters that run slow
+    chains: Sequence[Sequence[Effect]] = ()  #: effects of later records, for which the run suffices
     name: str = ""  #: name of the assembly, for errors
 
     def plan(self, n_failed: int = 0) -> PlannedRun:
@@ -60,7 +61,7 @@ class Sample:
         try:
             planned = self.rig.plan_run(
                 self.defects, duration=self.duration, sampling_rate=self.sampling_rate, random_state=seed,
-                assembly=self.assembly, quantity=self.quantity, spare_s=self.spare_s, solver=self.solver,
+                assembly=self.assembly, quantity=self.quantity, chains=self.chains, solver=self.solver,
                 torque_in=False, motion=False,  # plan_run sets torque_in where it is measured
             )  # fmt: skip
         except ValueError as error:

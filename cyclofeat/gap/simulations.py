@@ -118,28 +118,26 @@ class Population:
         random_state: Seed,
         assembly: Seed | None = None,
         *,
-        spare: float = 0.0,
+        chains: Sequence[Sequence[Effect]] = (),
     ) -> Sample:
         """Draw the worn lobes of one recording.
 
         ``count`` consecutive lobes are worn, the first and the wheels at random. Recordings with equal
-        ``assembly`` seeds are of one assembly. The run is longer by the share ``spare``, for a slow
-        converter.
+        ``assembly`` seeds are of one assembly. The run is long enough for records with the ``chains``.
         """
         random, n_lobes = np.random.default_rng(child_seed(random_state, 0)), self.rig.gearbox.n_lobes
         first = int(random.integers(n_lobes))
         wheels = self.wheels[int(random.integers(len(self.wheels)))]
-        duration = self.n_samples / self.sampling_rate
         return Sample(
             rig=self.rig,
             defects=LobeDefects.worn([(first + k) % n_lobes for k in range(count)], wheels=wheels),
-            duration=duration,
+            duration=self.n_samples / self.sampling_rate,
             sampling_rate=self.sampling_rate,
             random_state=child_seed(random_state, 1),
             assembly=assembly,
             quantity=self.quantity,
             error_nm=ERROR_NM,
-            spare_s=spare * duration,
+            chains=chains,
         )
 
     def record(self, count: int, random_state: Seed, assembly: Seed | None = None) -> Record:

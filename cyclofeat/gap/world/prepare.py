@@ -94,10 +94,8 @@ def simulate_drawn(world: World, machines: Sequence[DrawnMachine]) -> list[dict[
             n_samples = turn_samples(Kinematics(world.sampling_rate, speed / 60, world.n_lobes))
             at = rig.at(speed, float(session.loads_nm[i]))
             population = Population(at, n_samples, world.sampling_rate, world.wheels, quantity=world.quantity)
-            # Slow converters and lost samples need a longer run, a little more so if they come together.
-            sums = [sum(one.samples_needed(n_samples) - n_samples for one in of) for of in machine.chains]
-            spare = 1.1 * max(sums, default=0) / n_samples
-            samples.append(population.sample(int(session.counts[i]), seed, assembly, spare=spare))
+            # Slow converters and lost samples need a longer run.
+            samples.append(population.sample(int(session.counts[i]), seed, assembly, chains=machine.chains))
     runs = iter(sample_runs(samples, kernel=KERNEL))
     return [_rig_columns(world, machine, [next(runs) for _ in machine.seeds]) for machine in machines]
 
