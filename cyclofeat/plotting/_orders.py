@@ -44,7 +44,7 @@ class OrderDisplay(PlainDisplay):
     orders : ndarray, shape (n_lines,)
         Order of each line: multiples of the input speed.
     kinds : ndarray of str, shape (n_lines,)
-        ``"mesh"``, ``"lobe"``, ``"input"`` or ``"other"``.
+        ``"mesh"``, ``"lobe"``, ``"input"`` or ``"other"``, which ``meanings`` states in words.
     lines_ : dict of str to matplotlib.lines.Line2D
         By kind.
 
@@ -84,6 +84,12 @@ class OrderDisplay(PlainDisplay):
         self.kinds = np.select(
             [of_lobes & of_input, of_lobes, of_input], ["mesh", "lobe", "input"], default="other"
         )
+        self.meanings = {
+            "other": "other lines of the output turn",
+            "input": "multiples of the input turn",
+            "lobe": f"multiples of the lobes' passage (order {n_lobes + 1}/{n_lobes})",
+            "mesh": "mesh: both, all lobes alike",
+        }
 
     @classmethod
     def from_recording(
@@ -131,15 +137,14 @@ class OrderDisplay(PlainDisplay):
     def _draw(self, ax: Axes) -> None:
         largest = float(self.amplitudes.max()) or 1.0
         bottom = max(float(np.quantile(self.amplitudes, 0.05)), _DYNAMIC_RANGE * largest)
-        passage = f"multiples of the lobes' passage (order {self.n_lobes + 1}/{self.n_lobes})"
-        looks = {  # colour, marker, marker size, meaning
-            "other": ("0.6", "", 0, "other lines of the output turn"),
-            "input": ("C2", "s", 3, "multiples of the input turn"),
-            "lobe": ("C1", "o", 4, passage),
-            "mesh": ("C0", "D", 5, "mesh: both, all lobes alike"),
+        looks = {
+            "other": ("0.6", "", 0),
+            "input": ("C2", "s", 3),
+            "lobe": ("C1", "o", 4),
+            "mesh": ("C0", "D", 5),
         }
         self.lines_ = {}
-        for kind, (colour, marker, size, meaning) in looks.items():
+        for kind, (colour, marker, size) in looks.items():
             which = self.kinds == kind
             heights = np.maximum(self.amplitudes[which], bottom)
             gap = np.full(heights.size, np.nan)
@@ -152,7 +157,7 @@ class OrderDisplay(PlainDisplay):
                 marker=marker,
                 markersize=size,
                 markevery=(1, 3),
-                label=meaning,
+                label=self.meanings[kind],
             )
         ax.set_yscale("log")
         ax.set(

@@ -29,7 +29,7 @@ _LARGEST_RATIO = 10_000  # numbers of the ratio of two sampling rates
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class Recording(checks.Replaceable):
     """One record of output torque, input torque or motor current, with what is known about it.
 
     Parameters
@@ -550,19 +550,6 @@ class Recording:
         if self.angle is not None:
             columns[f"{self.angle_of}_angle (rad)"] = self.angle
         return data_frame(columns).set_index("time (s)")
-
-    def replace(self, **changes: Any) -> Recording:
-        """Return a copy with other values of the named parameters, checked anew.
-
-        Parameters
-        ----------
-        **changes
-
-        Returns
-        -------
-        Recording
-        """
-        return dataclasses.replace(self, **changes)
 
     def plot(
         self,

@@ -353,17 +353,14 @@ def spectrum_plot(display: SpectrumDisplay) -> Plot:
 
 def order_plot(display: OrderDisplay) -> Plot:
     """Return the lines of the output turn, by their cause."""
-    n_lobes = display.n_lobes
-    looks = {
-        "other": ("other lines of the output turn", "faint", "strokes"),
-        "input": ("multiples of the input turn", "third", "stems"),
-        "lobe": (f"multiples of the lobes' passage (order {n_lobes + 1}/{n_lobes})", "second", "stems"),
-        "mesh": ("mesh: both, all lobes alike", "accent", "stems"),
-    }
+    colours = {"other": "faint", "input": "third", "lobe": "second", "mesh": "accent"}
     lines = [
-        Line(name, np.where(display.kinds == kind, display.amplitudes, np.nan), colour, style)  # type: ignore[arg-type]
-        for kind, (name, colour, style) in looks.items()
+        Line(
+            display.meanings[kind], np.where(display.kinds == kind, display.amplitudes, np.nan), colour,
+            "strokes" if kind == "other" else "stems",
+        )
+        for kind, colour in colours.items()
         if np.any(display.kinds == kind)
-    ]
+    ]  # fmt: skip
     axes = Axis("order of the input shaft", ""), Axis("amplitude", display.unit, log=True)
     return Plot(display.orders, lines, axes)
