@@ -17,6 +17,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import small_model
+from command import call, run
 
 from cyclofeat import __version__
 from cyclofeat.cli import COMMANDS, main, make_parser
@@ -35,12 +36,6 @@ from cyclofeat.simulators import (
     load_effects,
     unregister_effect,
 )
-
-
-def run(capsys, *arguments):
-    """Exit code, standard output and standard error of one call."""
-    code = main([str(argument) for argument in arguments])
-    return code, *capsys.readouterr()
 
 
 @pytest.fixture(scope="module")
@@ -92,8 +87,7 @@ def test_every_argument_of_reading_has_its_option():
 def test_simulate_writes_what_it_says(capsys, tmp_path):
     file = tmp_path / "worn.npz"
     options = ["--worn-lobes", "1,5", "--wheels", "1", "--duration", "0.5", "--speeds", 750, "--loads", 11]
-    code, out, _ = run(capsys, "simulate", *options, "--out", file)
-    assert code == 0
+    out, _ = call(capsys, "simulate", *options, "--out", file)
     assert str(file) in out
     assert "Nm" in out
     recording = read_recording(file)
@@ -107,7 +101,7 @@ def test_simulate_writes_what_it_says(capsys, tmp_path):
 def test_simulate_writes_a_folder_with_its_manifest(capsys, tmp_path):
     conditions = ["--worn-counts", "0,3", "--speeds", 500, "--loads", "11,20:30"]
     options = [*conditions, "--rig", "r0", "--duration", 0.05]
-    assert run(capsys, "simulate", "--out", tmp_path / "m", "--count", 7, *options)[0] == 0
+    call(capsys, "simulate", "--out", tmp_path / "m", "--count", 7, *options)
     recordings = read_folder(tmp_path / "m")
     assert [r.defect_count for r in recordings] == [0, 3, 0, 3, 0, 3, 0]
     assert [r.load_nm == 11 or 20 < r.load_nm < 30 for r in recordings] == [True] * 7
@@ -125,8 +119,8 @@ def test_simulate_writes_a_folder_with_its_manifest(capsys, tmp_path):
 @pytest.mark.parametrize("quantity", ["input_torque", "motor_current"])
 def test_simulate_records_another_quantity(capsys, tmp_path, quantity):
     machine = ["--worn-count", 2, "--duration", 0.1, "--sampling-rate", 4_000, "--quantity", quantity]
-    assert run(capsys, "simulate", *machine, "--out", tmp_path / "bare.csv")[0] == 0
-    assert run(capsys, "simulate", *machine, "--rig", "r1", "--out", tmp_path / "r1.npz")[0] == 0
+    call(capsys, "simulate", *machine, "--out", tmp_path / "bare.csv")
+    call(capsys, "simulate", *machine, "--rig", "r1", "--out", tmp_path / "r1.npz")
     for name in ("bare.csv", "r1.npz"):
         recording = read_recording(tmp_path / name)
         assert (recording.quantity, recording.n_samples, recording.defect_count) == (quantity, 400, 2)
@@ -135,8 +129,7 @@ def test_simulate_records_another_quantity(capsys, tmp_path, quantity):
 def test_animate_writes_a_page(capsys, tmp_path):
     page = tmp_path / "gearbox.html"
     options = ["--worn-lobes", "1,5", "--duration", 0.05, "--frames", 20, "--out", page]
-    code, out, err = run(capsys, "animate", *options, "--json")
-    assert code == 0, err
+    out, _ = call(capsys, "animate", *options, "--json")
     assert json.loads(out) == {"file": str(page), "defect_count": 2, "duration_s": 0.05, "frames": 20}
     assert "2 worn lobes: 1, 5" in page.read_text(encoding="utf-8")
 
@@ -144,8 +137,8 @@ def test_animate_writes_a_page(capsys, tmp_path):
 def test_animate_shows_the_assembly_that_simulate_records(capsys, tmp_path):
     Rig.r1().without("noise").to_json(tmp_path / "rig.json")
     machine = ["--rig", tmp_path / "rig.json", "--worn-count", 2, "--seed", 3, "--duration", 0.05]
-    assert run(capsys, "simulate", *machine, "--sampling-rate", 6400, "--out", tmp_path / "a.npz")[0] == 0
-    assert run(capsys, "animate", *machine, "--frames", 2, "--out", tmp_path / "a.html")[0] == 0
+    call(capsys, "simulate", *machine, "--sampling-rate", 6400, "--out", tmp_path / "a.npz")
+    call(capsys, "animate", *machine, "--frames", 2, "--out", tmp_path / "a.html")
     recorded = read_recording(tmp_path / "a.npz")
     page = (tmp_path / "a.html").read_text(encoding="utf-8")
     machine = json.loads(re.search(r'id="machine">(.*?)</script>', page)[1])
@@ -157,7 +150,7 @@ def test_animate_shows_the_assembly_that_simulate_records(capsys, tmp_path):
 def test_rigs_are_named_in_capitals_or_not(capsys, tmp_path):
     quick = ["--duration", 0.01, "--worn-count", 1]
     for name in ("R0", "r0"):
-        assert run(capsys, "simulate", "--rig", name, *quick, "--out", tmp_path / f"{name}.npz")[0] == 0
+        call(capsys, "simulate", "--rig", name, *quick, "--out", tmp_path / f"{name}.npz")
     torques = [read_recording(tmp_path / f"{name}.npz").torque for name in ("R0", "r0")]
     np.testing.assert_array_equal(*torques)
 
@@ -203,13 +196,12 @@ def test_a_rig_names_effects_of_the_user(capsys, mine, tmp_path):
     rig, plain, turned = (tmp_path / name for name in ("rig.json", "plain.npz", "turned.npz"))
     Rig.r0().to_json(rig)
     quick = ["--duration", 0.05, "--effects-from", mine]
-    assert run(capsys, "simulate", "--rig", rig, *quick, "--out", plain)[0] == 0
+    call(capsys, "simulate", "--rig", rig, *quick, "--out", plain)
     Rig.r0().with_effects(load_effects(mine)["upside_down"]()).to_json(rig)
-    assert run(capsys, "simulate", "--rig", rig, *quick, "--out", turned)[0] == 0
+    call(capsys, "simulate", "--rig", rig, *quick, "--out", turned)
     np.testing.assert_array_equal(read_recording(plain).torque, -read_recording(turned).torque)
     unregister_effect("upside_down")
-    code, _, err = run(capsys, "simulate", "--rig", rig, "--out", turned, "--force")
-    assert code == 2
+    _, err = call(capsys, "simulate", "--rig", rig, "--out", turned, "--force", code=2)
     assert "upside_down" in err
     load_effects(mine)
 
@@ -227,19 +219,16 @@ def test_a_rig_names_effects_of_the_user(capsys, mine, tmp_path):
 )
 def test_every_command_of_rigs_takes_effects_of_the_user(capsys, tmp_path, command):
     (tmp_path / "bad.py").write_text("1 / 0", encoding="utf-8")
-    code, _, err = run(capsys, *command, "--effects-from", tmp_path / "bad.py")
-    assert code == 2
+    _, err = call(capsys, *command, "--effects-from", tmp_path / "bad.py", code=2)
     assert "bad.py, line 1: ZeroDivisionError" in err
-    code, _, err = run(capsys, *command, "--effects-from", tmp_path / "absent.py")
-    assert code == 2
+    _, err = call(capsys, *command, "--effects-from", tmp_path / "absent.py", code=2)
     assert "absent.py: no such file" in err
 
 
 @pytest.mark.slow
 def test_training_states_how_many_assemblies_have_radial_wear(capsys, tmp_path):
     options = "--mixed-wear 60:200 --assemblies 6 --max-count 1 --windows 1 --sampling-rate 3200"
-    code, out, err = run(capsys, "train", "--rig", "r1", *options.split(), "--out", tmp_path / "m.joblib")
-    assert code == 0, err
+    out, _ = call(capsys, "train", "--rig", "r1", *options.split(), "--out", tmp_path / "m.joblib")
     assert "12 simulated assemblies of rig R1, seed 0, 3 of them with radial wear of 60 to 200 um" in out
     assert "depth of wear" not in out
 
@@ -249,31 +238,26 @@ def test_training_simulates_the_effects_of_a_rig(capsys, tmp_path):
     possible = [(TorqueMeterLowPass(900.0),), (TorqueMeterLowPass(2000.0),)]
     mine = Rig.r0().replace(name="mine", effects=[Offset(0.5)], variants=possible)
     mine.replace(speeds_rpm=(330, 660), loads_nm=(11, 22)).to_json(tmp_path / "mine.json")
-    code, out, err = run(
+    out, err = call(
         capsys, "train", "--rig", tmp_path / "mine.json", "--assemblies", 2, "--max-count", 1,
         "--out", tmp_path / "m.joblib", "--jobs", 1,
     )  # fmt: skip
-    assert code == 0, err
     assert "simulated assemblies of rig mine" in out
     speeds, loads = re.findall(r"([\d.]+) to ([\d.]+)", out.partition("for recordings")[2])[:2]
     assert 300 <= float(speeds[0]) < 500 < float(speeds[1]) <= 726  # a tenth beyond those of the recordings
     assert 10 <= float(loads[0]) < 16 < float(loads[1]) <= 24.2
     Rig.r0().replace(effects=[TorqueMeterLowPass(2e4)]).to_json(tmp_path / "high.json")
-    code, _, err = run(
-        capsys, "train", "--rig", tmp_path / "high.json", "--assemblies", 1, "--out", tmp_path / "n.joblib"
-    )
-    assert code == 2
+    options = ["--rig", tmp_path / "high.json", "--assemblies", 1, "--out", tmp_path / "n.joblib"]
+    _, err = call(capsys, "train", *options, code=2)
     assert "cutoff_hz of torque_meter_low_pass must lie below the Nyquist frequency 12800 Hz" in err
 
 
 def test_train_and_count(capsys, folder, tmp_path, monkeypatch):
     monkeypatch.setattr("cyclofeat.counting.LobeModel", partial(LobeModel, n_trees=30, n_splits=2))
     model = tmp_path / "small.joblib"
-    code, out, _ = run(capsys, "train", folder, "--out", model)
-    assert code == 0
+    out, _ = call(capsys, "train", folder, "--out", model)
     assert "counts [0, 1, 3, 5]" in out
-    code, out, err = run(capsys, "count", folder / "worn.csv", "--model", model, "--trust", "--json")
-    assert code == 0
+    out, err = call(capsys, "count", folder / "worn.csv", "--model", model, "--trust", "--json")
     assert err == ""
     (result,) = json.loads(out)
     assert result["file"] == str(folder / "worn.csv")
@@ -291,31 +275,27 @@ def test_train_learns_the_depth_of_the_wear(capsys, tmp_path, monkeypatch):
     for one in small_model.recordings_with_wear(8, counts=(0, 3)):
         write_recording(tmp_path / "known" / f"{one.assembly}.npz", one)
     model = tmp_path / "wear.joblib"
-    code, out, err = run(capsys, "train", tmp_path / "known", "--wear", "5:200", "--out", model)
-    assert code == 0, err
+    out, err = call(capsys, "train", tmp_path / "known", "--wear", "5:200", "--out", model)
     assert "depth of wear: 5 to 200 um in 2 output turns" in out
     assert "counts right with all windows at once" in out
     deep = small_model.recording((4, 5, 6), seed=77, turns=2, height=0.7)
     write_recording(tmp_path / "deep.npz", deep)
     counting = ["count", tmp_path / "deep.npz", "--model", model, "--trust"]
-    code, out, _ = run(capsys, *counting, "--csv", tmp_path / "counts.csv")
-    assert code == 0
-    assert re.search(r"wear:  .* um \(90 % interval", out)
+    out, _ = call(capsys, *counting, "--csv", tmp_path / "counts.csv")
+    assert re.search(r"wear: .* um \(90 % interval", out)
     (row,) = csv.DictReader((tmp_path / "counts.csv").read_text(encoding="utf-8-sig").splitlines())
     (facts,) = json.loads(run(capsys, *counting, "--json")[1])
     assert facts["wear_um"] == float(row["wear_um"])
     assert 20 < facts["wear_um"] <= 200
-    code, _, err = run(
-        capsys, "train", tmp_path / "known", "--wear", "100:200", "--out", tmp_path / "n.joblib"
+    _, err = call(
+        capsys, "train", tmp_path / "known", "--wear", "100:200", "--out", tmp_path / "n.joblib", code=2
     )
-    assert code == 2
     assert "must state one depth from 100 to 200 um" in err
 
 
 def test_too_low_a_rate_is_refused_before_anything_is_simulated(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr("cyclofeat.datasets.make_rig_recordings", None)
-    code, _, err = run(capsys, "train", "--out", tmp_path / "m.skops", "--sampling-rate", 1)
-    assert code == 2
+    _, err = call(capsys, "train", "--out", tmp_path / "m.skops", "--sampling-rate", 1, code=2)
     assert err.startswith("cyclofeat: error: --sampling-rate of 1 Hz is too low at 625 RPM: 0 samples per ")
 
 
@@ -333,7 +313,7 @@ def test_simulated_training_with_wear_takes_five_turns(capsys, tmp_path, monkeyp
         (["--mixed-wear", "60:200"], (2, (60.0, 200.0), 1 / 3)),
         ([], (2, None, 1)),
     ):
-        assert run(capsys, "train", "--out", tmp_path / "m.joblib", *options)[0] == 2
+        call(capsys, "train", "--out", tmp_path / "m.joblib", *options, code=2)
         assert (asked["output_turns"], asked["wear_um"], asked["radial_share"]) == expected
 
 
@@ -341,27 +321,23 @@ def test_a_refused_recording_has_no_count(capsys, folder, tmp_path, model):
     worn = read_recording(folder / "worn.csv")
     clipped = worn.replace(torque=np.minimum(worn.torque, np.quantile(worn.torque, 0.56)))
     write_recording(tmp_path / "clipped.npz", clipped)
-    code, out, _ = run(capsys, "count", tmp_path / "clipped.npz", *model, "--strict")
-    assert code == 3
+    out, _ = call(capsys, "count", tmp_path / "clipped.npz", *model, "--strict", code=3)
     answer = (
         r"clipped.npz: refused: 4[3-6]% of the samples are clipped .*\n  it would be \d worn lobes? \(prob"
     )
     assert re.search(answer, out)
     assert "npz: 4 worn lobes" not in out
-    code, out, _ = run(capsys, "count", tmp_path / "clipped.npz", *model, "--json")
-    assert code == 0
+    out, _ = call(capsys, "count", tmp_path / "clipped.npz", *model, "--json")
     (facts,) = json.loads(out)
     assert (facts["defect_count"], facts["refused"]) == (None, True)
     assert facts["refused_defect_count"] is not None
     for strict, expected in (([], 3), (["--no-strict"], 0)):
-        code, out, _ = run(capsys, "watch", tmp_path, *model, "--once", "--settle", 0.01, *strict)
-        assert code == expected
+        out, _ = call(capsys, "watch", tmp_path, *model, "--once", "--settle", 0.01, *strict, code=expected)
         assert "clipped.npz: refused: 4" in out
 
 
 def test_count_for_people_counts_lobes_from_one(capsys, folder, model):
-    code, out, _ = run(capsys, "count", folder / "worn.csv", *model)
-    assert code == 0
+    out, _ = call(capsys, "count", folder / "worn.csv", *model)
     recording = read_recording(folder / "worn.csv")
     assert out.splitlines()[0].startswith(f"{folder / 'worn.csv'}: {recording.defect_count} worn lobes (prob")
     assert "counted from 1" in out
@@ -385,8 +361,7 @@ def test_count_writes_a_report(capsys, folder, tmp_path, model, no_pictures):
     (tmp_path / "empty.csv").touch()
     report = tmp_path / "count.html"
     files = [folder / "worn.csv", tmp_path / "empty.csv"]
-    code, out, err = run(capsys, "count", *files, "--report", report, *model, "--json")
-    assert code == 2
+    out, err = call(capsys, "count", *files, "--report", report, *model, "--json", code=2)
     good, bad = json.loads(out)
     assert good["defect_count"] == 5
     assert "empty" in bad["error"]
@@ -434,9 +409,8 @@ def test_count_warns_of_what_inspect_does(capsys, folder, tmp_path, model, no_pi
     recording = spoil(read_recording(folder / "worn.csv"))
     file, page = tmp_path / "worn.npz", tmp_path / "count.html"
     write_recording(file, recording)
-    code, inspected, _ = run(capsys, "inspect", file, "--json")
+    inspected, _ = call(capsys, "inspect", file, "--json")
     (warning,) = json.loads(inspected)[0]["warnings"]
-    assert code == 0
     assert words in warning
     _, counted, _ = run(capsys, "count", file, *model, "--json")
     assert json.loads(counted)[0]["warnings"] == [warning]
@@ -459,8 +433,7 @@ def test_count_writes_a_table_row_by_row(capsys, folder, tmp_path, model):
     table = tmp_path / "counts.csv"
     options = [*model, "--csv", table]
     (tmp_path / "empty.csv").write_text("")
-    code, _, err = run(capsys, "count", folder / "worn.csv", tmp_path / "empty.csv", *options)
-    assert code == 2
+    _, err = call(capsys, "count", folder / "worn.csv", tmp_path / "empty.csv", *options, code=2)
     assert f"table: {table}" in err
     with table.open(encoding="utf-8-sig", newline="") as stream:
         counted, failed = csv.DictReader(stream)
@@ -485,8 +458,7 @@ def test_a_report_of_many_files_needs_the_memory_of_few(capsys, folder, tmp_path
 
     monkeypatch.setattr("cyclofeat.report.write_count_report", written)
     files = [folder / "worn.csv"] * 3
-    code, _, _ = run(capsys, "count", *files, "--report", tmp_path / "count.html", *model)
-    assert code == 0
+    call(capsys, "count", *files, "--report", tmp_path / "count.html", *model)
     assert alive == [[3, 0]]
 
 
@@ -497,16 +469,14 @@ def test_the_run_up_can_be_left_out(capsys, folder, tmp_path, model):
         tmp_path / "late.npz",
         recording.replace(torque=np.r_[start, recording.torque], angle=None, angle_is_absolute=False),
     )
-    code, out, _ = run(capsys, "count", tmp_path / "late.npz", "--skip", 0.1, *model, "--json")
-    assert code == 0
+    out, _ = call(capsys, "count", tmp_path / "late.npz", "--skip", 0.1, *model, "--json")
     assert json.loads(out)[0]["defect_count"] == recording.defect_count
 
 
 @pytest.mark.slow
 def test_a_refused_run_up_is_named_with_the_option_that_leaves_it_out(capsys, tmp_path):
     file = tmp_path / "run.npz"
-    code, *_ = run(capsys, "simulate", "--worn-count", 4, "--duration", 3, "--out", file)
-    assert code == 0
+    call(capsys, "simulate", "--worn-count", 4, "--duration", 3, "--out", file)
     _, out, _ = run(capsys, "inspect", file)
     (seconds,) = re.findall("warning:   run-up at the start: leave it out with --skip ([0-9.]+)", out)
     _, out, _ = run(capsys, "count", file, "--json")
@@ -535,14 +505,12 @@ def labelled_files(tmp_path, monkeypatch):
 def test_features_are_ranked_and_drawn(capsys, labelled_files):
     report = labelled_files[0] / "features.html"
     names = ["--features", "TorqueStatistics", "SpectralEntropy"]
-    code, out, err = run(capsys, "features", labelled_files[0], *names, "--json", "--report", report)
-    assert code == 0, err
+    out, err = call(capsys, "features", labelled_files[0], *names, "--json", "--report", report)
     table = json.loads(out)
     assert len(table) == 11
     assert max(abs(row["trend"]) for row in table.values()) > 0.9
     assert "shannon_entropy_bits" in report.read_text(encoding="utf-8")
-    code, _, err = run(capsys, "features", labelled_files[0], "--features", "Entropy")
-    assert code == 2
+    _, err = call(capsys, "features", labelled_files[0], "--features", "Entropy", code=2)
     assert "got 'Entropy'" in err
 
 
@@ -550,8 +518,7 @@ def test_features_are_ranked_and_drawn(capsys, labelled_files):
 def test_evaluate_cross_validates_what_train_makes(capsys, labelled_files):
     folder, known = labelled_files
     report = folder / "evaluation.html"
-    code, out, err = run(capsys, "evaluate", folder, "--folds", 2, "--jobs", 1, "--json", "--report", report)
-    assert code == 0, err
+    out, _ = call(capsys, "evaluate", folder, "--folds", 2, "--jobs", 1, "--json", "--report", report)
     result = json.loads(out)
     assert list(result) == ["trees", "Shannon entropy (papers)"]
     expected = evaluate(
@@ -571,8 +538,7 @@ def test_each_quantity_of_a_folder_is_counted_by_its_own_packaged_model(capsys, 
     for quantity in quantities:
         recording = small_model.recording((2, 3, 4), seed=3).replace(quantity=quantity)
         write_recording(tmp_path / f"{quantity}.npz", recording)
-    code, out, err = run(capsys, "count", tmp_path, "--json", "--report", tmp_path / "count.html")
-    assert code == 0, err
+    out, _ = call(capsys, "count", tmp_path, "--json", "--report", tmp_path / "count.html")
     assert [one["model"] for one in json.loads(out)] == ["packaged, input torque", "packaged, output torque"]
     page = (tmp_path / "count.html").read_text(encoding="utf-8")
     assert "packaged, input torque, packaged, output torque" in page
@@ -587,8 +553,7 @@ def test_evaluate_tests_a_stored_model(capsys, labelled_files):
     unlike = small_model.unlike_training().replace(defect_count=1, assembly="strange")
     write_recording(folder / "strange.npz", unlike.replace(torque=np.tile(unlike.torque, 2)))
     files = [folder / f"{one.assembly}.npz" for one in known] + [folder / "strange.npz"]
-    code, out, err = run(capsys, "evaluate", *files, "--model", folder / "model.skops")
-    assert code == 0, err
+    out, err = call(capsys, "evaluate", *files, "--model", folder / "model.skops")
     assert "assemblies of the recordings have names of training assemblies, such as 'A0'" in err
     assert "19 recordings, assemblies: 19, tested as stored" in out
     n_right = sum(
@@ -597,7 +562,7 @@ def test_evaluate_tests_a_stored_model(capsys, labelled_files):
     assert re.search(rf"\b{n_right} of 19 agree with their labels \(0: \d of \d, 1: ", out)
     assert "refuses " in out
     assert " x its lines could as well be those of a disc at another speed than the stated # RPM" in out
-    code, out, _ = run(capsys, "evaluate", *files, "--model", folder / "model.skops", "--json")
+    out, _ = call(capsys, "evaluate", *files, "--model", folder / "model.skops", "--json")
     (scores,) = json.loads(out).values()
     answers = model.count_all([*known, unlike.replace(torque=np.tile(unlike.torque, 2))])
     assert scores["refused"] == np.mean([answer.refused for answer in answers])
@@ -608,8 +573,7 @@ def test_a_report_is_no_folder(capsys, folder, tmp_path):
     page = tmp_path / "page.html"
     page.mkdir()
     for command in (["count", "--model", "m"], ["evaluate"]):
-        code, _, err = run(capsys, *command, folder / "worn.csv", "--report", page)
-        assert code == 2
+        _, err = call(capsys, *command, folder / "worn.csv", "--report", page, code=2)
         assert "--report must name a file" in err
 
 
@@ -682,9 +646,8 @@ def wrong_column(folder):
 
 
 def test_json_holds_the_answer_of_each_window(capsys, folder, model):
-    code, out, _ = run(capsys, "count", folder / "worn.csv", *model, "--json")
+    out, _ = call(capsys, "count", folder / "worn.csv", *model, "--json")
     (answer,) = json.loads(out)
-    assert code == 0
     assert len(answer["windows"]) == answer["n_windows"] >= 1
     for before, after in itertools.pairwise(answer["windows"]):
         assert before["start_s"] < before["stop_s"] <= after["start_s"] + 1e-3
@@ -716,8 +679,7 @@ def no_speed(folder):
     ],
 )
 def test_bad_recordings(capsys, folder, make, message, model):
-    code, out, err = run(capsys, *make(folder), *model, "--json")
-    assert code == 2
+    out, err = call(capsys, *make(folder), *model, "--json", code=2)
     assert err.startswith("cyclofeat: error: ")
     assert err.count("\n") == 1, "one clear line"
     assert re.search(message, err), err
@@ -784,8 +746,7 @@ def test_bad_recordings(capsys, folder, make, message, model):
 )
 def test_bad_arguments(capsys, folder, tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
-    code, _, err = run(capsys, *(a.format(folder=folder) for a in arguments))
-    assert code == 2
+    _, err = call(capsys, *(a.format(folder=folder) for a in arguments), code=2)
     *notes, error = err.splitlines()
     assert all("free core" in note for note in notes), err
     assert re.search(message, error), err
@@ -812,8 +773,7 @@ def test_inspect_prints_json_and_goes_on_after_a_bad_file(capsys, folder, tmp_pa
     (tmp_path / "rig.csv").write_text("Zeit [s];Drehmoment;Winkel\n0;1;0\n1;2;9\n2;4;18\n", encoding="utf-8")
     page = tmp_path / "page.html"
     files = tmp_path / "rig.csv", folder / "worn.csv"
-    code, out, err = run(capsys, "inspect", *files, "--json", "--report", page)
-    assert code == 2
+    out, err = call(capsys, "inspect", *files, "--json", "--report", page, code=2)
     bad, good = json.loads(out)
     assert [result["file"] for result in (bad, good)] == [str(tmp_path / "rig.csv"), str(folder / "worn.csv")]
     assert "--angle-unit 'rad', 'deg' or 'rev', or --no-angle" in bad["error"]
@@ -822,10 +782,7 @@ def test_inspect_prints_json_and_goes_on_after_a_bad_file(capsys, folder, tmp_pa
     text = page.read_text(encoding="utf-8")
     assert "or --no-angle" in text
     assert text.count("application/json") == 1
-    code, out, _ = run(
-        capsys, "inspect", tmp_path / "rig.csv", "--angle-unit", "deg", "--speed", 1.5, "--json"
-    )
-    assert code == 0
+    out, _ = call(capsys, "inspect", tmp_path / "rig.csv", "--angle-unit", "deg", "--speed", 1.5, "--json")
     (found,) = json.loads(out)
     assert found["speed_measured_rpm"] == pytest.approx(1.5)
     assert found["sampling_rate"] == 1
@@ -866,8 +823,7 @@ def test_errors_of_reading_name_options_not_arguments(capsys, folder, tmp_path, 
         "count": ["--model", folder / "model.joblib", "--trust"],
         "train": ["--out", tmp_path / "m.skops"],
     }
-    code, _, err = run(capsys, command, tmp_path / "rig.csv", *options, *more.get(command, []))
-    assert code == 2
+    _, err = call(capsys, command, tmp_path / "rig.csv", *options, *more.get(command, []), code=2)
     assert message in err
     assert re.search(r"[a-z]+_[a-z]+ ?=", err) is None, err
 
@@ -878,12 +834,10 @@ def test_count_names_each_speed_that_the_torque_allows(capsys, folder, tmp_path,
     write_recording(tmp_path / "unknown.npz", unknown)
     found = [SimpleNamespace(speed_hz=rpm / 60) for rpm in (250, 500)]
     monkeypatch.setattr("cyclofeat.counting.model.turning.search_speed", lambda *_: found)
-    code, _, err = run(capsys, "count", tmp_path / "unknown.npz", *model)
-    assert code == 2
+    _, err = call(capsys, "count", tmp_path / "unknown.npz", *model, code=2)
     assert err.count("\n") == 1
     assert "its output torque allows 250 or 500 RPM: give --speed (nominal speed of the input in RPM)" in err
-    code, _, _ = run(capsys, "count", tmp_path / "unknown.npz", *model, "--speed", 500)
-    assert code == 0
+    call(capsys, "count", tmp_path / "unknown.npz", *model, "--speed", 500)
 
 
 def test_a_manifest_describes_a_folder_to_every_command(capsys, folder, tmp_path, surrogates, model):
@@ -896,14 +850,12 @@ def test_a_manifest_describes_a_folder_to_every_command(capsys, folder, tmp_path
         )  # fmt: skip
         lines.append(f"{name},25600,phi,rad,{recording.defect_count},{recording.assembly},500")
     (tmp_path / "recordings.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    code, out, err = run(capsys, "count", tmp_path, *model, "--json")
-    assert code == 0, err
+    out, err = call(capsys, "count", tmp_path, *model, "--json")
     assert len(json.loads(out)) == 3
     (tmp_path / "recordings.csv").write_text(
         "\n".join([*lines, "x.csv,1,,,1,A,500"]) + "\n", encoding="utf-8"
     )
-    code, _, err = run(capsys, "inspect", tmp_path)
-    assert code == 2
+    _, err = call(capsys, "inspect", tmp_path, code=2)
     assert "recordings.csv: line 5: no such file: x.csv" in err
 
 
@@ -935,8 +887,8 @@ def test_help_ends_with_examples_that_are_understood(command, capsys):
     _, _, examples = capsys.readouterr().out.partition("\nexamples:\n")
     calls = examples.strip().splitlines()
     assert 1 <= len(calls) <= 2
-    for call in calls:
-        program, *words = shlex.split(call)
+    for line in calls:
+        program, *words = shlex.split(line)
         assert program == "cyclofeat"
         assert make_parser().parse_args(words).command == command
 

@@ -10,20 +10,14 @@ import time
 import keyboard
 import numpy as np
 import pytest
+from command import call, run
 
-from cyclofeat.cli import main
 from cyclofeat.cli.campaign import example
 from cyclofeat.datasets import read_folder, rig_preset
 from cyclofeat.simulators import Campaign, CycloidalGearbox, GearboxParameter, Rig, load_campaign
 
 QUICK = Rig.r0().replace(name="quick", gearbox=CycloidalGearbox.steel(ramp_time=0.02))
 SMALL = Campaign(name="small", rig=QUICK, defect_counts=(0, 3), repeats=4, duration=0.02, runs_per_shard=3)
-
-
-def run(capsys, *arguments):
-    """Exit code, standard output and standard error of one call."""
-    code = main([str(argument) for argument in arguments])
-    return code, *capsys.readouterr()
 
 
 @pytest.fixture
@@ -36,14 +30,12 @@ def test_from_a_design_to_windows(capsys, design, tmp_path):
     out = tmp_path / "out"
     campaign = SMALL.replace(rig=QUICK.with_effects(GearboxParameter("load_torque", (15, 25))))
     campaign.to_json(design)
-    code, text, err = run(capsys, "campaign", design, "--out", out, "--jobs", 1)
-    assert code == 0, err
+    text, err = call(capsys, "campaign", design, "--out", out, "--jobs", 1)
     assert text.startswith(f"{out}: 8 runs of 512 samples (8 ok), ")
     data = load_campaign(out, verify=True)
     assert data.campaign == campaign
     assert np.isfinite(np.asarray(data.X)).all()
-    code, text, _ = run(capsys, "campaign", "--verify", out, "--json")
-    assert code == 0
+    text, _ = call(capsys, "campaign", "--verify", out, "--json")
     size = sum(path.stat().st_size for path in out.iterdir() if path.name != "manifest.json")
     assert json.loads(text) == {
         "folder": str(out), "n_runs": 8, "n_samples": 512, "sampling_rate": 25600.0, "n_shards": 3,
@@ -63,8 +55,8 @@ def test_from_a_design_to_windows(capsys, design, tmp_path):
 
 def test_the_folder_holds_its_own_design(capsys, design, tmp_path):
     first, second = tmp_path / "first", tmp_path / "second"
-    assert run(capsys, "campaign", design, "--out", first, "--jobs", 1)[0] == 0
-    assert run(capsys, "campaign", first / "campaign.json", "--out", second, "--jobs", 1)[0] == 0
+    call(capsys, "campaign", design, "--out", first, "--jobs", 1)
+    call(capsys, "campaign", first / "campaign.json", "--out", second, "--jobs", 1)
     for path in first.iterdir():
         assert (second / path.name).read_bytes() == path.read_bytes()
 
@@ -72,17 +64,15 @@ def test_the_folder_holds_its_own_design(capsys, design, tmp_path):
 def test_the_kernel_of_the_design_or_of_the_call(capsys, design, tmp_path):
     for given, made_by in ([], "batch"), (["--kernel", "exact"], "exact"):
         out = tmp_path / made_by
-        assert run(capsys, "campaign", design, "--out", out, "--jobs", 1, *given)[0] == 0
+        call(capsys, "campaign", design, "--out", out, "--jobs", 1, *given)
         assert (load_campaign(out).parameters["kernel"] == made_by).all()
-    code, _, err = run(capsys, "campaign", design, "--out", out, "--jobs", 1)
-    assert code == 2
+    _, err = call(capsys, "campaign", design, "--out", out, "--jobs", 1, code=2)
     assert "another design: kernel is 'exact' there and 'auto' here" in err
 
 
 def test_the_example_is_a_design_to_edit(capsys, tmp_path):
     file = tmp_path / "example.json"
-    code, text, _ = run(capsys, "campaign", "--example", file)
-    assert code == 0
+    text, _ = call(capsys, "campaign", "--example", file)
     assert f"cyclofeat campaign {file} --out FOLDER" in text
     assert Campaign.from_json(file) == example()
     edited = json.loads(file.read_text(encoding="utf-8")) | {
@@ -91,8 +81,7 @@ def test_the_example_is_a_design_to_edit(capsys, tmp_path):
         "duration": 0.01,
     }
     file.write_text(json.dumps(edited), encoding="utf-8")
-    code, text, err = run(capsys, "campaign", file, "--out", tmp_path / "out", "--jobs", 1, "--json")
-    assert code == 0, err
+    text, _ = call(capsys, "campaign", file, "--out", tmp_path / "out", "--jobs", 1, "--json")
     assert json.loads(text)["status"] == {"ok": 2}
 
 
@@ -110,8 +99,7 @@ def test_the_example_is_a_design_to_edit(capsys, tmp_path):
 )
 def test_mistakes_in_the_call(capsys, monkeypatch, tmp_path, arguments, message):
     monkeypatch.chdir(tmp_path)
-    code, _, err = run(capsys, *arguments)
-    assert code == 2
+    _, err = call(capsys, *arguments, code=2)
     assert message in err
     assert err.count("\n") == 1
 
@@ -122,16 +110,14 @@ def test_a_design_names_the_rigs_that_the_other_commands_name(capsys, tmp_path, 
     design.write_text(
         json.dumps({"rig": name, "defect_counts": [0], "repeats": 1, "duration": 0.01}), encoding="utf-8"
     )
-    code, _, err = run(capsys, "campaign", design, "--out", out, "--jobs", 1)
-    assert code == 0, err
+    call(capsys, "campaign", design, "--out", out, "--jobs", 1)
     assert load_campaign(out).campaign.rig == rig_preset(name)
-    assert run(capsys, "campaign", design, "--out", out, "--jobs", 1)[0] == 0  # it knows itself again
+    call(capsys, "campaign", design, "--out", out, "--jobs", 1)  # it knows itself again
 
 
 def test_an_unknown_rig_is_told_those_known(capsys, tmp_path):
     (tmp_path / "design.json").write_text('{"rig": "R9"}', encoding="utf-8")
-    code, _, err = run(capsys, "campaign", tmp_path / "design.json", "--out", tmp_path / "out")
-    assert code == 2
+    _, err = call(capsys, "campaign", tmp_path / "design.json", "--out", tmp_path / "out", code=2)
     assert "design.json: rig: name must be one of ('R0', 'R1', 'R2', 'published'), got 'R9'" in err
 
 
@@ -139,12 +125,11 @@ def test_mistakes_in_the_work(capsys, design, tmp_path):
     out = tmp_path / "out"
     code, _, err = run(capsys, "campaign", design, "--out", out, "--jobs", 0)
     assert (code, "--jobs must be a whole number of workers" in err) == (2, True)
-    assert run(capsys, "campaign", design, "--out", out, "--jobs", 1)[0] == 0
+    call(capsys, "campaign", design, "--out", out, "--jobs", 1)
     with (out / "shard-00001.npy").open("r+b") as file:
         file.seek(500)
         file.write(b"\x01\x02")
-    code, _, err = run(capsys, "campaign", "--verify", out)
-    assert code == 2
+    _, err = call(capsys, "campaign", "--verify", out, code=2)
     assert "shard-00001.npy was changed" in err
 
 

@@ -7,9 +7,10 @@ from functools import partial
 
 import numpy as np
 import pytest
+from command import call
 from small_model import recording
 
-from cyclofeat.cli import demo, main
+from cyclofeat.cli import demo
 from cyclofeat.counting import LobeModel
 from cyclofeat.models import load_model
 
@@ -59,6 +60,5 @@ def test_a_model_that_cannot_be_written_is_told_before_anything_is_simulated(
     capsys, made, monkeypatch, tmp_path
 ):
     monkeypatch.setitem(sys.modules, "skops.io", None)
-    assert main(["demo", "--out", str(tmp_path / "demo")]) == 2
-    assert "pip install skops" in capsys.readouterr().err
+    assert "pip install skops" in call(capsys, "demo", "--out", tmp_path / "demo", code=2)[1]
     assert made == []

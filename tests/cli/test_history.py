@@ -5,6 +5,7 @@ import os
 import sqlite3
 
 import pytest
+from command import call
 from pages import parse, without_pictures, words
 from small_model import recording, shaft_model
 
@@ -59,8 +60,7 @@ def test_count_keeps_each_recording_and_prints_a_line(history, model_file, files
         rows = read.rows("press 4")
     assert [row.defect_count for row in rows] == COUNTS
     assert [row.time for row in rows] == [START + k * HOUR for k in range(18)]
-    assert main(["count", files[-1], *again, *RATES]) == 0
-    assert "press 4: ALARM since 2026-" in capsys.readouterr().out
+    assert "press 4: ALARM since 2026-" in call(capsys, "count", files[-1], *again, *RATES)[0]
 
 
 def test_the_gearbox_has_a_name(model_file, files, tmp_path, capsys):
@@ -153,13 +153,11 @@ def test_watch_goes_on_where_the_history_cannot_be_written(model_file, files, tm
 @pytest.mark.slow
 def test_history_states_the_alarm_and_writes_the_page(history, tmp_path, capsys):
     page = tmp_path / "h.html"
-    assert main(["history", str(history), *RATES, "--report", str(page), "--strict"]) == 3
-    text = capsys.readouterr().out
+    text = call(capsys, "history", history, *RATES, "--report", page, "--strict", code=3)[0]
     assert text.startswith("press 4: 3 worn lobes\n  18 recordings from 2026-")
     assert "  ALARM since 2026-" in text
     assert "false alarms per month at 730 recordings; a rise is noticed after" in text
-    assert main(["history", str(history), *RATES, "--json"]) == 0
-    (facts,) = json.loads(capsys.readouterr().out)
+    (facts,) = json.loads(call(capsys, "history", history, *RATES, "--json")[0])
     assert (facts["gearbox"], facts["defect_count"], facts["baseline"], facts["alarm"]) == (
         "press 4",
         3,
@@ -177,5 +175,4 @@ def test_history_states_the_alarm_and_writes_the_page(history, tmp_path, capsys)
     assert "17.npz 3" in said
     assert main(["history", str(history), *RATES, "--gearbox", "lathe"]) == 2
     assert "gearbox must be one of the history, press 4, got 'lathe'" in capsys.readouterr().err
-    assert main(["history", str(tmp_path / "no.sqlite")]) == 2
-    assert "no such history" in capsys.readouterr().err
+    assert "no such history" in call(capsys, "history", tmp_path / "no.sqlite", code=2)[1]

@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 import pytest
+from command import call
 
 from cyclofeat import Recording
 from cyclofeat.cli import main
@@ -210,8 +211,7 @@ def test_once_counts_what_is_there_and_remembers(capsys, tmp_path, model_file):
 def test_what_should_be_known_of_a_count_stands_in_its_line(capsys, tmp_path, model_file):
     put(tmp_path / "worn.npz", 3, tachometer=False)
     command = ["watch", str(tmp_path), "--model", str(model_file), "--trust", "--once", "--settle", "0.1"]
-    assert main(command) == 0
-    (line,) = capsys.readouterr().out.splitlines()
+    (line,) = call(capsys, *command)[0].splitlines()
     assert "1 window; note: neither tachometer nor stated speed: 500.02 RPM found in the torque" in line
 
 
@@ -290,7 +290,6 @@ def test_killed_it_counts_nothing_twice(capsys, tmp_path, model_file):
             time.sleep(0.02)
         process.kill()
     put(tmp_path / "b.npz", 3)
-    assert main([*command[3:], "--once"]) == 0
-    again = capsys.readouterr().out
+    again = call(capsys, *command[3:], "--once")[0]
     assert "b.npz" in again
     assert "a.npz" not in again

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from command import call
 from scipy.stats import betabinom
 
 from cyclofeat.cli import main
@@ -58,13 +59,11 @@ def test_what_helps_where_no_recording_is_long_enough(made_up):
 
 def test_the_longest_recording_is_named_by_its_length(capsys):
     question = ["plan", "--worn-count", "4", "--noise", "8", "--depth", "0.1", "--confidence", "0.9"]
-    assert main([*question, "--speed", "250"]) == 0
-    first, second, *_ = capsys.readouterr().out.splitlines()
+    first, second, *_ = call(capsys, *question, "--speed", "250")[0].splitlines()
     assert first.endswith("the table's longest recording, 4 output turns (14.4 s), is not enough for 0.9")
     most = plan_measurement(4, noise_nm=8.0, depth=0.1, confidence=0.9).largest_noise_nm
     assert second == f"  it is enough at {most:g} Nm noise or less"
-    assert main([*question, "--json"]) == 0
-    plan = json.loads(capsys.readouterr().out)
+    plan = json.loads(call(capsys, *question, "--json")[0])
     assert (plan["longest_turns"], plan["longest_seconds"]) == (4, 7.2)
 
 
@@ -86,8 +85,7 @@ def test_the_table_that_ships_is_whole():
 
 
 def test_command_says_how_long(capsys):
-    assert main(["plan", "--worn-count", "3", "--noise", "0.2", "--confidence", "0.9"]) == 0
-    text = capsys.readouterr().out
+    text = call(capsys, "plan", "--worn-count", "3", "--noise", "0.2", "--confidence", "0.9")[0]
     assert text.startswith(
         "to tell 3 from 4 worn lobes at 0.2 Nm noise, depth 1: record 1 output turn (1.8 s)"
     )
@@ -108,8 +106,7 @@ def test_command_says_how_long(capsys):
     ],
 )
 def test_bad_questions_get_one_line(capsys, arguments, message):
-    assert main(["plan", "--worn-count", *arguments.split()]) == 2
-    assert message in capsys.readouterr().err
+    assert message in call(capsys, "plan", "--worn-count", *arguments.split(), code=2)[1]
 
 
 # Which wear shows.
@@ -217,14 +214,11 @@ def test_the_command_says_which_depth_shows(capsys, monkeypatch):
     monkeypatch.setattr("cyclofeat.counting.plan_measurement", answer)
     question = ["plan", "--wear", "--worn-count", "2", "--noise", "0.2", "--speed", "600", "--load", "10"]
     asked["least"] = 45.2
-    assert main([*question, "--turns", "3", "--rig", "r2"]) == 0
-    text = capsys.readouterr().out
+    text = call(capsys, *question, "--turns", "3", "--rig", "r2")[0]
     assert text.startswith("radial wear shows from 45.2 um on with 0.95, 2 worn lobes or none: ")
     assert "20 um: 0.70, 50 um: 0.97" in text
     assert asked["rig"].name == "R2"
     assert (asked["speed_rpm"], asked["load_nm"], asked["output_turns"]) == (600.0, 10.0, 3)
     asked["least"] = None
-    assert main([*question, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["least_um"] is None
-    assert main(question) == 0
-    assert capsys.readouterr().out.startswith("no depth up to 50 um shows with 0.95")
+    assert json.loads(call(capsys, *question, "--json")[0])["least_um"] is None
+    assert call(capsys, *question)[0].startswith("no depth up to 50 um shows with 0.95")

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from command import call
 from scipy.special import expit, logit
 
 import cyclofeat.gap
@@ -197,8 +198,7 @@ def test_planned_recordings_are_checked_and_the_answer_is_readable(asked, capsys
         "named although absent: hum (3)",
         "would help: recordings at 10 Nm",
     ]
-    assert main(["gap", "--check", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["format"] == "cyclofeat gap check 1"
+    assert json.loads(call(capsys, "gap", "--check", "--json")[0])["format"] == "cyclofeat gap check 1"
 
 
 def test_options_without_effect_on_a_check_are_refused(asked, tmp_path, capsys):
@@ -211,6 +211,5 @@ def test_options_without_effect_on_a_check_are_refused(asked, tmp_path, capsys):
         (["--rigs", "9", str(tmp_path)], "--rigs has no effect without --check"),
         (["--check", "--prepare", str(tmp_path / "p.npz")], "--check has no effect with --prepare"),
     ):
-        assert main(["gap", *arguments]) == 2
-        assert message in capsys.readouterr().err
+        assert message in call(capsys, "gap", *arguments, code=2)[1]
     assert not asked
