@@ -116,13 +116,16 @@ def check_packaged_model() -> None:
 def check_gap() -> None:
     """A missing effect is named, which takes much of numpy and scipy."""
     from cyclofeat.gap import load_posterior
-    from cyclofeat.gap.world.rigs import Session
+    from cyclofeat.gap.measured import MeasuredRig
+    from cyclofeat.recordings import Recording
     from cyclofeat.simulators import Hum, Noise, Rig
 
     rig = Rig(effects=[Hum(1.0), Noise(0.05)])
     runs = [rig.simulate(duration=2.0, random_state=seed) for seed in range(4)]
-    session = Session.of([run.torque_out for run in runs], 25_600, [(500, 22, 1)] * 4, counts=[0] * 4)
-    assert load_posterior().presence(session)["hum"] > 0.5
+    recordings = [
+        Recording(run.torque_out, 25_600, speed_rpm=500, load_nm=22, defect_count=0) for run in runs
+    ]
+    assert load_posterior().presence(MeasuredRig.of(recordings, Rig()).session())["hum"] > 0.5
 
 
 failed = 0

@@ -15,6 +15,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from cyclofeat.gap import Comparison
+from cyclofeat.gap.comparison import summarise_bank
 from cyclofeat.gap.proof.prove import Counts, simulate_alternative
 from cyclofeat.gap.simulations import Bank
 from cyclofeat.gap.summaries.summarise import smallest_spreads
@@ -67,7 +68,7 @@ class Retuned(BlackBox):
             except SimulationFailed:
                 return np.inf
             of_count = 0 * bank.counts if counts is None else bank.counts
-            values = retuned.summaries(bank)
+            values = summarise_bank(retuned, bank)
             means = class_means(values, of_count)
             spread = np.hypot(less_class_means(values, of_count, means).std(axis=0), smallest)
             differences = [(wanted[count] - mean) / spread for count, mean in means.items()]

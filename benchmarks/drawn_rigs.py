@@ -21,6 +21,7 @@ from benchmarks._markdown import line, table
 from cyclofeat.counting import make_lobe_counter
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.gap import Comparison, EffectPosterior, load_posterior
+from cyclofeat.gap.comparison import corrected_rig
 from cyclofeat.gap.confirm.confirm import confirm_effects, draw_effects
 from cyclofeat.gap.measured import MeasuredRig
 from cyclofeat.gap.simulations import Bank
@@ -65,7 +66,7 @@ def corrected(
     confirmed = confirm_effects(posterior, session, posterior.presence(session), random_state=0)
     variants = draw_effects(posterior, session, confirmed, N_VARIANTS, random_state=0)
     named = [effect.effect_id for effect in confirmed.effects]
-    return comparison.corrected_rig(confirmed.effects), comparison.corrected_rig(variants=variants), named
+    return corrected_rig(comparison, confirmed.effects), corrected_rig(comparison, variants=variants), named
 
 
 def case(posterior: EffectPosterior, seed: int) -> tuple[list[str], list[float]]:

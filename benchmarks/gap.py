@@ -42,7 +42,7 @@ from benchmarks.hidden_effects._table import (
 )
 from cyclofeat._base.files import write_whole
 from cyclofeat.gap import EffectPosterior, GapSettings, World, load_posterior, prepare_world
-from cyclofeat.gap.world.rigs import Session
+from cyclofeat.gap.world.world import Session
 
 PAGE = Path(__file__).with_name("gap.md")
 # Shares of the sets that the whole workflow is run on.

@@ -104,6 +104,7 @@ def surrogates(made_once):
 def compared_hum(made_once: MadeOnce) -> dict[str, LocatedGap]:
     """Six recordings with strong hum, and six with nothing, compared with a small bank of a rig."""
     from cyclofeat.gap import Comparison
+    from cyclofeat.gap.comparison import measured_turns
     from cyclofeat.gap.where.locate import locate
     from cyclofeat.simulators import BrakeRotor, CycloidalGearbox, Hum, Noise, Rig
 
@@ -117,7 +118,7 @@ def compared_hum(made_once: MadeOnce) -> dict[str, LocatedGap]:
             for name, effects, seed in (("hum", [Hum(2.0)], 102), ("nothing", [], 104))
         }
         return {
-            name: locate(comparison, comparison.measured(bank.X, y=bank.counts), n_permutations=499)
+            name: locate(comparison, measured_turns(comparison, bank.X, y=bank.counts), n_permutations=499)
             for name, bank in banks.items()
         }
 

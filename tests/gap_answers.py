@@ -12,7 +12,7 @@ from cyclofeat.gap import Condition, GapResult
 from cyclofeat.gap.overlays import Band, Overlay
 from cyclofeat.gap.proof.prove import DistanceRow, Proof, ProofRow
 from cyclofeat.gap.result import FoundEffect, NextMeasurement, Remainder, RemainderRow, Size, VisibleFrom
-from cyclofeat.gap.where.conditions import where_of
+from cyclofeat.gap.where.locate import where_of
 from cyclofeat.simulators import Gain, Hum, PinErrors, Rig
 
 FIRST, SECOND = Condition(500.0, 22.0), Condition(400.0, 12.0, -1)

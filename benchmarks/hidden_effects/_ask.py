@@ -17,12 +17,12 @@ from benchmarks.hidden_effects._folders import read_set
 from benchmarks.hidden_effects._machine import SAMPLING_RATE
 from benchmarks.hidden_effects._sets import definitions
 from benchmarks.hidden_effects._visible import effects_of
-from cyclofeat.gap import Comparison, Condition, EffectPosterior, GapSettings, find_gap
+from cyclofeat.gap import Comparison, EffectPosterior, GapSettings, find_gap
 from cyclofeat.gap.measured import MeasuredRig
 from cyclofeat.gap.proof.prove import Alternative, prove_all
-from cyclofeat.gap.simulations import Memory
+from cyclofeat.gap.simulations import remember
 from cyclofeat.gap.summaries.turns import MeasuredTurns
-from cyclofeat.gap.world.rigs import Session
+from cyclofeat.gap.world.world import Session
 from cyclofeat.simulators import Rig
 
 _CODE = ("gap/world", "gap/summaries")
@@ -32,19 +32,18 @@ _AT_A_TIME = 20
 def session_of(name: str, folder: Path) -> Session:
     """Summaries of the recordings of a set that are to be fitted."""
     recordings, _ = read_set(name, folder)
-    at = [(one.speed_rpm, one.load_nm, np.sign(one.torque.mean())) for one in recordings]
-    counts = [one.defect_count for one in recordings]
-    return Session.of([one.torque for one in recordings], SAMPLING_RATE, at, counts=counts)
+    return MeasuredRig.of(recordings, Rig(), SAMPLING_RATE).session()
 
 
 def sessions_of(names: Iterable[str], folder: Path, jobs: int = 1) -> dict[str, Session]:
     """Sessions of the sets that the folder has; they are stored beside it while the code stays the same."""
-    memory = Memory(folder.with_name(f"{folder.name}_sessions"))
+    kept = folder.with_name(f"{folder.name}_sessions")
     there = [name for name in names if (folder / name).exists()]
 
     def some(part: Sequence[str]) -> list[Session]:
         return [
-            memory(lambda name=name: session_of(name, folder), "sessions", name, code=_CODE) for name in part
+            remember(kept, lambda name=name: session_of(name, folder), "sessions", name, code=_CODE)
+            for name in part
         ]
 
     parts = [there[first : first + _AT_A_TIME] for first in range(0, len(there), _AT_A_TIME)]
@@ -62,19 +61,17 @@ def shown(session: Session, n: int | None = None, *, counts: bool = True) -> Ses
 
 def names_of(posterior: EffectPosterior, sessions: Sequence[Session]) -> list[dict[str, Any]]:
     """Results that hold what a posterior says, without verdict, confirmation and proof."""
-    probabilities = posterior.predict_proba(sessions)
-    visible, quantiles = posterior.predict_visible(sessions), posterior.predict_quantiles(sessions)
     found = []
-    for p_of, seen_of, sizes_of in zip(probabilities, visible, quantiles, strict=True):
+    for guess in posterior.guess(sessions):
         sizes: dict[str, dict[str, dict[str, float]]] = {name: {} for name in posterior.names_}
-        for key, ends in zip(posterior.size_names_, sizes_of.tolist(), strict=True):
+        for key, ends in guess.sizes.items():
             name, _, parameter = key.partition(".")
             if np.isfinite(ends).all():
-                middle = ends[len(ends) // 2]
-                sizes[name][parameter] = {"value": middle, "low": ends[0], "high": ends[-1]}
+                low, _, middle, _, high = ends.tolist()
+                sizes[name][parameter] = {"value": middle, "low": low, "high": high}
         effects = [
-            {"id": name, "probability": p, "visible": seen, "sizes": sizes[name]}
-            for name, p, seen in zip(posterior.names_, p_of.tolist(), seen_of.tolist(), strict=True)
+            {"id": name, "probability": p, "visible": guess.visible[name], "sizes": sizes[name]}
+            for name, p in guess.presence.items()
             if np.isfinite(p)
         ]
         found.append({"format": FORMAT, "effects": effects})
@@ -106,7 +103,7 @@ def whole_answer(
                 for box in boxes:
                     made[box] = BLACK_BOXES[box](settings.n_report).fit(comparison, turns).records
             if oracle is not None:
-                made["oracle"] = Condition.of(comparison).set_on(oracle)
+                made["oracle"] = oracle.at(comparison.condition.speed_rpm, comparison.condition.load_nm)
             return made
 
         proofs = prove_all(fitted, held, result.rig, world, settings, others=others)

@@ -15,6 +15,7 @@ from benchmarks.hidden_effects._machine import SAMPLING_RATE, Machine, run
 from benchmarks.hidden_effects._sets import FIT, SEED, STANDARD, Planned
 from benchmarks.hidden_effects._visible import simulated_cells
 from cyclofeat.gap import Comparison
+from cyclofeat.gap.comparison import measured_turns
 from cyclofeat.gap.simulations import MAY_DIFFER
 from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.summaries.turns import class_means, less_class_means
@@ -176,14 +177,15 @@ def false_alarms(n: int) -> tuple[int, str]:
     planned = [Planned(FIT, i, STANDARD, counts[i % 8]) for i in range(8 * n)]
     X = np.array([_recorded(one, (10**6 + 1, one.number)) for one in planned])
     comparison = Comparison(sampling_rate=SAMPLING_RATE, may_differ=(*MAY_DIFFER, *NOISE_AND_DRIFT))
-    sets = [comparison.measured(X[8 * k : 8 * k + 8], y=counts) for k in range(n)]
+    sets = [measured_turns(comparison, X[8 * k : 8 * k + 8], y=counts) for k in range(n)]
     located = locate(comparison, sets[0], n_permutations=_N_PERMUTATIONS)
     # All sets use one bank: they are compared as in locate, without a new bank for each.
-    simulated = located.centre_on_counts(located.simulated, located.bank.counts)
+    means = class_means(located.simulated, located.bank.counts)
+    simulated = less_class_means(located.simulated, located.bank.counts, means)
     random = np.random.default_rng(0)
     alarms = 0
     for one in sets:
-        measured = located.centre_on_counts(one.values, one.counts)
+        measured = less_class_means(one.values, one.counts_or_zeros, means)
         p = family_p(measured, simulated, one.cells, _N_PERMUTATIONS, random)
-        alarms += min(p.values()) <= located.alpha
-    return alarms, located.verdict
+        alarms += min(p.values()) <= located.where.alpha
+    return alarms, located.where.verdict

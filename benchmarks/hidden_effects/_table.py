@@ -7,14 +7,16 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks._black_boxes import BLACK_BOXES
 from benchmarks._markdown import table, wilson
 from benchmarks.hidden_effects._answers import UNRESOLVED, Answer, grouped
 from benchmarks.hidden_effects._sets import KINDS, STANDARD, definitions, effect_names
-from cyclofeat.gap.posterior.score import calibration_error
 
-_CONFIDENT = 0.9
+Float = NDArray[np.float64]
+
+_CONFIDENT, _BINS = 0.9, 15
 _FEWEST = 10  # intervals of one parameter from which its coverage is stated
 
 
@@ -190,6 +192,13 @@ def _conditions(inside: Sequence[Answer]) -> list[Figure]:
         text = f"{name}: loss of sets right against 500 RPM and 22 Nm"
         found.append(number(text, at_most(0.02), loss, np.mean))
     return found
+
+
+def calibration_error(probabilities: Float, present: NDArray[np.bool_]) -> float:
+    """Return the mean distance of probabilities from shares, over bins weighted by their number of cases."""
+    bins = np.minimum((probabilities * _BINS).astype(int), _BINS - 1)
+    excess = np.bincount(bins, probabilities - present, minlength=_BINS)
+    return float(np.abs(excess).sum() / probabilities.size)
 
 
 def _calibration(inside: Sequence[Answer]) -> tuple[list[float], Callable[[Sequence[float]], float]]:

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from sklearn.ensemble import ExtraTreesClassifier, ExtraTreesRegressor
 
 from benchmarks._markdown import table
+from benchmarks.hidden_effects._table import calibration_error
 from cyclofeat.gap import EffectPosterior, World, load_posterior, prepare_world
 from cyclofeat.gap.posterior.calibration import gain_and_offset
-from cyclofeat.gap.posterior.score import calibration_error
-from cyclofeat.gap.world.rigs import Rigs, Session
+from cyclofeat.gap.world.world import Rigs, Session
 
 Float = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ def ours(
         posterior.fit(train)
     fitted = time.perf_counter()
     presence = np.nan_to_num(posterior.predict_proba(sessions))
-    quantiles = posterior.predict_quantiles(sessions)
+    quantiles = np.array([[*guess.sizes.values()] for guess in posterior.guess(sessions)])
     answered = time.perf_counter()
     logarithmic = np.array(posterior.logarithmic_)[:, None]
     on_scale = np.where(logarithmic, np.log(np.where(logarithmic, quantiles, 1.0)), quantiles)
@@ -88,7 +88,7 @@ def summaries(posterior: EffectPosterior, sessions: Sequence[Session]) -> Float:
     """Return one row of numbers for each session: means, spreads, gain and offset, conditions."""
     rows = []
     for session in sessions:
-        deviations = posterior.deviations(session)
+        deviations = posterior.reference_.deviations(session.values, session.conditions, session.counts)
         spread = np.log(deviations[:, : len(posterior.cells_)].std(axis=0) + 0.1)
         mean = session.values[:, posterior.cells_.index("amplitudes: mean")]
         shown = np.ones((1, len(mean)), dtype=bool)

@@ -153,19 +153,18 @@ def prepare_posterior(arguments: argparse.Namespace) -> Printed:
     if missing:
         raise ImportError(f"--prepare needs {' and '.join(missing)}: pip install {' '.join(missing)}")
     from cyclofeat.gap import EffectPosterior, prepare_world
-    from cyclofeat.gap.posterior.of_model import EPOCHS_ON
+    from cyclofeat.gap.posterior.effect_posterior import check_start
     from cyclofeat.simulators import Rig
 
     model = Rig() if arguments.simulator is None else Rig.from_json(arguments.simulator)
     world = world_of(arguments, model)
     start = None if arguments.posterior is None else read_posterior(arguments.posterior)
     if start is not None:  # before the simulations, which take an hour
-        start.check_goes_on(world.cells, world.defect_counts)
+        check_start(start, world.cells, world.defect_counts)
     with Progress("cyclofeat gap: simulating machines, eight at a time") as progress:
         folder = Path(arguments.cache) / "world"
         rigs = prepare_world(world, folder, arguments.machines, n_jobs=arguments.n_jobs, progress=progress)
-    epochs = EffectPosterior().epochs if start is None else EPOCHS_ON
-    posterior = EffectPosterior(epochs=epochs, random_state=arguments.random_state)
+    posterior = EffectPosterior(random_state=arguments.random_state)
     with Progress("cyclofeat gap: learning from them") as progress:
         posterior.fit(rigs, start=start, progress=progress)
     path = posterior.save(arguments.prepare)

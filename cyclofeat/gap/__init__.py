@@ -24,8 +24,7 @@ from cyclofeat.gap._workflow import compare_recordings, find_gap, hold_out
 from cyclofeat.gap.cases.held_drive import find_loop_gap
 from cyclofeat.gap.cases.published_table import find_published_gap
 from cyclofeat.gap.check import GapCheck, check_recordings
-from cyclofeat.gap.comparison import Comparison, GapSettings
-from cyclofeat.gap.measured import Condition
+from cyclofeat.gap.comparison import Comparison, Condition, GapSettings
 from cyclofeat.gap.posterior.effect_posterior import EffectPosterior, load_posterior
 from cyclofeat.gap.result import GapResult
 from cyclofeat.gap.world.prepare import prepare_world

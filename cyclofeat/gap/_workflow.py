@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -12,25 +13,25 @@ from numpy.typing import NDArray
 from scipy.stats import entropy
 
 from cyclofeat._base.checks import is_number
-from cyclofeat.gap.comparison import GapSettings
+from cyclofeat.gap.comparison import GapSettings, bank_like, corrected_rig
 from cyclofeat.gap.confirm.confirm import Confirmation, confirm_effects, draw_effects
 from cyclofeat.gap.confirm.next_measurement import rank_measurements
-from cyclofeat.gap.measured import SAME_LOAD, SAME_SPEED, Condition, MeasuredRig, set_points
+from cyclofeat.gap.measured import SAME_LOAD, SAME_SPEED, MeasuredRig, set_points
 from cyclofeat.gap.overlays import Overlay, summarise_overlays
 from cyclofeat.gap.posterior.answers import ABSENT, state_of
 from cyclofeat.gap.posterior.effect_posterior import EffectPosterior
 from cyclofeat.gap.posterior.of_model import is_of_model, posterior_of_world
 from cyclofeat.gap.proof.prove import Proof, prove_all
 from cyclofeat.gap.result import LEFT, FoundEffect, GapResult, Remainder, RemainderRow, Size, VisibleFrom
-from cyclofeat.gap.where.conditions import locate_all, where_of
-from cyclofeat.gap.where.locate import LocatedGap
-from cyclofeat.gap.world.rigs import Session
-from cyclofeat.gap.world.world import World
+from cyclofeat.gap.where.locate import LocatedGap, locate_all, where_of
+from cyclofeat.gap.world.world import Session, World
 from cyclofeat.recordings import Recording
 from cyclofeat.recordings.recording import common_n_lobes
 from cyclofeat.simulators import BrakeRotor, CycloidalGearbox, Effect, Rig
 from cyclofeat.simulators.effects.library import look_alikes
 from cyclofeat.simulators.simulation import torsion
+
+Float = NDArray[np.float64]
 
 _ROWS = 12
 _VARIANTS = 200  # a probability is off by up to 0.07
@@ -87,21 +88,15 @@ def find_gap(
     began = time.monotonic()
     settings, say = settings or GapSettings(), progress or (lambda _: None)
     measured = tuple(measured)
-    posterior = _check_posterior(posterior, model) or posterior_of_world(
-        MeasuredRig.of(measured, model or Rig()).world(World(rig=model or Rig())),
-        cache=settings.cache, n_jobs=settings.n_jobs, progress=say,
-    )  # fmt: skip
+    posterior = _choose_posterior(measured, model, posterior, settings, say)
     world = posterior.world
-    rig = MeasuredRig.of(measured, world.rig, world.sampling_rate, quantity=world.quantity)
+    described = functools.partial(
+        MeasuredRig.of, rig=world.rig, sampling_rate=world.sampling_rate, quantity=world.quantity
+    )
+    rig = described(measured)
+    held = None if held_out is None else described(held_out, conditions=rig.conditions)
     session = rig.session(one_assembly=settings.one_assembly)
     presence = posterior.presence(session)
-    held = (
-        None
-        if held_out is None
-        else MeasuredRig.of(
-            held_out, world.rig, world.sampling_rate, quantity=world.quantity, conditions=rig.conditions
-        )
-    )
     say("comparing measurement and model")
     located = locate_all(rig, world, settings)
     confirmed = confirm_effects(
@@ -109,9 +104,11 @@ def find_gap(
         random_state=settings.seed, n_jobs=settings.n_jobs, progress=say,
     )  # fmt: skip
     presence |= confirmed.presence
+    speeds, loads = zip(*((at.speed_rpm, at.load_nm) for at in rig.conditions), strict=True)
+    ranges = {"speeds_rpm": (min(speeds), max(speeds)), "loads_nm": (min(loads), max(loads))}
     # Of any condition: its speed and load are replaced.
-    comparison, at = located[0].comparison, {"gearbox": world.rig.gearbox, **_recorded_at(rig)}
-    corrected = comparison.corrected_rig(confirmed.effects).replace(**at)
+    comparison, at = located[0].comparison, {"gearbox": world.rig.gearbox, **ranges}
+    corrected = corrected_rig(comparison, confirmed.effects).replace(**at)
     variants = draw_effects(posterior, session, confirmed, _VARIANTS, random_state=settings.seed)
     remainder = _make_remainder(world, confirmed)
     proof: tuple[Proof, ...] = ()
@@ -125,7 +122,7 @@ def find_gap(
         where=tuple(where_of(gap, pictures=settings.pictures) for gap in located),
         rig=corrected,
         quantity=rig.quantity,
-        posterior_rig=comparison.corrected_rig(variants=variants).replace(**at),
+        posterior_rig=corrected_rig(comparison, variants=variants).replace(**at),
         effects=effects,
         named=confirmed.effects,
         remainder=remainder,
@@ -138,18 +135,19 @@ def find_gap(
     )
 
 
-def _undecided_bits(effects: Iterable[FoundEffect]) -> dict[str, float]:
-    """Return how much is not known of each effect that is probably missing or undecided, in bits."""
-    return {
-        row.effect: float(entropy([row.probability, 1 - row.probability], base=2))
-        for row in effects
-        if row.state in ("probably missing", "undecided")
-    }
-
-
-def _check_posterior(posterior: EffectPosterior | None, model: Rig | None) -> EffectPosterior | None:
-    """Raise ValueError if a posterior was learned from another model."""
-    if posterior is not None and model is not None and not is_of_model(posterior, model):
+def _choose_posterior(
+    measured: Sequence[Recording],
+    model: Rig | None,
+    posterior: EffectPosterior | None,
+    settings: GapSettings,
+    progress: Callable[[str], object],
+) -> EffectPosterior:
+    """Return the posterior that was given, if it is of the model, or one for the model and the recordings."""
+    if posterior is None:
+        model = model or Rig()
+        world = MeasuredRig.of(measured, model).world(World(rig=model))
+        return posterior_of_world(world, cache=settings.cache, n_jobs=settings.n_jobs, progress=progress)
+    if model is not None and not is_of_model(posterior, model):
         raise ValueError(
             "posterior must have been learned from model, got one of another rig: leave posterior out to "
             "learn one, or prepare it for this model"
@@ -157,21 +155,20 @@ def _check_posterior(posterior: EffectPosterior | None, model: Rig | None) -> Ef
     return posterior
 
 
-def _recorded_at(rig: MeasuredRig) -> dict[str, tuple[float, float]]:
-    """Return the ranges of speed and load of recordings, as fields of a rig."""
-    speeds, loads = zip(*((abs(at.speed_rpm), abs(at.load_nm)) for at in rig.conditions), strict=True)
-    return {"speeds_rpm": (min(speeds), max(speeds)), "loads_nm": (min(loads), max(loads))}
+def _undecided_bits(effects: Iterable[FoundEffect]) -> dict[str, float]:
+    """Return how much is not known of each effect that is probably missing or undecided, in bits."""
+    open_rows = [row for row in effects if row.state in ("probably missing", "undecided")]
+    return {row.effect: float(entropy([row.probability, 1 - row.probability], base=2)) for row in open_rows}
 
 
 def _rotor_resonance(variants: Iterable[Sequence[Effect]], gearbox: CycloidalGearbox) -> list[Size]:
     """Return the resonance of the brake's rotor on torque meter and gearbox, over drawn sets of effects."""
-    rotors = [effect for effects in variants for effect in effects if isinstance(effect, BrakeRotor)]
-    braked = [gearbox.with_brake(rotor.inertia, rotor.stiffness, rotor.damping_ratio) for rotor in rotors]
-    hz = [math.sqrt(torsion(one)[0] / one.brake_inertia) / (2 * math.pi) for one in braked]
-    if not hz:
-        return []
-    low, middle, high = np.quantile(hz, [0.05, 0.5, 0.95]).tolist()
-    return [Size("resonance_hz", "Hz", middle, low, high)]
+    hz = []
+    for rotor in (effect for effects in variants for effect in effects if isinstance(effect, BrakeRotor)):
+        braked = gearbox.with_brake(rotor.inertia, rotor.stiffness, rotor.damping_ratio)
+        hz.append(math.sqrt(torsion(braked)[0] / braked.brake_inertia) / (2 * math.pi))
+    low, middle, high = np.quantile(hz or [math.nan], [0.05, 0.5, 0.95]).tolist()
+    return [Size("resonance_hz", "Hz", middle, low, high)] if hz else []
 
 
 def _effect_rows(
@@ -182,17 +179,15 @@ def _effect_rows(
     variants: Sequence[Sequence[Effect]],
 ) -> tuple[FoundEffect, ...]:
     """Return what is known of each effect, the most probable first."""
-    quantiles = {name: (row[0], row[2], row[-1]) for name, row in posterior.sizes(session).items()}
-    quantiles |= confirmed.quantiles
-    limits, named = posterior.visible_from(), [effect.effect_id for effect in confirmed.effects]
-    visible = dict(zip(posterior.names_, posterior.predict_visible([session])[0].tolist(), strict=True))
+    guess = posterior.guess([session])[0]
+    quantiles = {name: (row[0], row[2], row[-1]) for name, row in guess.sizes.items()} | confirmed.quantiles
+    limits, named = posterior.visible_from, [effect.effect_id for effect in confirmed.effects]
     rows = []
     for effect in posterior.world.effects or ():
-        name = effect.effect_id
-        if not np.isfinite(presence[name]):
+        name, seen_from = effect.effect_id, None
+        p, seen = presence[name], guess.visible[name]
+        if not np.isfinite(p):
             continue
-        p = presence[name]
-        seen_from = None
         if name in limits:
             key, *beyond = limits[name]
             seen_from = VisibleFrom(key, effect.parameters[key].unit, *beyond)
@@ -204,13 +199,11 @@ def _effect_rows(
             gearbox = posterior.world.rig.gearbox
             sizes += _rotor_resonance(variants, gearbox.replace(load_torque=session.conditions[:, 1].mean()))
         others = [other for group in look_alikes() if name in group for other in group if other != name]
-        ties = tuple(other for other in others if presence.get(other, 0.0) > ABSENT and other not in named)
+        ties = [other for other in others if presence.get(other, 0.0) > ABSENT and other not in named]
+        state = state_of(p, seen, named=name in named)
         rows.append(
-            FoundEffect(
-                name, p, state_of(p, visible[name], named=name in named), tuple(sizes),
-                ties if p > ABSENT else (), visible[name], seen_from,
-            )
-        )  # fmt: skip
+            FoundEffect(name, p, state, tuple(sizes), tuple(ties) if p > ABSENT else (), seen, seen_from)
+        )
     return tuple(sorted(rows, key=lambda row: -row.probability))
 
 
@@ -233,8 +226,9 @@ def _simulate_overlays(
     for gap in located if settings.pictures else ():
         after = None
         if corrected is not None:
-            rig = Condition.of(gap.comparison).set_on(corrected)
-            after = gap.comparison.replace(rig=rig, n_bank=settings.n_after).bank_like(gap.measured).X
+            at = gap.comparison.condition
+            corrected = corrected.at(at.speed_rpm, at.load_nm)
+            after = bank_like(gap.comparison.replace(rig=corrected, n_bank=settings.n_after), gap.measured).X
         overlays += summarise_overlays(gap.comparison, gap.measured.windows, gap.bank.X, after)
     return tuple(overlays)
 
@@ -293,7 +287,7 @@ def compare_recordings(
     parts = both.part(numbers[: len(measured)]), both.part(numbers[len(measured) :])
     located = locate_all(parts[0], World(rig=rig), settings, simulated=parts[1])
     warnings = [*both.warnings, *parts[0].doubts]
-    compared = [Condition.of(gap.comparison) for gap in located]
+    compared = [gap.comparison.condition for gap in located]
     left_out = [condition.text for condition in parts[0].conditions if condition not in compared]
     if left_out:
         warnings.append(f"not compared, as each set needs two recordings there: {'; '.join(left_out)}")
@@ -352,40 +346,34 @@ def hold_out(recordings: Sequence[Recording], by: float | str, *, random_state: 
     >>> [recording.speed_rpm for recording in held_out]
     [500.0, 500.0]
     """
-    states = {
-        name: [getattr(recording, label) for recording in recordings]
-        for name, (label, *_) in _SET_POINTS.items()
-    }
-    points = {
-        name: set_points(np.abs(states[name]), share)
-        for name, (_, _, share) in _SET_POINTS.items()
-        if None not in states[name]
-    }
-    if by in _SET_POINTS:
-        name, (label, unit, _) = str(by), _SET_POINTS[str(by)]
-        if name not in points:
-            missing = states[name].count(None)
+    points: dict[str, Float] = {}
+    for name, (label, unit, share) in _SET_POINTS.items():
+        values = [getattr(recording, label) for recording in recordings]
+        if None not in values:
+            points[name] = set_points(np.abs(values), share)
+        elif by == name:
             raise ValueError(
-                f"by {by} needs {label} of every recording, {missing} of {len(recordings)} state none"
+                f"by {by} needs {label} of every recording, {values.count(None)} of {len(values)} state none"
             )
-        values = np.unique(points[name])
-        if values.size < _FEWEST:
-            got = ", ".join(f"{value:g}" for value in values)
+        if by == name and len(distinct := np.unique(points[name])) < _FEWEST:
+            got = ", ".join(f"{value:g}" for value in distinct)
             raise ValueError(
                 f"by {by} needs recordings at {_FEWEST} {by}s or more, so that fitted ones lie on both "
-                f"sides, got {values.size}: {got} {unit}"
+                f"sides, got {distinct.size}: {got} {unit}"
             )
-        held = points[name] == values[values.size // 2]
+    if by in points:
+        distinct = np.unique(points[str(by)])
+        held = points[str(by)] == distinct[distinct.size // 2]
     elif is_number(by) and 0 < float(by) < 1:
         held = _held_share(recordings, float(by), [*points.values()], random_state)
     else:
         raise ValueError(f"by must be a share between 0 and 1, speed or load, got {by}")
-    fitted = [recording for recording, is_held in zip(recordings, held, strict=True) if not is_held]
-    return fitted, [recording for recording, is_held in zip(recordings, held, strict=True) if is_held]
+    fitted, held_out = ([recordings[i] for i in np.flatnonzero(flags).tolist()] for flags in (~held, held))
+    return fitted, held_out
 
 
 def _held_share(
-    recordings: Sequence[Recording], share: float, points: list[Any], random_state: int | None
+    recordings: Sequence[Recording], share: float, points: list[Float], random_state: int | None
 ) -> NDArray[np.bool_]:
     """Mask a share of the assemblies of every count and condition."""
     known = all(recording.assembly is not None for recording in recordings)
@@ -398,8 +386,7 @@ def _held_share(
     strata: dict[Any, list[list[int]]] = {}
     members = list(assemblies.values())
     for k in np.random.default_rng(random_state).permutation(len(members)):
-        stratum = frozenset(kinds[i] for i in members[k])
-        strata.setdefault(stratum, []).append(members[k])
+        strata.setdefault(frozenset(kinds[i] for i in members[k]), []).append(members[k])
     order = [assembly for of_one_kind in strata.values() for assembly in of_one_kind]
     held = np.zeros(len(recordings), dtype=bool)
     held[[i for k in range(int(share * len(order))) for i in order[int(k / share)]]] = True

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -14,15 +15,20 @@ from numpy.typing import NDArray
 from cyclofeat._base import displays
 from cyclofeat._base.checks import check_type, seed_number, whole
 from cyclofeat._base.displays import data_frame, html_card
+from cyclofeat.gap.comparison import Condition
 from cyclofeat.gap.confirm.next_measurement import rank_measurements
 from cyclofeat.gap.confirm.sessions import simulate_prior
-from cyclofeat.gap.measured import Condition, MeasuredRig
-from cyclofeat.gap.posterior.answers import NAMED, detection_limit, strengths_of, visible_ends
+from cyclofeat.gap.measured import MeasuredRig
+from cyclofeat.gap.posterior.answers import (
+    NAMED,
+    detection_limit,
+    strengths_of,
+    visible_ends,
+    with_look_alikes,
+)
 from cyclofeat.gap.posterior.effect_posterior import EffectPosterior, load_posterior
-from cyclofeat.gap.posterior.score import PosteriorScore, score_posterior
 from cyclofeat.gap.result import EffectRows, NextMeasurement, replace_nonfinite
-from cyclofeat.gap.world.rigs import Rigs, Session
-from cyclofeat.gap.world.world import World
+from cyclofeat.gap.world.world import Rigs, Session, World
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Effect
 
@@ -41,37 +47,41 @@ _FEWEST, _MOST_NAMES = 3, 3  # rigs in which an effect is missed, and names that
 
 @dataclass(frozen=True)
 class CheckedEffect:
-    """Detectability of one effect in recordings.
-
-    Attributes
-    ----------
-    effect : str
-    n : int
-        Simulated rigs that have it.
-    recall : float
-        Share of them in which it is found: its probability is above one half.
-    parameter, unit : str
-        Its main parameter.
-    half_below, half_above : float
-        Values of this parameter below and above which the effect is found in half of the cases. NaN on a side
-        on which it grows no stronger, and on both if no simulated rig has it strong enough or fewer than five
-        have it.
-    most_below, most_above : float
-        The same for 9 of 10 cases.
-    confused_with : tuple of str
-        Up to three absent effects that become more probable where it is present but not found.
-    """
+    """Detectability of one effect in recordings."""
 
     effect: str
-    n: int
-    recall: float
-    parameter: str
+    n: int  # simulated rigs that have it
+    recall: float  # share of them in which it is found: its probability is above one half
+    parameter: str  # its main parameter
     unit: str
+    # Values of this parameter below and above which the effect is found in half of the cases, and in 9 of 10.
+    # NaN on a side on which it grows no stronger, and on both if no simulated rig has it strong enough or
+    # fewer than five have it.
     half_below: float
     half_above: float
     most_below: float
     most_above: float
-    confused_with: tuple[str, ...] = ()
+    confused_with: tuple[str, ...] = ()  # up to three, more probable where it is missed
+
+
+@dataclass(frozen=True)
+class PosteriorScore:
+    """Shares of right answers of a posterior, which names effects with a probability above one half."""
+
+    n_rigs: int
+    precision: float
+    recall: float
+    sets_right: float  # rigs whose effects are named exactly
+    sets_right_with_ties: float  # the same, if one of a group of look-alikes may be named for another
+
+    @classmethod
+    def of(cls, probabilities: Float, present: Flags, names: Sequence[str]) -> PosteriorScore:
+        """Score the probabilities of effects in rigs (n_rigs, n_effects); one that is NaN names nothing."""
+        named = probabilities > NAMED
+        groups, true = (with_look_alikes(flags.astype(float), names) > 0 for flags in (named, present))
+        shares = (float(np.sum(named & present) / n) if n else math.nan for n in (named.sum(), present.sum()))
+        sets = (float(np.all(a == b, axis=1).mean()) for a, b in ((named, present), (groups, true)))
+        return cls(len(named), *shares, *sets)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +95,7 @@ class GapCheck(EffectRows[CheckedEffect]):
     effects : tuple of CheckedEffect
         All that the posterior has learned, in its order.
     score : PosteriorScore
-        The score on the simulated rigs.
+        Shares of right answers on the simulated rigs.
     wrong : dict from str to int
         How often an effect was named that was absent, the most frequent first; without those that never were.
     next_measurements : tuple of NextMeasurement
@@ -108,15 +118,13 @@ class GapCheck(EffectRows[CheckedEffect]):
         -------
         dict from str to object
         """
+        score = asdict(self.score)
         plain = {
             "format": _FORMAT,
             "recordings": len(self.conditions),
             "conditions": [asdict(row) for row in dict.fromkeys(self.conditions)],
-            "rigs": self.score.n_rigs,
-            "sets_right": self.score.sets_right,
-            "sets_right_with_ties": self.score.sets_right_with_ties,
-            "precision": self.score.precision,
-            "recall": self.score.recall,
+            "rigs": score.pop("n_rigs"),
+            **score,
             "wrong": self.wrong,
             "effects": [asdict(row) for row in self.effects],
             "next_measurements": [asdict(row) for row in self.next_measurements],
@@ -213,8 +221,9 @@ def check_recordings(
     posterior.predict_proba([template])  # conditions that it has not learned fail at once
     rigs = simulate_prior(world, template, n_rigs, random_state=state, n_jobs=n_jobs, progress=progress)
     counts, tachometer = template.counts is not None, template.speeds_rpm is not None
-    score = score_posterior(posterior, rigs, counts=counts, tachometer=tachometer)
-    p = score.probabilities
+    p = posterior.predict_proba(
+        [rigs.session(k, counts=counts, tachometer=tachometer) for k in range(len(rigs))]
+    )
     wrong = np.sum((p > NAMED) & ~rigs.present, axis=0)
     counted = sorted(zip(wrong.tolist(), world.names, strict=True), key=lambda one: -one[0])
     effects = tuple(
@@ -223,7 +232,7 @@ def check_recordings(
     return GapCheck(
         conditions=tuple(Condition(at[0], at[1], int(at[2])) for at in template.conditions.tolist()),
         effects=effects,
-        score=score,
+        score=PosteriorScore.of(p, rigs.present, rigs.names),
         wrong={name: n for n, name in counted if n},
         next_measurements=rank_measurements(
             {row.effect: 1 - row.recall for row in effects if row.n}, template, world

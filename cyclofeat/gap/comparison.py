@@ -6,9 +6,9 @@ import dataclasses
 import functools
 import itertools
 import os
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,31 +17,45 @@ from cyclofeat._base import checks
 from cyclofeat._base.checks import is_number, list_members, one_of, positive, truth_value, whole
 from cyclofeat._base.checks import n_jobs as checked_jobs
 from cyclofeat._base.quantities import TORQUES
-from cyclofeat.gap.simulations import (
-    MAY_DIFFER,
-    Bank,
-    Memory,
-    Population,
-    as_rig,
-    simulate_bank,
-    with_may_differ,
-)
+from cyclofeat.gap.simulations import MAY_DIFFER, Bank, Population, remember, simulate_bank, with_may_differ
 from cyclofeat.gap.summaries.summarise import SPEED_TOLERANCE, Kinematics, summarise_windows
-from cyclofeat.gap.summaries.turns import MeasuredTurns, mix_counts, read_measured
-from cyclofeat.simulators import Effect, LobeDefects, Rig
+from cyclofeat.gap.summaries.turns import MeasuredTurns, mix_counts
+from cyclofeat.signal.orders import mean_speed
+from cyclofeat.simulators import CycloidalGearbox, Effect, LobeDefects, Rig
 
 Float = NDArray[np.float64]
-T = TypeVar("T")
 
-SIMULATED_BY = ("signal", "gap/summaries", "gap/simulations")  # folders whose code affects simulations
+
+@dataclass(frozen=True)
+class Condition:
+    """Set-points of recordings.
+
+    Attributes
+    ----------
+    speed_rpm : float
+        Speed of the input shaft.
+    load_nm : float
+        Size of the load torque.
+    direction : {1, -1}
+        -1 in reverse, where the torque is negative.
+    """
+
+    speed_rpm: float
+    load_nm: float
+    direction: int = 1
+
+    @property
+    def text(self) -> str:
+        """The condition in words."""
+        reverse = "" if self.direction > 0 else ", reverse"
+        return f"{self.speed_rpm:.4g} RPM, {self.load_nm:.3g} Nm{reverse}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
     """Model and conditions that measured recordings are compared under, and the simulations made for it.
 
-    Every stage of the gap takes a comparison first. Simulated recordings are made once and shared by the
-    stages, in memory and in the folder ``cache``.
+    Every stage of the gap takes a comparison first. Simulated recordings are kept in the folder ``cache``.
 
     Parameters
     ----------
@@ -102,16 +116,16 @@ class Comparison:
     random_state: int = 0
     n_jobs: int = 1
     cache: str | os.PathLike[str] | None = None
-    _memory: Memory | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         counts: tuple[Any, ...] = list_members(self.defect_counts) or ()
+        model: Any = self.rig
         if not counts or not all(is_number(c) and float(c).is_integer() and c >= 0 for c in counts):
             raise ValueError(f"defect_counts must hold whole numbers from 0, got {self.defect_counts!r}")
         checked: dict[str, Any] = {
             "sampling_rate": positive("sampling_rate", self.sampling_rate, "a number of Hz"),
             "duration": positive("duration", self.duration, "a number of s"),
-            "rig": as_rig(self.rig),
+            "rig": model if isinstance(model, Rig) else Rig(model or CycloidalGearbox.steel()),
             "quantity": one_of("quantity", self.quantity, TORQUES),
             "defect_counts": tuple(int(count) for count in counts),
             "tachometer": truth_value("tachometer", self.tachometer),
@@ -119,7 +133,6 @@ class Comparison:
             "random_state": whole("random_state", self.random_state, 0),
             "n_bank": whole("n_bank", self.n_bank, 10),
             "n_jobs": checked_jobs(self.n_jobs),
-            "_memory": self._memory or Memory(self.cache),
         }
         if self.direction not in (1, -1):
             raise ValueError(f"direction must be 1 or -1, got {self.direction!r}")
@@ -145,6 +158,12 @@ class Comparison:
         return Kinematics(self.sampling_rate, self.input_speed_hz, self.n_lobes)
 
     @property
+    def condition(self) -> Condition:
+        """Nominal speed, load and direction."""
+        speed_rpm = round(60 * self.kinematics.input_speed_hz, 6)
+        return Condition(speed_rpm, float(self.rig.gearbox.load_torque), self.direction)
+
+    @property
     def n_lobes(self) -> int:
         """Number of lobes of the model's discs."""
         return int(self.rig.gearbox.n_lobes)
@@ -160,27 +179,8 @@ class Comparison:
         rig = with_may_differ(self.rig, self.may_differ)
         return Population(rig, self.n_samples, self.sampling_rate, self.wheels, self.direction, self.quantity)
 
-    def corrected_rig(self, effects: Iterable[Effect] = (), variants: Sequence[Sequence[Effect]] = ()) -> Rig:
-        """Return the model with effects added, after the ``may_differ`` effects of the same kinds.
-
-        Parameters
-        ----------
-        effects : iterable of Effect
-        variants : sequence of sequence of Effect
-            Effects of single assemblies: each entry joins one of the model's variants, if it has some.
-
-        Returns
-        -------
-        Rig
-        """
-        added = tuple(effects)
-        kinds = {effect.effect_id for effect in itertools.chain(added, *variants)}
-        rig = with_may_differ(self.rig, [effect for effect in self.may_differ if effect.effect_id in kinds])
-        joined = [(*own, *more) for own, more in zip(itertools.cycle(rig.variants or ((),)), variants)]
-        return rig.with_added(*added).replace(variants=joined if any(joined) else rig.variants)
-
     def replace(self, **changes: Any) -> Comparison:
-        """Return a checked copy with some parameters changed; both share their simulations.
+        """Return a checked copy with some parameters changed.
 
         Parameters
         ----------
@@ -190,27 +190,7 @@ class Comparison:
         -------
         Comparison
         """
-        if "cache" in changes:
-            changes["_memory"] = None
         return dataclasses.replace(self, **changes)
-
-    def remember(self, call: Callable[[], T], kind: str, *key: Any) -> T:
-        """Return the result of ``call``, computed once for equal keys and equal code.
-
-        Parameters
-        ----------
-        call : callable
-        kind : str
-            Name of the subfolder of ``cache``.
-        *key : object
-            Text, numbers and arrays that the result depends on.
-
-        Returns
-        -------
-        object
-        """
-        assert self._memory is not None
-        return self._memory(call, kind, *key, code=SIMULATED_BY)
 
     def bank(
         self,
@@ -245,88 +225,67 @@ class Comparison:
         """
         wanted = self.defect_counts if counts is None else tuple(int(count) for count in counts)
         state = self.random_state if random_state is None else random_state
-        return self.remember(
+        return remember(
+            self.cache,
             lambda: simulate_bank(
                 self.population, wanted, n, n_assemblies=n_assemblies, random_state=state, n_jobs=self.n_jobs
             ),
             "bank", self.population.text, wanted, n, n_assemblies, state,
         )  # fmt: skip
 
-    def bank_like(self, measured: MeasuredTurns) -> Bank:
-        """Simulate ``n_bank`` recordings with the counts of measured ones in about their shares.
 
-        Parameters
-        ----------
-        measured : MeasuredTurns
-            See :meth:`measured`; without counts, ``defect_counts`` are simulated.
+def measured_turns(
+    comparison: Comparison,
+    X: ArrayLike,
+    y: ArrayLike | None = None,
+    groups: ArrayLike | None = None,
+    angle: ArrayLike | None = None,
+) -> MeasuredTurns:
+    """Return measured windows of about ``duration``, torque in Nm (n_windows, n_samples), in whole turns.
 
-        Returns
-        -------
-        Bank
-        """
-        return self.bank(
-            self.n_bank, None if measured.counts is None else mix_counts(measured.counts, self.n_bank)
-        )
+    ``y`` are counts of worn lobes, where they are known; ``groups`` the recording of each window (default: a
+    recording each); ``angle`` is that of the input shaft in rad, of the shape of X, if there is a tachometer.
+    """
+    windows, n_samples = np.asarray(X), comparison.n_samples
+    names = np.arange(len(windows)) if groups is None else groups
+    _, first, of_window = np.unique(names, return_index=True, return_inverse=True)
+    return MeasuredTurns(
+        # The precision of simulated recordings: otherwise the share of distinct values would differ.
+        windows[:, :n_samples].astype(np.float32),
+        of_window,
+        None if y is None else np.asarray(y)[first].astype(np.int64),
+        None if angle is None else mean_speed(np.asarray(angle)[:, :n_samples], comparison.sampling_rate),
+        comparison.kinematics,
+    )
 
-    def summaries(self, bank: Bank) -> Float:
-        """Summarise simulated recordings.
 
-        Parameters
-        ----------
-        bank : Bank
+def corrected_rig(
+    comparison: Comparison, effects: Iterable[Effect] = (), variants: Sequence[Sequence[Effect]] = ()
+) -> Rig:
+    """Return the model with effects added, after the ``may_differ`` effects of the same kinds.
 
-        Returns
-        -------
-        ndarray, shape (n, n_cells)
-            Each cell in its own unit: dB, Nm, bit, % or none.
-        """
-        speeds = bank.speeds if self.tachometer else None
-        return self.remember(
-            lambda: summarise_windows(bank.X, self.kinematics, speeds)[0],
-            "summaries",
-            bank.X,
-            speeds,
-            self.kinematics,
-        )
+    ``variants`` are effects of single assemblies: each joins one of the model's variants, if it has some.
+    """
+    added = tuple(effects)
+    kinds = {effect.effect_id for effect in itertools.chain(added, *variants)}
+    own = with_may_differ(comparison.rig, [one for one in comparison.may_differ if one.effect_id in kinds])
+    joined = [(*first, *more) for first, more in zip(itertools.cycle(own.variants or ((),)), variants)]
+    return own.with_added(*added).replace(variants=joined if any(joined) else own.variants)
 
-    def measured(
-        self,
-        X: ArrayLike,
-        y: ArrayLike | None = None,
-        groups: ArrayLike | None = None,
-        angle: ArrayLike | None = None,
-    ) -> MeasuredTurns:
-        """Check measured recordings and cut them to whole output turns.
 
-        Parameters
-        ----------
-        X : array-like, shape (n_windows, n_samples)
-            Torque in Nm, of about ``duration``.
-        y : array-like of int, shape (n_windows,), optional
-            Counts of worn lobes, where they are known.
-        groups : array-like, shape (n_windows,), optional
-            Recording of each window. Default: each window is a recording of its own.
-        angle : array-like, shape (n_windows, n_samples), optional
-            Angle of the input shaft in rad; given if and only if ``tachometer`` is True.
+def summarise_bank(comparison: Comparison, bank: Bank) -> Float:
+    """Summarise simulated recordings: (n, n_cells), each cell in its own unit (dB, Nm, bit, % or none)."""
+    speeds, kinematics = bank.speeds if comparison.tachometer else None, comparison.kinematics
+    return remember(
+        comparison.cache, lambda: summarise_windows(bank.X, kinematics, speeds)[0],
+        "summaries", bank.X, speeds, kinematics,
+    )  # fmt: skip
 
-        Returns
-        -------
-        MeasuredTurns
 
-        Raises
-        ------
-        ValueError
-            If the arguments do not belong together or not to this comparison.
-        """
-        if (angle is not None) != self.tachometer:
-            raise ValueError(f"angle must be given if and only if tachometer is True, got {self.tachometer}")
-        measured = read_measured(self.kinematics, X, y, groups, angle)
-        if measured.windows.shape[1] != self.n_samples:
-            raise ValueError(
-                f"X must hold windows of {self.duration:g} s like the comparison (duration), got "
-                f"{np.shape(X)[1] / self.sampling_rate:g} s"
-            )
-        return measured
+def bank_like(comparison: Comparison, measured: MeasuredTurns) -> Bank:
+    """Simulate ``n_bank`` recordings with the counts of measured ones in about their shares, if known."""
+    counts = None if measured.counts is None else mix_counts(measured.counts, comparison.n_bank)
+    return comparison.bank(comparison.n_bank, counts)
 
 
 @dataclass(frozen=True)

@@ -14,13 +14,12 @@ from scipy.signal import resample_poly
 
 from cyclofeat._base.checks import check_type, positive
 from cyclofeat._base.quantities import TORQUES, factor_to_output, number_of
-from cyclofeat.gap.comparison import Comparison, GapSettings
+from cyclofeat.gap.comparison import Comparison, Condition, GapSettings, measured_turns
 from cyclofeat.gap.simulations import Bank
 from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.summaries.turns import MeasuredTurns
-from cyclofeat.gap.world.cells import turn_samples
-from cyclofeat.gap.world.rigs import Session
-from cyclofeat.gap.world.world import AROUND, NOISE_AND_DRIFT, World
+from cyclofeat.gap.world.cells import recording_cells, turn_samples
+from cyclofeat.gap.world.world import AROUND, NOISE_AND_DRIFT, Session, World
 from cyclofeat.recordings import Recording, Windower
 from cyclofeat.recordings.recording import common_n_lobes, common_quantity
 from cyclofeat.recordings.windower import recording_label
@@ -37,76 +36,6 @@ _FEW_RECORDINGS = 4
 _CLIPPED = 1e-3  # share of samples at one extreme value from which a recording counts as clipped
 _FLAT = 5  # samples on end
 _LARGEST_RATIO = 50_000  # of rates: a clock's error by rounding it is at most 0.002 %
-
-
-@dataclass(frozen=True)
-class Condition:
-    """Set-points of recordings.
-
-    Attributes
-    ----------
-    speed_rpm : float
-        Speed of the input shaft.
-    load_nm : float
-        Size of the load torque.
-    direction : {1, -1}
-        -1 in reverse, where the torque is negative.
-    """
-
-    speed_rpm: float
-    load_nm: float
-    direction: int = 1
-
-    @classmethod
-    def of(cls, comparison: Comparison) -> Condition:
-        """Return the condition of a comparison.
-
-        Parameters
-        ----------
-        comparison : Comparison
-
-        Returns
-        -------
-        Condition
-        """
-        speed_rpm = round(60 * comparison.kinematics.input_speed_hz, 6)
-        return cls(speed_rpm, float(comparison.rig.gearbox.load_torque), comparison.direction)
-
-    def is_near(self, other: Condition) -> bool:
-        """Return True if the speeds lie within 0.5 %, the loads within 2 %, and the directions are equal.
-
-        Parameters
-        ----------
-        other : Condition
-
-        Returns
-        -------
-        bool
-        """
-        pairs = (self.speed_rpm, other.speed_rpm, SAME_SPEED), (self.load_nm, other.load_nm, SAME_LOAD)
-        return self.direction == other.direction and all(
-            math.isclose(mine, theirs, rel_tol=share) for mine, theirs, share in pairs
-        )
-
-    def set_on(self, rig: Rig) -> Rig:
-        """Return a rig that runs at the speed and load of the condition.
-
-        Parameters
-        ----------
-        rig : Rig
-
-        Returns
-        -------
-        Rig
-        """
-        gearbox = rig.gearbox.replace(input_speed=self.speed_rpm * np.pi / 30, load_torque=self.load_nm)
-        return rig.replace(gearbox=gearbox)
-
-    @property
-    def text(self) -> str:
-        """The condition in words."""
-        reverse = "" if self.direction > 0 else ", reverse"
-        return f"{self.speed_rpm:.4g} RPM, {self.load_nm:.3g} Nm{reverse}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,17 +77,6 @@ class MeasuredRig:
         ``sampling_rate`` in Hz (default: the lowest of them) are resampled, with a warning. They must be of
         ``quantity``, if it is given. A set-point within the same limits of one of ``conditions``, those of
         other recordings, is that one.
-
-        Examples
-        --------
-        >>> torque = np.random.default_rng(0).normal(22, 0.1, 51_200)
-        >>> measured = MeasuredRig.of(
-        ...     [Recording(torque * side, 25_600, speed_rpm=500, load_nm=22) for side in (1, 1, -1)], Rig()
-        ... )
-        >>> [condition.text for condition in measured.conditions]
-        ['500 RPM, 22 Nm', '500 RPM, 22 Nm, reverse']
-        >>> len(measured.at(measured.conditions[0]))
-        2
         """
         given = tuple(recordings)
         if not given:
@@ -281,7 +199,7 @@ class MeasuredRig:
 
         The torque is multiplied by the direction: positive for a load that brakes.
         """
-        condition = Condition.of(comparison)
+        condition = comparison.condition
         recordings = self.at(condition)
         cut = Windower(input_speed_hz=condition.speed_rpm / 60, reduction=self.n_lobes).windows(recordings)
         angle = None
@@ -291,7 +209,7 @@ class MeasuredRig:
             n = cut.X.shape[1]
             angle = np.array([of_input[i][k : k + n] for i, k in zip(cut.recording, starts, strict=True)])
         y = cut.y if self.has_counts else None
-        return comparison.measured(cut.X * condition.direction, y, cut.recording, angle)
+        return measured_turns(comparison, cut.X * condition.direction, y, cut.recording, angle)
 
     def world(self, world: World) -> World:
         """Return ``world`` widened to cover the recordings.
@@ -319,7 +237,7 @@ class MeasuredRig:
         speed_hz = condition.speed_rpm / 60
         return Comparison(
             sampling_rate=self.sampling_rate,
-            rig=condition.set_on(world.rig),
+            rig=world.rig.at(condition.speed_rpm, condition.load_nm),
             duration=self.n_lobes / speed_hz,
             input_speed_hz=speed_hz,
             direction=condition.direction,
@@ -337,7 +255,7 @@ class MeasuredRig:
 
     def bank(self, comparison: Comparison) -> Bank:
         """Return the first output turn of each recording at a comparison's condition, as if simulated."""
-        condition, turns = Condition.of(comparison), self.turns(comparison)
+        condition, turns = comparison.condition, self.turns(comparison)
         first = np.unique(turns.of_window, return_index=True)[1]
         nominal = np.full(len(first), condition.speed_rpm / 60)
         return Bank(
@@ -352,30 +270,27 @@ class MeasuredRig:
 
         With ``one_assembly`` all are of one. Default: as they state; an assembly each where one states none.
         """
-        needed = []
+        rows, speeds = [], []
         for i, (recording, at) in enumerate(zip(self.recordings, self.recording_conditions, strict=True)):
-            needed.append(turn_samples(Kinematics(self.sampling_rate, at.speed_rpm / 60, self.n_lobes)))
-            if recording.n_samples < needed[-1]:
+            turn = Kinematics(self.sampling_rate, at.speed_rpm / 60, self.n_lobes)
+            n = turn_samples(turn)
+            if recording.n_samples < n:
                 raise ValueError(
                     f"{recording_label(i, recording)} is too short: an output turn and 3 % "
-                    f"more, {needed[-1] / self.sampling_rate:.4g} s at {at.speed_rpm:.4g} RPM, is needed, "
+                    f"more, {n / self.sampling_rate:.4g} s at {at.speed_rpm:.4g} RPM, is needed, "
                     f"got {recording.duration:.4g} s"
                 )
-        speeds = None
-        if self.has_tachometer:
-            angles = self._input_angles(self.recordings)
-            turned = [mean_speed(a[:n], self.sampling_rate) for a, n in zip(angles, needed, strict=True)]
-            speeds = 60 * np.array(turned)
-        return Session.of(
-            [recording.torque for recording in self.recordings],
-            self.sampling_rate,
-            [(at.speed_rpm, at.load_nm, at.direction) for at in self.recording_conditions],
-            counts=[recording.defect_count or 0 for recording in self.recordings]
-            if self.has_counts
-            else None,
-            speeds_rpm=speeds,
-            assemblies=[0] * len(self.recordings) if one_assembly else _assembly_numbers(self.recordings),
-            n_lobes=self.n_lobes,
+            torque = recording.torque[:n].astype(np.float32) * np.float32(at.direction)
+            rows.append(recording_cells(torque[None], turn)[0][0])
+            for angle in self._input_angles([recording]) if self.has_tachometer else ():
+                speeds.append(60 * mean_speed(angle[:n], self.sampling_rate))
+        counts = np.array([recording.defect_count or 0 for recording in self.recordings])
+        return Session(
+            np.array(rows),
+            np.array([dataclasses.astuple(at) for at in self.recording_conditions], dtype=float),
+            counts if self.has_counts else None,
+            np.array(speeds) if self.has_tachometer else None,
+            np.zeros_like(counts) if one_assembly else _assembly_numbers(self.recordings),
         )
 
     def _input_angles(self, recordings: Iterable[Recording]) -> list[Float]:
@@ -438,11 +353,18 @@ def _sort_by_condition(
             f"model's, {load_nm:g} Nm"
         )
     at = zip(set_points(speeds, SAME_SPEED), set_points(np.abs(loads), SAME_LOAD), recordings, strict=True)
-    at_set_points = (
-        Condition(round(float(speed), 6), float(load), -1 if recording.torque.mean() < 0 else 1)
-        for speed, load, recording in at
-    )
-    return tuple(next(filter(condition.is_near, known), condition) for condition in at_set_points)
+    conditions = []
+    for speed, load, recording in at:
+        own = Condition(round(float(speed), 6), float(load), -1 if recording.torque.mean() < 0 else 1)
+        near = (
+            other
+            for other in known
+            if own.direction == other.direction
+            and math.isclose(own.speed_rpm, other.speed_rpm, rel_tol=SAME_SPEED)
+            and math.isclose(own.load_nm, other.load_nm, rel_tol=SAME_LOAD)
+        )
+        conditions.append(next(near, own))
+    return tuple(conditions)
 
 
 def set_points(values: Sequence[float] | Float, share: float) -> Float:

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.fft import rfft, rfftfreq
 from sklearn.utils.validation import check_array
 
-from cyclofeat.gap.comparison import Comparison
-from cyclofeat.gap.measured import Condition
+from cyclofeat.gap.comparison import Comparison, Condition
 from cyclofeat.gap.summaries.summarise import RESOLUTION_NM, SPEED_TOLERANCE
 from cyclofeat.signal.orders import estimate_input_speed, order_lines
 
@@ -59,16 +58,6 @@ def summarise_overlays(
 
     Each is torque in Nm, (n_recordings, n_samples), positive for a load that brakes; ``corrected`` is None
     where nothing was added. Returns spectrum, orders, and distribution.
-
-    Examples
-    --------
-    >>> from cyclofeat.gap import Comparison
-    >>> comparison = Comparison(sampling_rate=6400.0, defect_counts=[0])
-    >>> torque = comparison.bank(2).X
-    >>> spectrum, orders, distribution = summarise_overlays(comparison, torque, torque)
-    >>> strongest = orders.x[orders.measured.mean.argmax()]  # of the mesh, at 16 times the speed
-    >>> round(float(strongest), 2)
-    16.0
     """
     kinematics = comparison.kinematics
     sets = {"measured": measured, "model": model, "corrected": corrected}
@@ -113,7 +102,7 @@ def summarise_overlays(
             # Amplitudes range over decades: their mean is that of the levels.
             mean = of_set.mean(axis=0) if kind == "distribution" else np.exp(np.log(of_set).mean(axis=0))
             bands[name] = Band(mean, *np.percentile(of_set, _RANGE, axis=0))
-        return Overlay(kind=kind, x=x, **bands, condition=Condition.of(comparison))  # type: ignore[arg-type]
+        return Overlay(kind=kind, x=x, **bands, condition=comparison.condition)  # type: ignore[arg-type]
 
     return (
         make_overlay("spectrum", 2 ** (bands / _BANDS_PER_OCTAVE), band_rms),

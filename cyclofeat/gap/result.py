@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar, get_args
 
 import numpy as np
 
@@ -21,12 +21,11 @@ from cyclofeat._base.quantities import (
     quantity_text,
     some_of,
 )
-from cyclofeat.gap.measured import Condition
 from cyclofeat.gap.overlays import Overlay
 from cyclofeat.gap.posterior.answers import State
 from cyclofeat.gap.proof.prove import Proof
 from cyclofeat.gap.summaries.summarise import Cell
-from cyclofeat.gap.where.conditions import Where
+from cyclofeat.gap.where.locate import Where
 from cyclofeat.simulators import Effect, Rig, known_effects
 
 if TYPE_CHECKING:
@@ -76,19 +75,11 @@ class Size:
 
 @dataclass(frozen=True)
 class VisibleFrom:
-    """Sizes of an effect that recordings show: half of the simulated rigs with it so large are named.
+    """Sizes of an effect that recordings show: half of the simulated rigs with it so large are named."""
 
-    Attributes
-    ----------
-    name, unit : str
-        Name and unit of its main parameter.
-    below, above : float
-        Values beyond which it is seen; NaN on a side on which it grows no stronger.
-    """
-
-    name: str
+    name: str  # of its main parameter
     unit: str
-    below: float
+    below: float  # values beyond which it is seen; NaN on a side on which it grows no stronger
     above: float
 
     def __str__(self) -> str:
@@ -97,34 +88,16 @@ class VisibleFrom:
 
 @dataclass(frozen=True)
 class FoundEffect:
-    """Answer about one effect: its probability of being missing in the model, and the word for it.
-
-    Attributes
-    ----------
-    effect : str
-        Name of the effect.
-    probability : float
-        That it is missing.
-    state : {"missing", "probably missing", "undecided", "too small to matter", "not missing"}
-        From 0.95 on, from 0.5 on (of look-alikes, together), or between; undecided, but too small to be seen;
-        up to 0.05.
-    sizes : tuple of Size
-        Its parameters, if it is missing; empty where they were not learned.
-    ties : tuple of str
-        Effects that the recordings cannot tell from it, and that are not named themselves.
-    visible : float
-        Probability that it is missing and large enough to be seen; NaN where no size is.
-    visible_from : VisibleFrom or None
-        Sizes that are large enough.
-    """
+    """Answer about one effect: its probability of being missing in the model, and the word for it."""
 
     effect: str
     probability: float
+    # From 0.95 on, from 0.5 on (of look-alikes, together), or between; too small to be seen; up to 0.05.
     state: State
-    sizes: tuple[Size, ...] = ()
-    ties: tuple[str, ...] = ()
-    visible: float = math.nan
-    visible_from: VisibleFrom | None = None
+    sizes: tuple[Size, ...] = ()  # its parameters, if it is missing; empty where they were not learned
+    ties: tuple[str, ...] = ()  # look-alikes in these recordings that are not named themselves
+    visible: float = math.nan  # probability that it is missing and large enough to be seen
+    visible_from: VisibleFrom | None = None  # sizes that are large enough, if any is
 
     @property
     def name(self) -> str:
@@ -148,24 +121,13 @@ class RemainderRow(Cell):
 
 @dataclass(frozen=True)
 class Remainder:
-    """Differences that the corrected model leaves unexplained.
+    """Differences that the corrected model leaves unexplained."""
 
-    Attributes
-    ----------
-    p : float
-        Chance of a remainder this large if the corrected model were right.
-    unexplained : bool
-        Whether neither chance nor undecided effects explain it.
-    rows : tuple of RemainderRow
-        The clearest first.
-    p_undecided : float or None
-        Chance of it if each undecided effect were there as often as it is probable; None where chance alone
-        explains it, or no effect is undecided.
-    """
-
-    p: float
-    unexplained: bool
-    rows: tuple[RemainderRow, ...] = field(default=(), repr=False)
+    p: float  # chance of a remainder this large if the corrected model were right
+    unexplained: bool  # neither chance nor undecided effects explain it
+    rows: tuple[RemainderRow, ...] = field(default=(), repr=False)  # the clearest first
+    # Chance of it if each undecided effect were there as often as it is probable; None where chance alone
+    # explains it, or no effect is undecided.
     p_undecided: float | None = None
 
     @property
@@ -187,12 +149,7 @@ class NextMeasurement:
         return self.what + (f", to decide about {some_of(self.decides)}" if self.decides else "")
 
 
-class _OfEffect(Protocol):
-    @property
-    def effect(self) -> str: ...
-
-
-AnyRow = TypeVar("AnyRow", bound=_OfEffect)
+AnyRow = TypeVar("AnyRow")
 
 
 class EffectRows(Generic[AnyRow]):
@@ -201,15 +158,11 @@ class EffectRows(Generic[AnyRow]):
     effects: tuple[AnyRow, ...]
 
     def effect(self, name: str) -> AnyRow:
-        """Return the row of an effect.
-
-        ``KeyError`` if it was not asked for.
-        """
-        for row in self.effects:
-            if row.effect == name:
-                return row
-        asked = ", ".join(row.effect for row in self.effects) or "none"
-        raise KeyError(f"{name} is not among the effects that were asked for: {asked}")
+        """Return the row of an effect; ``KeyError`` if it was not asked for."""
+        rows: dict[str, Any] = {vars(row)["effect"]: row for row in self.effects}
+        if name in rows:
+            return rows[name]  # type: ignore[no-any-return]
+        raise KeyError(f"{name} is not among the effects that were asked for: {', '.join(rows) or 'none'}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -382,7 +335,8 @@ class GapResult(EffectRows[FoundEffect]):
                 for where in self.where
             ],
             "proof": [
-                _condition_columns(proof.condition) | {"closed": proof.to_dict()} for proof in self.proof
+                (asdict(proof.condition) if proof.condition else {}) | {"closed": proof.to_dict()}
+                for proof in self.proof
             ],
             "warnings": list(self.warnings),
             "seconds": round(self.seconds, 1),
@@ -402,7 +356,7 @@ class GapResult(EffectRows[FoundEffect]):
         pandas.DataFrame
             One row per effect, parameter, number that remains, measurement, number compared, or alternative.
         """
-        rows: list[dict[str, Any]]
+        rows: list[dict[str, Any]] = []
         match checks.one_of("table", table, get_args(Table)):
             case "effects":
                 hidden = ("sizes", "visible_from")
@@ -415,10 +369,10 @@ class GapResult(EffectRows[FoundEffect]):
                 rows = [asdict(row) for row in self.next_measurements]
             case _:
                 parts: Sequence[Where | Proof] = self.where if table == "where" else self.proof
-                rows = [
-                    _condition_columns(part.condition) | asdict(row) for part in parts for row in part.rows
-                ]
-                rows = [row.pop("cell", {}) | row for row in rows]
+                for part in parts:
+                    at = asdict(part.condition) if part.condition else {}
+                    plain = [at | asdict(row) for row in part.rows]
+                    rows += [row.pop("cell", {}) | row for row in plain]
         return data_frame(rows)
 
     def plot(
@@ -491,10 +445,6 @@ class GapResult(EffectRows[FoundEffect]):
             self.headline, rows, pictures=curves, notes=self.warnings,
             code='result.to_frame("sizes")' if self.named else 'result.to_frame("where")',
         )  # fmt: skip
-
-
-def _condition_columns(condition: Condition | None) -> dict[str, Any]:
-    return {} if condition is None else asdict(condition)
 
 
 def replace_nonfinite(value: Any) -> Any:

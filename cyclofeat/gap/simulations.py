@@ -1,7 +1,7 @@
 """Simulated recordings of the model.
 
 A :class:`Population` describes recordings of a rig and how they may differ. :func:`simulate_bank` simulates
-them, and :class:`Memory` stores them.
+them, and :func:`remember` keeps them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import joblib
 import numpy as np
@@ -23,15 +23,7 @@ from numpy.typing import NDArray
 from cyclofeat._base.files import code_sha256
 from cyclofeat._base.quantities import CHANNELS, factor_to_output
 from cyclofeat._base.shards import ShardStore
-from cyclofeat.simulators import (
-    CycloidalGearbox,
-    Effect,
-    LobeDefects,
-    PinErrors,
-    Rig,
-    Scale,
-    SimulationFailed,
-)
+from cyclofeat.simulators import Effect, LobeDefects, PinErrors, Rig, Scale, SimulationFailed
 from cyclofeat.simulators.campaign import made_with
 from cyclofeat.simulators.effects.library import child_seed
 from cyclofeat.simulators.machine import MachineRun
@@ -56,24 +48,16 @@ MAY_DIFFER: tuple[Effect, ...] = (
 )  # fmt: skip
 
 
-def as_rig(model: Rig | CycloidalGearbox | None) -> Rig:
-    """Return a rig unchanged, a gearbox as a rig without effects, and paper B's gearbox for None."""
-    if isinstance(model, Rig):
-        return model
-    return Rig(CycloidalGearbox.steel() if model is None else model)
-
-
 def with_may_differ(rig: Rig, effects: Iterable[Effect] = MAY_DIFFER) -> Rig:
     """Return the rig with those of the effects added whose kind it does not have."""
     stated = {effect.effect_id for effect in rig.effects}
     return rig.with_added(*(effect for effect in effects if effect.effect_id not in stated))
 
 
-@dataclass(frozen=True)
-class Record:
+class Record(NamedTuple):
     """One recording: torque in Nm referred to the output, float32 (n_samples,), and mean speed in Hz."""
 
-    torque: NDArray[np.float32] = field(repr=False)
+    torque: NDArray[np.float32]
     speed: float
 
 
@@ -220,28 +204,27 @@ def simulate_bank(
     )
 
 
-class Memory:
-    """Cache of results, by the content of their arguments and the version of the code.
+SIMULATED_BY = ("signal", "gap/summaries", "gap/simulations")  # folders whose code affects simulations
 
-    Results are stored in this process and, with a ``folder``, on disk, so that an interrupted run can
-    continue. A file that cannot be read is replaced.
+
+def remember(
+    folder: str | os.PathLike[str] | None,
+    call: Callable[[], T],
+    kind: str,
+    *key: Any,
+    code: tuple[str, ...] = SIMULATED_BY,
+) -> T:
+    """Return the result of ``call``, from a folder where there is one.
+
+    It is kept in the subfolder ``kind`` for equal ``key`` and equal code, so that an interrupted run can
+    continue; a file that cannot be read is replaced. ``code`` names folders and modules of the package whose
+    code affects the result; the simulators always do.
     """
-
-    def __init__(self, folder: str | os.PathLike[str] | None = None) -> None:
-        self._folder, self._results = folder, dict[str, Any]()
-
-    def __call__(self, call: Callable[[], T], kind: str, *key: Any, code: tuple[str, ...]) -> T:
-        """Return the result of ``call``, computed once for equal ``kind``, ``key`` and code.
-
-        ``kind`` is the name of the subfolder. ``code`` names folders and modules of the package whose code
-        affects the result; the simulators always do.
-        """
-        name = str(joblib.hash((kind, key, versions(*code))))
-        if name not in self._results:
-            store = None if self._folder is None else ShardStore(Path(self._folder) / kind)
-            self._results[name] = call() if store is None else store.load_or_compute(f"{name}.joblib", call)
-        result: T = self._results[name]
-        return result
+    if folder is None:
+        return call()
+    name = str(joblib.hash((kind, key, versions(*code))))
+    result: T = ShardStore(Path(folder) / kind).load_or_compute(f"{name}.joblib", call)
+    return result
 
 
 def versions(*rooms: str) -> dict[str, str]:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cyclofeat.gap import GapResult
-    from cyclofeat.gap.where.conditions import Where, WhereRow
+    from cyclofeat.gap.where.locate import Where, WhereRow
 
 Kind = Literal["families", "spectrum", "orders", "phase"]
 KINDS: tuple[Kind, ...] = ("families", "spectrum", "orders", "phase")

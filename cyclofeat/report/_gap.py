@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from cyclofeat.gap.posterior.answers import State
     from cyclofeat.gap.proof.prove import Proof
     from cyclofeat.gap.result import Remainder
-    from cyclofeat.gap.where.conditions import Where, WhereRow
+    from cyclofeat.gap.where.locate import Where, WhereRow
 
 _FEW = 5  # recordings, below which exact tests hardly reject
 _BESIDE_ANOTHER = (5.2, 3.4)  # inches of a picture that has another one beside it

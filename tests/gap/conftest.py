@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from short_records import GEARBOX, SPEED, Recorder, short
 
-from cyclofeat.gap.simulations import Bank, as_rig
+from cyclofeat.gap.simulations import Bank
 from cyclofeat.simulators import CycloidalGearbox, Effect, Rig
 
 
@@ -33,7 +33,8 @@ def recorded(simulations: Path) -> Recorder:
         seed: int = 101,
         base: CycloidalGearbox | Rig | None = None,
     ) -> Bank:
-        rig = as_rig(base or GEARBOX).with_added(*effects)
+        base = GEARBOX if base is None else base
+        rig = (base if isinstance(base, Rig) else Rig(base)).with_added(*effects)
         # The nominal speed of the comparisons, whatever that of the rig.
         comparison = short(rig=rig, input_speed_hz=SPEED, cache=simulations)
         return comparison.bank(n, counts, random_state=seed)

@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 from cyclofeat.gap import EffectPosterior, GapSettings, World, find_gap, load_posterior, prepare_world
-from cyclofeat.gap.confirm.changes import TOLERANCE, Point, with_strength
-from cyclofeat.gap.confirm.confirm import Confirmation, Gaussian, confirm_effects, draw_effects
-from cyclofeat.gap.confirm.sessions import simulate_pairs
+from cyclofeat.gap.confirm.confirm import Confirmation, confirm_effects, draw_effects
+from cyclofeat.gap.confirm.sessions import TOLERANCE, Point, simulate_pairs, with_strength
 from cyclofeat.gap.measured import MeasuredRig
 from cyclofeat.gap.posterior.answers import named_effects
-from cyclofeat.gap.world.rigs import Session
-from cyclofeat.gap.world.world import NOISE_AND_DRIFT
+from cyclofeat.gap.posterior.effect_posterior import Guess
+from cyclofeat.gap.world.world import NOISE_AND_DRIFT, Session
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Drift, Gain, Hum, Noise, Offset, Rig, Scale
 from cyclofeat.simulators.effects import ShaftLine, SleeveFriction
@@ -31,15 +30,16 @@ class Stated:
         effects = (Noise(), Hum(), Gain(), Offset(), Scale("load", 1.02), Drift(), Drift(of="sensor"))
         self.world = SimpleNamespace(effects=tuple(one for one in effects if one.effect_id in names))
 
-    def size_distribution(self, session, names):
-        return np.zeros(len(names)), np.full(len(names), 0.01)
+    def guess(self, sessions):
+        names = [f"{one.effect_id}.{name}" for one in self.world.effects for name in one.vector_names()]
+        return [Guess({}, {}, {}, dict.fromkeys(names, (0.0, 0.01)))]
 
 
-NO_SIZES = Gaussian(np.zeros(0), np.zeros((0, 0)))
+NO_SIZES = np.zeros(0), np.zeros((0, 0))
 
 
 def drawn_sets(presence, n=2000, effects=(), sizes=NO_SIZES, seed=0):
-    confirmed = Confirmation(effects, sizes, presence, None, True, None)
+    confirmed = Confirmation(effects, *sizes, presence, None, True, None)
     return draw_effects(Stated(presence), None, confirmed, n, random_state=seed)
 
 
@@ -79,9 +79,7 @@ def test_sizes_of_confirmed_effects_are_drawn_together_and_the_others_beside():
     effects = (Noise(), Gain())
     mean = np.array([*Noise(0.3).to_vector(), *Gain(1.1).to_vector()])
     covariance = np.array([[0.01, -0.0008], [-0.0008, 0.0001]])
-    sets = drawn_sets(
-        {"noise": 0.99, "gain": 0.99, "hum": 0.99}, effects=effects, sizes=Gaussian(mean, covariance)
-    )
+    sets = drawn_sets({"noise": 0.99, "gain": 0.99, "hum": 0.99}, effects=effects, sizes=(mean, covariance))
     vectors = np.array([np.concatenate([one.to_vector() for one in effects]) for effects in sets])
     assert [one.effect_id for one in sets[0]] == ["noise", "gain", "hum"]
     np.testing.assert_allclose(vectors.mean(axis=0)[:2], mean, atol=0.01)

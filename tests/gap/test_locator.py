@@ -13,8 +13,10 @@ from scipy import stats
 from short_records import BASE, N_SAMPLES, RATE, short
 
 from cyclofeat.gap import Comparison
-from cyclofeat.gap.simulations import Bank
+from cyclofeat.gap.comparison import measured_turns
+from cyclofeat.gap.simulations import Bank, remember
 from cyclofeat.gap.summaries.summarise import FAMILIES, Cell, Kinematics, summarise_windows
+from cyclofeat.gap.summaries.turns import class_means, less_class_means
 from cyclofeat.gap.where.locate import LocatedGap, locate
 from cyclofeat.gap.where.permutation import SPREADS, TOGETHER, Permuted, family_p, holm, statistics_by_family
 from cyclofeat.simulators import Drift, Effect, Hum, Offset, TorqueMeterLowPass
@@ -35,7 +37,9 @@ def comparison(simulations: Path) -> Comparison:
 
 
 def compared(comparison: Comparison, bank: Bank, **options: Any) -> LocatedGap:
-    return locate(comparison, comparison.measured(bank.X, y=bank.counts, **options), n_permutations=499)
+    return locate(
+        comparison, measured_turns(comparison, bank.X, y=bank.counts, **options), n_permutations=499
+    )
 
 
 # Statistics
@@ -229,12 +233,12 @@ def kept(folder: Path) -> list[Path]:
 
 
 def test_a_damaged_file_of_the_cache_is_made_anew(tmp_path: Path) -> None:
-    values = [Comparison(sampling_rate=RATE, cache=tmp_path).remember(lambda: [1.5], "x") for _ in range(2)]
+    values = [remember(tmp_path, lambda: [1.5], "x") for _ in range(2)]
     (file,) = kept(tmp_path)
     whole = file.read_bytes()
     file.write_bytes(whole[:3])
     made = []
-    again = Comparison(sampling_rate=RATE, cache=tmp_path).remember(lambda: made.append(1) or [1.5], "x")
+    again = remember(tmp_path, lambda: made.append(1) or [1.5], "x")
     assert values == [[1.5], [1.5]]
     assert (made, again) == ([1], [1.5])
     assert file.read_bytes() == whole
@@ -246,10 +250,10 @@ def test_a_damaged_file_of_the_cache_is_made_anew(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_no_effect_is_not_flagged(comparison: Comparison, simulations: Path) -> None:
     located = compared(comparison, recordings([], 6, 101, simulations))
-    assert located.verdict == "unresolved"
+    assert located.where.verdict == "unresolved"
     assert min(located.global_p.values()) > 0.01
-    assert all(row.low <= row.difference <= row.high for row in located.rows)
-    assert all(row.detectable > 0 for row in located.rows if row.spread > 0)
+    assert all(row.low <= row.difference <= row.high for row in located.where.rows)
+    assert all(row.detectable > 0 for row in located.where.rows if row.spread > 0)
 
 
 @pytest.mark.slow
@@ -257,7 +261,8 @@ def test_simulated_recordings_in_the_place_of_measured_ones_rarely_disagree(
     comparison: Comparison, simulations: Path
 ) -> None:
     located = compared(comparison, recordings([], 6, 101, simulations))
-    values = located.centre_on_counts(located.simulated, located.bank.counts)
+    counts = located.bank.counts
+    values = less_class_means(located.simulated, counts, class_means(located.simulated, counts))
     random = np.random.default_rng(1)
     alarms = 0
     for _ in range(40):
@@ -281,9 +286,9 @@ def test_an_effect_is_found_where_it_is(
     comparison: Comparison, simulations: Path, effect: Effect, family: str, name: str
 ) -> None:
     located = compared(comparison, recordings([effect], 6, 102, simulations))
-    assert located.verdict == "disagree"
-    assert located.family_p[family] <= 0.05
-    flagged = [row.cell.name for row in located.rows if row.p <= 0.05 and row.cell.family == family]
+    assert located.where.verdict == "disagree"
+    assert located.where.family_p[family] <= 0.05
+    flagged = [row.cell.name for row in located.where.rows if row.p <= 0.05 and row.cell.family == family]
     assert any(cell.startswith(name) for cell in flagged)
 
 
@@ -292,7 +297,7 @@ def test_windows_of_one_recording_are_no_replicates(comparison: Comparison, simu
     bank = recordings([], 6, 101, simulations)
     twice = dataclasses.replace(bank, X=np.repeat(bank.X, 2, axis=0), counts=np.repeat(bank.counts, 2))
     alone, doubled = (
-        np.median([row.high - row.low for row in located.rows])
+        np.median([row.high - row.low for row in located.where.rows])
         for located in (
             compared(comparison, bank),
             compared(comparison, twice, groups=np.repeat(range(6), 2)),
@@ -304,13 +309,13 @@ def test_windows_of_one_recording_are_no_replicates(comparison: Comparison, simu
 def test_together_is_one_row_and_paid_for(comparison: Comparison, simulations: Path) -> None:
     located = compared(comparison, recordings([Hum(0.2)], 6, 102, simulations))
     n_cells = len(located.cells)
-    assert [row.of for row in located.rows] == ["mean"] * n_cells + ["spread"] * n_cells + ["mean"]
-    assert located.rows[-1].cell is TOGETHER
-    assert set(located.family_p) == {*FAMILIES, SPREADS, TOGETHER.family}
-    for family, p in located.family_p.items():
+    assert [row.of for row in located.where.rows] == ["mean"] * n_cells + ["spread"] * n_cells
+    assert located.together.cell is TOGETHER
+    assert set(located.where.family_p) == {*FAMILIES, SPREADS, TOGETHER.family}
+    for family, p in located.where.family_p.items():
         of_family = [
             row.p
-            for row in located.rows
+            for row in (*located.where.rows, located.together)
             if (row.cell.family == family and row.of == "mean") or (family == SPREADS and row.of == "spread")
         ]
         assert min(of_family) == pytest.approx(p)
@@ -323,52 +328,18 @@ def test_a_tachometer_adds_its_cells(comparison: Comparison, simulations: Path) 
     angle = 2 * np.pi * bank.speeds[:, None] * np.arange(bank.X.shape[1]) / RATE
     for factor, flagged in ((1.0, False), (1.01, True)):
         located = compared(comparison.replace(tachometer=True), bank, angle=factor * angle)
-        row = next(row for row in located.rows if row.cell.name == name)
+        row = next(row for row in located.where.rows if row.cell.name == name)
         assert (row.p <= 0.05) == flagged
         assert row.difference == pytest.approx(100 * (1 / factor - 1), abs=0.1)
-    assert all(name != row.cell.name for row in compared(comparison, bank).rows)
-
-
-@pytest.mark.parametrize(
-    ("X", "options", "message"),
-    [
-        (np.full((3, 1920), 22.0), {}, "at least one output turn"),
-        (
-            np.full((3, 2 * N_SAMPLES), 22.0),
-            {},
-            r"windows of 0.6 s like the comparison \(duration\), got 1.2 s",
-        ),
-        (np.full((3, N_SAMPLES), 22.0), {"groups": [0, 1]}, "groups must hold one recording per window"),
-        (np.full((3, N_SAMPLES), np.nan), {}, "X contains NaN"),
-        (np.full((2, N_SAMPLES), 22.0), {"y": [0, 16]}, "y must hold counts from 0 to the 15 lobes, got 16"),
-        (np.full((2, N_SAMPLES), 22.0), {"y": [0, 1], "groups": [7, 7]}, "two counts in 7"),
-        (np.full((2, N_SAMPLES), 22.0), {"angle": np.zeros((2, N_SAMPLES))}, "angle must grow"),
-        (np.full((2, N_SAMPLES), 22.0), {"groups": [0, None]}, "groups must name the recording of every"),
-        (
-            np.full((2, N_SAMPLES), 22.0),
-            {"y": ["few", "many"]},
-            "whole numbers of worn lobes .* 'few', 'many'",
-        ),
-        (np.full((2, N_SAMPLES), 22.0), {"y": [0, 1.5]}, "y must hold whole numbers of worn lobes from 0"),
-        (np.full((2, N_SAMPLES), 22.0), {"angle": np.zeros((2, 9))}, "angle must have the shape of X"),
-        (np.full((2, N_SAMPLES), 22.0), {"angle": np.full((2, N_SAMPLES), np.nan)}, "angle must be finite"),
-    ],
-)
-def test_bad_recordings(comparison: Comparison, X: np.ndarray, options: dict, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        comparison.replace(tachometer="angle" in options).measured(X, **options)
+    assert all(name != row.cell.name for row in compared(comparison, bank).where.rows)
 
 
 def test_bad_arguments(comparison: Comparison) -> None:
     X = np.full((2, N_SAMPLES), 22.0)
     with pytest.raises(ValueError, match="at least 2 recordings"):
-        locate(comparison, comparison.measured(X[:1]))
+        locate(comparison, measured_turns(comparison, X[:1]))
     with pytest.raises(ValueError, match="n_permutations must be at least 219 for alpha=0.05"):
-        locate(comparison, comparison.measured(X), n_permutations=100)
-    with pytest.raises(ValueError, match="alpha must lie between 0 and 1, got 5"):
-        locate(comparison, comparison.measured(X), alpha=5)
-    with pytest.raises(ValueError, match="angle must be given if and only if tachometer is True"):
-        comparison.measured(X, angle=X)
+        locate(comparison, measured_turns(comparison, X), n_permutations=100)
 
 
 def test_bad_comparisons() -> None:

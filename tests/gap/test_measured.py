@@ -14,8 +14,7 @@ from short_records import GEARBOX, N_SAMPLES, RATE, short
 from cyclofeat.gap import Condition, GapResult, GapSettings, World, compare_recordings, hold_out
 from cyclofeat.gap.measured import MeasuredRig
 from cyclofeat.gap.summaries.turns import MeasuredTurns
-from cyclofeat.gap.where.conditions import locate_all
-from cyclofeat.gap.where.locate import locate
+from cyclofeat.gap.where.locate import locate, locate_all
 from cyclofeat.gap.world.cells import turn_samples
 from cyclofeat.gap.world.world import NOISE_AND_DRIFT
 from cyclofeat.recordings import Recording
@@ -290,16 +289,16 @@ def test_one_condition_that_disagrees_is_found_at_the_adjusted_p(simulations: Pa
     rig = MeasuredRig.of([*usual, *with_hum], WORLD.rig)
     alone = simulated_at((1450,), simulations)[:1]
     found = locate_all(MeasuredRig.of([*usual, *with_hum, *alone], WORLD.rig), WORLD, settings)
-    assert [one.verdict for one in found] == ["disagree", "unresolved"]
+    assert [one.where.verdict for one in found] == ["disagree", "unresolved"]
     assert [round(one.comparison.kinematics.input_speed_hz * 60) for one in found] == [1400, 1500]
-    assert all(one.alpha == 0.025 and one.n_permutations == 998 for one in found)
+    assert all(one.where.alpha == 0.025 and one.where.n_permutations == 998 for one in found)
     result = GapResult(where=found, rig=WORLD.rig)
     assert result.verdict == "disagree"
-    assert result.p == 2 * found[0].p <= settings.alpha
+    assert result.p == 2 * found[0].where.p <= settings.alpha
     # As of each condition by itself.
     comparison = rig.comparison(rig.conditions[0], WORLD, settings)
     by_itself = locate(comparison, rig.turns(comparison), alpha=0.025, n_permutations=998)
-    assert by_itself.family_p == found[0].family_p
+    assert by_itself.where.family_p == found[0].where.family_p
     with pytest.raises(ValueError, match="at least 2 recordings of one condition.*got 1 at 1 conditions"):
         locate_all(rig.part([0]), WORLD, settings)
 

@@ -7,7 +7,7 @@ import pytest
 
 from cyclofeat.gap import World
 from cyclofeat.gap.confirm.next_measurement import rank_measurements
-from cyclofeat.gap.world.rigs import Session
+from cyclofeat.gap.world.world import Session
 
 WORLD = World()
 ONE, TWO_LOADS, TWO_SPEEDS = [(500, 22, 1)], [(500, 14, 1), (500, 28, 1)], [(400, 22, 1), (600, 22, 1)]

@@ -13,7 +13,8 @@ from short_records import BASE, RATE, short
 
 import cyclofeat.gap
 from cyclofeat.gap import Comparison
-from cyclofeat.gap.comparison import SIMULATED_BY
+from cyclofeat.gap.comparison import corrected_rig, measured_turns
+from cyclofeat.gap.simulations import SIMULATED_BY
 from cyclofeat.gap.summaries.summarise import Cell
 from cyclofeat.gap.where.locate import (
     LocatedGap,
@@ -122,7 +123,7 @@ def comparison(simulations: Path) -> Comparison:
 
 
 def compared(comparison: Comparison, X: np.ndarray, **options: Any) -> LocatedGap:
-    return locate(comparison, comparison.measured(X, y=COUNTS * 2), n_permutations=499, **options)
+    return locate(comparison, measured_turns(comparison, X, y=COUNTS * 2), n_permutations=499, **options)
 
 
 @pytest.mark.slow
@@ -130,12 +131,12 @@ def test_a_session_at_the_end_of_the_prior_agrees(comparison: Comparison, simula
     """Lines through 200 recordings reach to the ends of the prior, through 40 they do not."""
     box = BASE.gearbox
     X = _session(simulations, 32, input_speed=box.input_speed * 0.9971, load_torque=box.load_torque * 1.0048)
-    assert compared(comparison.replace(n_bank=200), X).verdict != "disagree"
+    assert compared(comparison.replace(n_bank=200), X).where.verdict != "disagree"
 
 
 def test_a_session_beyond_it_does_not(comparison: Comparison, simulations: Path) -> None:
     X = _session(simulations, 31, load_torque=BASE.gearbox.load_torque * 0.985)
-    assert compared(comparison, X).family_p["amplitudes"] <= 0.05
+    assert compared(comparison, X).where.family_p["amplitudes"] <= 0.05
 
 
 @pytest.mark.slow
@@ -148,7 +149,7 @@ def test_one_assembly_widens(comparison: Comparison) -> None:
     assert np.median(one.shared_variance) > 0.05
     assert one.shared_variance.max() < 1
     errors = [
-        np.array([row.detectable for row in sorted(located.rows, key=lambda r: (r.of, str(r.cell)))])
+        np.array([row.detectable for row in sorted(located.where.rows, key=lambda r: (r.of, str(r.cell)))])
         for located in (many, one)
     ]
     assert np.all(errors[1] >= errors[0] - 1e-12)
@@ -157,7 +158,7 @@ def test_one_assembly_widens(comparison: Comparison) -> None:
 def test_an_offset_within_what_the_load_may_do_is_not_a_disagreement(comparison: Comparison) -> None:
     truth = comparison.replace(rig=BASE.with_added(Offset(0.05)))
     X = truth.bank(6, COUNTS, random_state=33).X
-    assert compared(comparison, X).family_p["amplitudes"] > 0.05
+    assert compared(comparison, X).where.family_p["amplitudes"] > 0.05
 
 
 # The model with what may differ
@@ -176,8 +177,8 @@ def test_what_may_differ_is_added_where_a_model_does_not_state_it() -> None:
 
 def test_a_correction_comes_on_top_of_what_may_differ() -> None:
     comparison = short(rig=BASE)
-    assert comparison.corrected_rig([Offset(1.0)]) == BASE.with_added(Offset(1.0))
-    of_pins = comparison.corrected_rig([PinErrors(20e-6)])
+    assert corrected_rig(comparison, [Offset(1.0)]) == BASE.with_added(Offset(1.0))
+    of_pins = corrected_rig(comparison, [PinErrors(20e-6)])
     assert of_pins == BASE.with_added(PinErrors(5e-6), PinErrors(20e-6))
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cyclofeat.gap import Comparison
+from cyclofeat.gap.comparison import measured_turns
 from cyclofeat.gap.summaries.phase import phase_maps
 from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.where import locate as _locate
@@ -56,9 +57,9 @@ def test_a_located_gap_hands_the_tachometer_on(monkeypatch: pytest.MonkeyPatch) 
     angle = 2 * np.pi * speeds[:, None] * np.arange(N) / RATE
     plain = Comparison(sampling_rate=RATE, n_bank=10)
     comparison = plain.replace(tachometer=True)
-    located = locate(comparison, comparison.measured(X, angle=angle), n_permutations=219)
+    located = locate(comparison, measured_turns(comparison, X, angle=angle), n_permutations=219)
     assert located.phase == {}
-    assert locate(plain, plain.measured(X), n_permutations=219).phase == {}
+    assert locate(plain, measured_turns(plain, X), n_permutations=219).phase == {}
     (of_measured, of_bank), nothing = given
     assert of_measured == pytest.approx(speeds)
     assert of_bank == pytest.approx(located.bank.speeds)

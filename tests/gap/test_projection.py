@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cyclofeat.gap.confirm.remainder import judge_remainder
+from cyclofeat.gap.confirm.confirm import judge_remainder
 from cyclofeat.gap.engine.projection import Change, project
 from cyclofeat.gap.engine.sets import Column, fit_responses, subtract_fit, weigh_sets
 

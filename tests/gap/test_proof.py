@@ -9,17 +9,19 @@ import pytest
 from scipy import stats
 
 from cyclofeat.gap import Comparison
+from cyclofeat.gap.comparison import measured_turns
 from cyclofeat.gap.proof import distance
-from cyclofeat.gap.proof.distance import Part, Sample, Scale
+from cyclofeat.gap.proof.distance import Sample, Scale
 from cyclofeat.gap.proof.prove import Proof, prove_condition, score_alternatives
 from cyclofeat.gap.simulations import Bank
+from cyclofeat.gap.summaries.summarise import Cell
 from cyclofeat.simulators import BrakeRotor, CycloidalGearbox, Effect, Hum, Noise, Offset, Rig
 
 FS = 6400.0
 GEARBOX = CycloidalGearbox.steel(ramp_time=0.05)
 BASE = Rig(GEARBOX, [BrakeRotor(0.005, 1e4, 0.05), Noise(0.05)], name="R1")
-ONE = [Part("orders", "lobe lines", "dB"), Part("orders", "lobe lines", "dB")]
-TWO = [*ONE, Part("orders", "shaft lines", "dB"), Part("features", "features", "1")]
+ONE = [Cell("orders", "lobe lines", "dB"), Cell("orders", "lobe lines", "dB")]
+TWO = [*ONE, Cell("orders", "shaft lines", "dB"), Cell("features", "features", "1")]
 
 
 # Distances
@@ -79,7 +81,7 @@ def test_deviations_of_replicates_and_of_lone_recordings() -> None:
 def test_spread_is_steadied_by_the_bank() -> None:
     measured, counts = np.array([[0.0], [2.0], [5.0], [7.0]]), np.array([0, 0, 1, 1])
     simulated, of = np.array([[0.0], [4.0], [0.0], [4.0]]), np.array([0, 0, 1, 1])
-    parts = [Part("features", "features", "1")]
+    parts = [Cell("features", "features", "1")]
     found = distance.replicate_spread(Sample(measured, counts), Sample(simulated, of), parts)
     # Two degrees of freedom with variance 2, and the bank's 8 as by four.
     assert found == pytest.approx([np.sqrt((2 * 2 + 4 * 8) / 6)])
@@ -98,7 +100,7 @@ def test_floor_is_the_distance_without_a_gap(counts: list[int]) -> None:
     rng = np.random.default_rng(2)
     of_measured = np.array(counts)
     of_bank = np.resize(np.unique(of_measured), 48)
-    parts, weights = [Part("features", "features", "1")] * 30, np.full((1, 30), 1 / 30)
+    parts, weights = [Cell("features", "features", "1")] * 30, np.full((1, 30), 1 / 30)
     found = []
     for _ in range(40):
         measured, simulated = (
@@ -141,12 +143,12 @@ def test_strata_pool_lone_recordings_apart_by_condition() -> None:
 
 def case(
     gap: float, left: float, *, seed: int = 0, counts: list[int] | None = None
-) -> tuple[Sample, dict[str, Sample], list[Part]]:
+) -> tuple[Sample, dict[str, Sample], list[Cell]]:
     """Made-up summaries whose gap is closed but for a share that is left."""
     rng = np.random.default_rng(seed)
     of = np.array(counts if counts is not None else [0, 0, 0, 3, 3, 3, 6, 6, 6])
     of_bank = np.resize(np.unique(of), 48)
-    parts = [Part("spectrum", "spectrum", "dB")] * 20 + [Part("features", "features", "1")] * 20
+    parts = [Cell("spectrum", "spectrum", "dB")] * 20 + [Cell("features", "features", "1")] * 20
     pattern = np.repeat([1.0, 0.5], 20)
     simulated = rng.normal(size=(48, 40)) + of_bank[:, None]
     measured = rng.normal(size=(len(of), 40)) + of[:, None] + gap * pattern
@@ -246,7 +248,7 @@ def prove_rig(
     corrected: Rig, hold: Bank, cache: Path, *, seen: list[int] | None = None, others: dict | None = None
 ) -> Proof:
     comparison = comparison_at(cache)
-    turns = comparison.measured(hold.X, hold.counts)
+    turns = measured_turns(comparison, hold.X, hold.counts)
     return prove_condition(comparison, corrected, turns, fitted_counts=seen, n_simulated=10, others=others)
 
 
@@ -301,7 +303,7 @@ def test_same_simulator_wrong_simulator_and_order(hold: Bank, cache: Path) -> No
     order = np.random.default_rng(7).permutation(len(hold.X)).repeat(2)
     names = np.array([f"record {9 - k}" for k in order])
     comparison = comparison_at(cache)
-    turns = comparison.measured(hold.X[order], hold.counts[order], names)
+    turns = measured_turns(comparison, hold.X[order], hold.counts[order], names)
     assert prove_condition(comparison, wrong, turns, n_simulated=10).result.grr == pytest.approx(
         expected, abs=0.05
     )
@@ -311,7 +313,7 @@ def test_same_simulator_wrong_simulator_and_order(hold: Bank, cache: Path) -> No
 def test_counts_may_be_unknown(hold: Bank, cache: Path) -> None:
     comparison = comparison_at(cache).replace(defect_counts=(0, 4, 7))
     proof = prove_condition(
-        comparison, BASE.with_added(Noise(0.3)), comparison.measured(hold.X), n_simulated=10
+        comparison, BASE.with_added(Noise(0.3)), measured_turns(comparison, hold.X), n_simulated=10
     )
     assert proof.result.grr == pytest.approx(1.0, abs=0.15)
     assert {row.condition for row in proof.rows} == {"all"}

@@ -10,12 +10,13 @@ import pytest
 from scipy import stats
 
 from cyclofeat.gap import World, prepare_world
+from cyclofeat.gap.measured import MeasuredRig
 from cyclofeat.gap.simulations import ERROR_NM, Population
 from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.world.cells import recording_cells, turn_samples
 from cyclofeat.gap.world.prepare import DrawnMachine, simulate_drawn
-from cyclofeat.gap.world.rigs import Rigs, Session
-from cyclofeat.gap.world.world import DrawnSession, EffectPrior, draw_session, with_noise_and_drift
+from cyclofeat.gap.world.world import EffectPrior, Rigs, Session, draw_session, with_noise_and_drift
+from cyclofeat.recordings import Recording
 from cyclofeat.simulators import (
     BrakeRotor,
     Drift,
@@ -77,9 +78,9 @@ def test_drawn_rigs_keep_the_error_budget():
     world, samples = World(), []
     for number in range(40):
         random = np.random.default_rng(number)
-        session = draw_session(world, 1, random)
+        session, _ = draw_session(world, 1, random)
         rig = with_noise_and_drift(world.rig, world.may_differ).with_added(*world.prior.in_machine(random))
-        rig = rig.at(session.speeds_rpm[0], session.loads_nm[0])
+        rig = rig.at(*session.conditions[0, :2])
         population = Population(rig, 5000, world.sampling_rate, world.wheels)
         samples.append(population.sample(int(session.counts[0]), np.random.SeedSequence(number)))
     fine = [dataclasses.replace(sample, error_nm=None, solver=Solver(5e-6)) for sample in samples]
@@ -179,8 +180,9 @@ def test_recordings_of_one_assembly_and_of_a_better_rig_differ_less():
     ones, seeds = np.ones(6, dtype=np.int64), np.random.SeedSequence(3).spawn(6)
 
     def levels(assemblies, tolerance):
-        session = DrawnSession(ones * 900.0, ones * 20.0, ones, ones * 0, assemblies, tolerance)
-        made = simulate_drawn(world, [DrawnMachine((), [()], session, seeds)])[0]["values"][0]
+        at = np.array([[900.0, 20.0, 1.0]] * 6)
+        session = Session(np.zeros((6, 0)), at, ones * 0, assemblies=assemblies)
+        made = simulate_drawn(world, [DrawnMachine((), [()], session, tolerance, seeds)])[0]["values"][0]
         return made[:, shaft]
 
     each, one = levels(np.arange(6), 1.0), levels(ones, 1.0)
@@ -266,15 +268,15 @@ def test_slips_tell_a_sawtooth_from_its_mirror_image_and_from_a_drift():
 
 def test_a_session_of_measured_recordings_has_the_summaries_of_the_world():
     run = Rig(effects=[Noise(0.05)]).simulate(duration=2.0, sampling_rate=RATE, random_state=0)
-    backwards = Session.of([-run.torque_out], RATE, [(500, 22, -1)], counts=[3])
-    forwards = Session.of([run.torque_out], RATE, [(500, 22, 1)])
+    recordings = (
+        Recording(-run.torque_out, RATE, speed_rpm=500, load_nm=22, defect_count=3),
+        Recording(run.torque_out, RATE, speed_rpm=500, load_nm=22),
+    )
+    backwards, forwards = (MeasuredRig.of([one], Rig()).session() for one in recordings)
     np.testing.assert_array_equal(backwards.values, forwards.values)
+    assert backwards.conditions.tolist() == [[500, 22, -1]]
     assert backwards.counts.tolist() == [3]
     assert forwards.counts is None
-    with pytest.raises(ValueError, match=r"recordings\[0\] must hold an output turn and 3 % more"):
-        Session.of([run.torque_out[:9000]], RATE, [(500, 22, 1)])
-    with pytest.raises(ValueError, match="conditions must hold .* of each of the 1 recordings"):
-        Session.of([run.torque_out], RATE, [(500, 22, 0)])
 
 
 @pytest.mark.slow

@@ -31,8 +31,6 @@ LONG = {
     "cyclofeat.counting.estimators.lobe_counter",
     "cyclofeat.counting.planning",
     "cyclofeat.gap._workflow",
-    "cyclofeat.gap.proof.prove",
-    "cyclofeat.gap.where.locate",
     "cyclofeat.history.alarm",
     "cyclofeat.plotting._gap_correction",
     "cyclofeat.report._gap",

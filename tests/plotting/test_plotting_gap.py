@@ -17,7 +17,7 @@ from cyclofeat._base.gap_words import cell_name, difference_words, row_words
 from cyclofeat.gap import Condition
 from cyclofeat.gap.proof.prove import ProofRow
 from cyclofeat.gap.summaries.summarise import Cell
-from cyclofeat.gap.where.conditions import Where, WhereRow, where_of
+from cyclofeat.gap.where.locate import Where, WhereRow, where_of
 from cyclofeat.plotting import GapDisplay, GapOverlayDisplay, GapReductionDisplay
 from cyclofeat.report._figures import theme_settings
 

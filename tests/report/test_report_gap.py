@@ -18,7 +18,7 @@ from pages import parse, without_scripts, words
 
 from cyclofeat._base.quantities import quantity_text
 from cyclofeat.gap.result import FoundEffect, NextMeasurement
-from cyclofeat.gap.where.conditions import where_of
+from cyclofeat.gap.where.locate import where_of
 from cyclofeat.report import write_gap_report
 from cyclofeat.report._gap import recordings_for_agreement, summarise_gap
 from cyclofeat.report._page import rounded_text

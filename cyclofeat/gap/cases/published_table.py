@@ -23,7 +23,7 @@ from cyclofeat._base.files import write_whole
 from cyclofeat.gap.comparison import Comparison
 from cyclofeat.gap.engine.problem import Effect, Parameter, Rig, Session
 from cyclofeat.gap.engine.search import Explanation, explain
-from cyclofeat.gap.simulations import NO_SUCH_RIG, Population
+from cyclofeat.gap.simulations import NO_SUCH_RIG, Population, remember
 from cyclofeat.simulators import Effect as SimulatedEffect
 from cyclofeat.simulators import EffectParameter, known_effects
 from cyclofeat.simulators.effects.library import look_alikes
@@ -66,6 +66,7 @@ class PublishedTable:
         self.stated = repr(
             (counts.tolist(), n_samples, comparison.sampling_rate, n_draws, comparison.random_state)
         )
+        self._records: dict[Names, tuple[Float, NDArray[np.float32]]] = {}
         self._interpolations: dict[Names, Callable[[Float], Float]] = {}
 
     def simulate(
@@ -93,10 +94,12 @@ class PublishedTable:
         """
         if key not in self.tables:
             gear = tuple(name for name in key if known_effects()[name].needs_simulation())
-            drawn, records = self.comparison.remember(
-                lambda: self._simulate_gear(gear),
-                "published records", self.population.text, self.stated, gear,
-            )  # fmt: skip
+            if gear not in self._records:
+                self._records[gear] = remember(
+                    self.comparison.cache, lambda: self._simulate_gear(gear),
+                    "published records", self.population.text, self.stated, gear,
+                )  # fmt: skip
+            drawn, records = self._records[gear]
             # More rigs for effects on the torque, which need no simulation.
             n_parameters = sum(len(parameters_of(name)) for name in key)
             n = len(drawn)

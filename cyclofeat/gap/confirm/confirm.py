@@ -18,17 +18,27 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 from scipy.linalg import block_diag
+from sklearn.covariance import LedoitWolf
+from sklearn.model_selection import KFold
 
-from cyclofeat.gap.confirm.changes import TOLERANCE, DrawnRig, Point, RigChange, relative_units, with_strength
-from cyclofeat.gap.confirm.remainder import RemainderTest, judge_remainder
-from cyclofeat.gap.confirm.sessions import MOST_RECORDINGS, limit_recordings, simulate_pairs, with_sizes
+from cyclofeat.gap.confirm.sessions import (
+    MOST_RECORDINGS,
+    TOLERANCE,
+    DrawnRig,
+    Point,
+    RigChange,
+    limit_recordings,
+    relative_units,
+    simulate_pairs,
+    with_sizes,
+    with_strength,
+)
 from cyclofeat.gap.engine.projection import Change, Projection, estimate_by_spreads, log_spreads, project
 from cyclofeat.gap.engine.sets import Column, fit_responses, subtract_fit, weigh_sets
 from cyclofeat.gap.posterior.answers import ABSENT, PRESENT, named_effects
 from cyclofeat.gap.posterior.effect_posterior import EffectPosterior
 from cyclofeat.gap.summaries.summarise import smallest_spreads
-from cyclofeat.gap.world.rigs import Session
-from cyclofeat.gap.world.world import TOLERANCES, World
+from cyclofeat.gap.world.world import TOLERANCES, Session, World, size_names
 from cyclofeat.simulators import Effect
 from cyclofeat.simulators.effects.library import look_alikes
 
@@ -44,26 +54,41 @@ _WIDER = 2.0
 _MODEL_ERROR = 2.0
 _MOST_ADDED = 12  # undecided effects, the most probable first
 _REJECTED = 0.02  # p of what is left, below which something else is missing
+_FOLDS, _SMALLEST = 5, 0.05  # differences far below the spread of a recording, about 1, have no consequence
 _NOT_OPEN = 0.05  # p with undecided effects besides, below which these do not explain it
 
 
 @dataclass(frozen=True)
-class Gaussian:
-    """Distribution of sizes on the scale of their fit: mean (n_sizes,), covariance (n_sizes, n_sizes)."""
+class RemainderTest:
+    """Test of whether a session differs from simulated ones of the corrected rig.
 
-    mean: Float
-    covariance: Float
+    ``p`` is the share of sessions of the corrected rig that lie as far, ``z`` (n_summaries,) are the
+    differences in standard deviations of a session, ``excess`` is the squared distance over that of a typical
+    session of the corrected rig. ``p_undecided`` is the p if undecided effects may explain the differences.
+    """
 
-    @property
-    def spread(self) -> Float:
-        """Standard deviation of each size."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
+    p: float
+    z: Float
+    excess: float
+    p_undecided: float = math.nan
 
-    def draw(self, random: np.random.Generator) -> Float:
-        """Draw sizes."""
-        return np.asarray(
-            self.mean + np.linalg.cholesky(self.covariance) @ random.normal(size=self.mean.size)
-        )
+
+def judge_remainder(simulated: Float, observed: Float) -> RemainderTest:
+    """Compare what a fit leaves of a session with what it leaves of simulated sessions.
+
+    Squared Mahalanobis distances have their covariance from other sessions, shrunk; the p is that of
+    Student's t in their logarithm. ``simulated`` is (n_sessions, n_summaries), ``observed`` (n_summaries,).
+    """
+    centre, spread = simulated.mean(axis=0), np.hypot(simulated.std(axis=0, ddof=1), _SMALLEST)
+    left, z = (simulated - centre) / spread, (observed - centre) / spread
+    distances, of_folds = np.empty(len(left)), []
+    for rest, held in KFold(_FOLDS).split(left):
+        model = LedoitWolf().fit(left[rest])
+        distances[held] = model.mahalanobis(left[held])
+        of_folds.append(model.mahalanobis(z[None])[0])
+    above = float(np.log(np.mean(of_folds)) - np.log(distances).mean())
+    error = np.log(distances).std(ddof=1) * np.sqrt(1 + 1 / len(left))
+    return RemainderTest(float(stats.t.sf(above / error, len(left) - 1)), z, float(np.exp(above)))
 
 
 @dataclass(frozen=True)
@@ -71,7 +96,8 @@ class Confirmation:
     """Effects that explain a session, with sizes, and the test of what they leave."""
 
     effects: tuple[Effect, ...]  # named ones, with their sizes
-    sizes: Gaussian = field(repr=False)  # joint distribution of all their sizes on the scale of the fit
+    mean: Float = field(repr=False)  # (n_sizes,): of all their sizes on the scale of the fit
+    covariance: Float = field(repr=False)  # (n_sizes, n_sizes)
     presence: Mapping[str, float] = field(repr=False)  # probability of each effect
     remainder: RemainderTest
     accepted: bool  # chance explains what they leave; if not, the sizes are wider for it
@@ -81,16 +107,12 @@ class Confirmation:
     @property
     def quantiles(self) -> dict[str, tuple[float, float, float]]:
         """0.05, 0.5 and 0.95 quantile of each size by name, in the parameter's unit."""
-        reach = stats.norm.ppf(0.95) * self.sizes.spread
-        low, middle, high = (
-            {
-                f"{one.effect_id}.{name}": float(getattr(one, name))
-                for one in at
-                for name in one.vector_names()
-            }
-            for at in (with_sizes(self.effects, self.sizes.mean + side * reach) for side in (-1, 0, 1))
-        )
-        return {name: (low[name], middle[name], high[name]) for name in middle}
+        reach = stats.norm.ppf(0.95) * np.sqrt(np.diag(self.covariance))
+        ends = [
+            [float(getattr(one, name)) for one in with_sizes(self.effects, at) for name in one.vector_names()]
+            for at in (self.mean - reach, self.mean, self.mean + reach)
+        ]
+        return dict(zip(size_names(self.effects), zip(*ends, strict=True), strict=True))
 
 
 def confirm_effects(
@@ -128,10 +150,9 @@ def confirm_effects(
         if of_sets:
             changes += point.set_changes(guessed[name] for name in undecided)
         n_sessions = max(-(-n_recordings // len(shown.values)), _PAIRS_OF_TOLERANCE + 2)
-        projection = _simulate_responses(
+        projection, columns = _simulate_responses(
             world, shown, point, changes, n_sessions, random_state=random_state, n_jobs=n_jobs
         )
-        columns = _columns(projection, point, changes, shown)
         reach = np.array([2 * abs(change.places[0]) for change in changes])
         fit = fit_responses(projection, columns, reach)
         if of_sets:
@@ -163,17 +184,6 @@ def confirm_effects(
     return rounds[-1] if rounds[-1].accepted else min(rounds, key=lambda one: one.remainder.excess)
 
 
-def _columns(
-    projection: Projection, point: Point, changes: Sequence[RigChange], session: Session
-) -> list[Column]:
-    """Return the columns of changes; the spreads between recordings tell what differs anyway."""
-    columns = [change.column for change in changes]
-    place = point.names.index(TOLERANCE)
-    estimate, error = estimate_by_spreads(projection, place, projection.deviations(session.values))
-    columns[place] = columns[place]._replace(mean=estimate, precision=error**-2)
-    return columns
-
-
 def _guess_sizes(
     posterior: EffectPosterior, session: Session
 ) -> tuple[dict[str, Effect], dict[str, tuple[float, float]]]:
@@ -181,10 +191,11 @@ def _guess_sizes(
 
     An effect whose sizes it has not learned keeps its own, with a deviation of their unit.
     """
+    fitted = posterior.guess([session])[0].fitted
     guessed, guesses = {}, {TOLERANCE: (float(np.mean(TOLERANCES)), float(np.ptp(TOLERANCES)) / 12**0.5)}
     for effect in posterior.world.effects or ():
-        names = [f"{effect.effect_id}.{name}" for name in effect.vector_names()]
-        middle, spread = posterior.size_distribution(session, names)
+        names = size_names([effect])
+        middle, spread = np.array([fitted[name] for name in names]).reshape(-1, 2).T
         known = np.isfinite(middle) & np.isfinite(spread)
         vector = np.clip(np.where(known, middle, effect.to_vector()), *effect.vector_bounds())
         guessed[effect.effect_id] = effect.from_vector(vector)
@@ -202,8 +213,11 @@ def _simulate_responses(
     *,
     random_state: int,
     n_jobs: int,
-) -> Projection:
-    """Simulate sessions of a rig and its changes, and project the measured session on the responses."""
+) -> tuple[Projection, list[Column]]:
+    """Simulate sessions of a rig and its changes, and project the measured session on the responses.
+
+    Returns the columns of the changes too; the spreads between recordings tell what differs anyway.
+    """
     rigs: list[DrawnRig] = [(point.effects, point.tolerance)]
     rigs += [rig for change in changes for rig in change.rigs]
     place = 1 + sum(len(change.rigs) for change in changes[: point.names.index(TOLERANCE)])
@@ -219,7 +233,11 @@ def _simulate_responses(
     next_cells = iter([*pairs[1:place], np.concatenate([pairs[place], further[1]]), *pairs[place + 1 :]])
     cells = [Change(np.array([next(next_cells) for _ in change.rigs]), change.places) for change in changes]
     floors = smallest_spreads([*world.described_cells])
-    return project(session.values, np.concatenate([pairs[0], further[0], base[0]]), cells, floors)
+    projection = project(session.values, np.concatenate([pairs[0], further[0], base[0]]), cells, floors)
+    columns, place = [change.column for change in changes], point.names.index(TOLERANCE)
+    estimate, error = estimate_by_spreads(projection, place, projection.deviations(session.values))
+    columns[place] = columns[place]._replace(mean=estimate, precision=error**-2)
+    return projection, columns
 
 
 def _conclude(
@@ -240,14 +258,13 @@ def _conclude(
     named = set(named_effects(presence))
     kept = [effect for effect in point.effects if effect.effect_id in named]
     own = np.array([name.partition(".")[0] in named for name in point.names])
-    names = [f"{effect.effect_id}.{name}" for effect in added for name in effect.vector_names()]
     covariance = block_diag(
         covariance[np.ix_(own, own)] * (1.0 if accepted else max(remainder.excess, 1.0)),
-        np.diag([point.guesses[name][1] ** 2 for name in names]),
+        np.diag([point.guesses[name][1] ** 2 for name in size_names(added)]),
     )
     mean = np.concatenate([point.coordinates[own], *(effect.to_vector() for effect in added)])
     return Confirmation(
-        (*kept, *added), Gaussian(mean, covariance), presence, remainder, accepted,
+        (*kept, *added), mean, covariance, presence, remainder, accepted,
         session.values.mean(axis=0) - projection.centre.mean(axis=0),
         not accepted and remainder.p_undecided >= _NOT_OPEN,
     )  # fmt: skip
@@ -284,14 +301,14 @@ def draw_effects(
     others = tuple(
         effect for effect in posterior.world.effects or () if effect.effect_id in probabilities.keys() - known
     )
-    names = [f"{effect.effect_id}.{name}" for effect in others for name in effect.vector_names()]
-    middle, spread = posterior.size_distribution(session, names)
-    of_others = Gaussian(middle, np.diag(spread**2))
+    fitted = posterior.guess([session])[0].fitted
+    middle, spread = np.array([fitted[name] for name in size_names(others)]).reshape(-1, 2).T
+    factor = np.linalg.cholesky(confirmed.covariance)
     drawn = []
     for _ in range(n_draws):
         every = (
-            *with_sizes(confirmed.effects, confirmed.sizes.draw(random)),
-            *with_sizes(others, of_others.draw(random)),
+            *with_sizes(confirmed.effects, confirmed.mean + factor @ random.normal(size=len(factor))),
+            *with_sizes(others, middle + spread * random.normal(size=spread.size)),
         )
         present = _draw_present(probabilities, random)
         drawn.append(tuple(effect for effect in every if effect.effect_id in present))

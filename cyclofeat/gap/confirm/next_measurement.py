@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat.gap.result import NextMeasurement
-from cyclofeat.gap.world.rigs import Session
-from cyclofeat.gap.world.world import World
+from cyclofeat.gap.world.world import Session, World
 from cyclofeat.simulators import Hum
 
 _LOAD_RATIO, _SPEED_RATIO = 1.5, 1.2  # between recordings, from which another load or speed tells something

@@ -81,23 +81,13 @@ class Projection:
 
 
 def project(measured: Float, base: Float, changes: Sequence[Change], floors: Float) -> Projection:
-    """Project measured recordings on the responses of a rig.
+    """Project measured recordings (n_recordings, n_cells) on the responses of a rig.
 
-    Parameters
-    ----------
-    measured : ndarray, shape (n_recordings, n_cells)
-    base : ndarray, shape (n_sessions, n_recordings, n_cells)
-        Simulated sessions of the rig; NaN where a simulation failed.
-    changes : sequence of Change
-        Simulated with the random numbers of the first sessions of ``base``.
-    floors : ndarray, shape (n_cells,)
-        Smallest spread of each cell that matters.
-
-    Returns
-    -------
-    Projection
-        Weights of one half of the pairs multiply the responses of the other half, and the covariance is that
-        of sessions other than those which whiten: noise counts neither as response nor as certainty.
+    ``base`` (n_sessions, n_recordings, n_cells) are simulated sessions of the rig, NaN where a simulation
+    failed; ``changes`` are simulated with the random numbers of the first of them; ``floors`` (n_cells,) are
+    the smallest spreads that matter. Weights of one half of the pairs multiply the responses of the other
+    half, and the covariance is that of sessions other than those which whiten: noise counts neither as
+    response nor as certainty.
     """
     usable = np.asarray(np.isfinite(base).all(axis=(1, 2)))
     centre = base[usable].mean(axis=0)
@@ -109,12 +99,8 @@ def project(measured: Float, base: Float, changes: Sequence[Change], floors: Flo
         return np.asarray(_compressed(cells, centre, spread) - offset)
 
     sessions = deviations(base)
-    terms, halves, noise, spread_slopes = _measure_responses(
-        [deviations(change.cells) for change in changes],
-        [change.places for change in changes],
-        sessions,
-        usable,
-    )
+    deviating = [change._replace(cells=deviations(change.cells)) for change in changes]
+    terms, halves, noise, spread_slopes = _measure_responses(deviating, sessions, usable)
     sessions = sessions[usable]
     n_recordings, n_cells = measured.shape
     ridge = np.median(noise, axis=0) if noise else np.zeros(n_cells)
@@ -144,35 +130,23 @@ def project(measured: Float, base: Float, changes: Sequence[Change], floors: Flo
             slopes[k] = response.mean(axis=0)
     of_measured = np.einsum("jic,ic->j", weights, deviations(measured))
     return Projection(
-        of_measured,
-        crossed / 2,
-        covariance,
-        terms,
-        weights,
-        slopes,
-        spread_slopes,
-        centre,
-        spread,
-        offset,
+        of_measured, crossed / 2, covariance, terms, weights, slopes, spread_slopes, centre, spread, offset,
         sessions,
-    )
+    )  # fmt: skip
 
 
 def _measure_responses(
-    deviations: Sequence[Float],
-    all_places: Sequence[tuple[float, ...]],
-    sessions: Float,
-    usable: NDArray[np.bool_],
+    changes: Sequence[Change], sessions: Float, usable: NDArray[np.bool_]
 ) -> tuple[list[tuple[int, int]], list[list[Float]], list[Float], Float]:
     """Return change and power of each response, its means over two halves of the pairs, noise, spread slopes.
 
-    ``deviations`` and places are those of each change, ``sessions`` those without a change.
+    Changes have deviations as their cells; ``sessions`` are those without a change.
     """
     terms: list[tuple[int, int]] = []
     halves: list[list[Float]] = []
     noise: list[Float] = []
-    spread_slopes = np.zeros((len(deviations), sessions.shape[-1]))
-    for k, (changed, places) in enumerate(zip(deviations, all_places, strict=True)):
+    spread_slopes = np.zeros((len(changes), sessions.shape[-1]))
+    for k, (changed, places) in enumerate(changes):
         complete = np.asarray(np.isfinite(changed).all(axis=(0, 2, 3)))
         paired = np.flatnonzero(complete & usable[: changed.shape[1]])
         changed, unchanged = changed[:, paired], sessions[: changed.shape[1]][paired]
@@ -184,7 +158,12 @@ def _measure_responses(
             wider.var(axis=0, ddof=1) / len(wider) / np.maximum(wider.mean(axis=0) ** 2, _NO_RESPONSE)
         )
         spread_slopes[k] = wider.mean(axis=0) * np.clip(1 - noise_share, 0, None) / places[0]
-        for power, of_pairs in enumerate(_power_series(pairs, places), start=1):
+        # Slope, and curvature where there are two places.
+        powers = [pairs[0] / places[0]]
+        if len(places) == 2:
+            powers.append((powers[0] - pairs[1] / places[1]) / (places[0] - places[1]))
+            powers[0] = powers[0] - powers[1] * places[0]
+        for power, of_pairs in enumerate(powers, start=1):
             half = len(of_pairs) // 2
             halves.append([_shrunk_mean(part)[0] for part in (of_pairs[:half], of_pairs[half:])])
             terms.append((k, power))
@@ -201,17 +180,7 @@ def log_spreads(deviations: Float) -> Float:
 def estimate_by_spreads(projection: Projection, change: int, deviations: Float) -> tuple[float, float]:
     """Estimate a change from the spreads between the recordings of a session, with its standard error.
 
-    Parameters
-    ----------
-    projection : Projection
-    change : int
-    deviations : ndarray, shape (n_recordings, n_cells)
-        Of the session.
-
-    Returns
-    -------
-    estimate, error : float
-        The error is that of sessions of the rig itself.
+    ``deviations`` (n_recordings, n_cells) are those of the session; the error is that of sessions of the rig.
     """
     slopes, simulated = projection.spread_slopes[change], log_spreads(projection.sessions)
     mean = simulated.mean(axis=0)
@@ -223,14 +192,6 @@ def estimate_by_spreads(projection: Projection, change: int, deviations: Float) 
 
 def _compressed(cells: Float, centre: Float, spread: Float) -> Float:
     return np.asarray(_LINEAR * np.arcsinh((cells - centre) / spread / _LINEAR))
-
-
-def _power_series(pairs: Float, places: tuple[float, ...]) -> list[Float]:
-    """Return slope and, with two places, curvature of differences of shape (n_places, n_pairs, ...)."""
-    if len(places) == 1:
-        return [pairs[0] / places[0]]
-    curvature = (pairs[0] / places[0] - pairs[1] / places[1]) / (places[0] - places[1])
-    return [pairs[0] / places[0] - curvature * places[0], curvature]
 
 
 def _shrunk_mean(pairs: Float) -> tuple[Float, Float]:

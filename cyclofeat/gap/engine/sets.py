@@ -59,18 +59,8 @@ class LinearFit:
 def fit_responses(projection: Projection, columns: Sequence[Column], reach: Float) -> LinearFit:
     """Fit the sizes of all columns, by Gauss-Newton steps from the middle and from either side of each size.
 
-    Parameters
-    ----------
-    projection : Projection
-    columns : sequence of Column
-        One for each change; those that are no size keep 0.
-    reach : ndarray, shape (n_changes,)
-        Largest change of each size.
-
-    Returns
-    -------
-    LinearFit
-        The misfit widens the covariance.
+    Columns, one for each change, keep 0 if they are no size. ``reach`` (n_changes,) is the largest change of
+    each size. The misfit widens the covariance.
     """
     free = [k for k, column in enumerate(columns) if column.kind == "size"]
     mean, before = np.array([(columns[k].mean, columns[k].precision) for k in free]).reshape(-1, 2).T
@@ -131,30 +121,13 @@ def subtract_fit(
 
 
 def weigh_sets(
-    projection: Projection,
-    columns: Sequence[Column],
-    sizes: Float,
-    presence: Mapping[str, float],
-    most: int,
+    projection: Projection, columns: Sequence[Column], sizes: Float, presence: Mapping[str, float], most: int
 ) -> LinearFit:
-    """Return the posterior over the sets of effects that columns add or leave out.
+    """Return the posterior over the sets of effects that columns, one for each change, add or leave out.
 
-    Parameters
-    ----------
-    projection : Projection
-    columns : sequence of Column
-        One for each change of the projection.
-    sizes : ndarray, shape (n_changes,)
-        Sizes around which responses are linear.
-    presence : mapping from str to float
-        Earlier probability of each effect that is known.
-    most : int
-        Largest number of effects at once. Before, each number is equally probable, and each set of it.
-
-    Returns
-    -------
-    LinearFit
-        What the best set leaves widens all errors.
+    Responses are linear around ``sizes`` (n_changes,). ``presence`` is the earlier probability of each effect
+    that is known. Of at most ``most`` effects at once, each number is equally probable before, and each set
+    of it. What the best set leaves widens all errors.
     """
     shown = np.zeros(len(columns), dtype=bool)
     shown[[change for change, _ in projection.terms]] = True
@@ -167,7 +140,11 @@ def weigh_sets(
     sure = {"", *certain}  # "" is no effect: always there
     every = np.array([*itertools.product((False, True), repeat=len(candidates))], dtype=bool)
     flags = every[len(certain) + every.sum(axis=1) <= most]
-    prior = _log_prior(flags, [presence[name] for name in candidates], len(certain), len(presence), most)
+    # Each number of effects is equally probable, but for the odds.
+    before = np.clip([presence[name] for name in candidates], _SURE, 1 - _SURE)
+    odds = np.log(before / (1 - before)) - math.log(most / 2 / (len(presence) - most / 2))
+    ways = [math.comb(len(presence), len(certain) + n) for n in flags.sum(axis=1).tolist()]
+    prior = _PRIOR_WEIGHT * (flags @ odds) - np.log(ways)
     has = np.array(
         [
             flags[:, candidates.index(owner)] if owner in candidates else np.full(len(flags), owner in sure)
@@ -203,18 +180,6 @@ def weigh_sets(
             if owners[k] in candidates
         },
     )
-
-
-def _log_prior(
-    flags: NDArray[np.bool_], presence: Sequence[float], n_certain: int, n_effects: int, most: int
-) -> Float:
-    """Return the log prior of sets (n_sets, n_candidates): equal for each number of effects, but for odds."""
-    odds = [
-        math.log(p / (1 - p)) - math.log(most / 2 / (n_effects - most / 2))
-        for p in np.clip(presence, _SURE, 1 - _SURE).tolist()
-    ]
-    ways = [math.comb(n_effects, n_certain + n) for n in flags.sum(axis=1).tolist()]
-    return np.asarray(_PRIOR_WEIGHT * (flags @ odds) - np.log(ways))
 
 
 def _solve_sets(

@@ -173,13 +173,6 @@ def quantiles_of(residuals: Float) -> Float:
 
     Their expected coverage is nominal also for few residuals; NaN are left out.
     """
-    quantiles = np.tile(_error_quantiles(residuals), (residuals.shape[1], 1))
-    for size, z in enumerate(residuals.T):
-        if np.isfinite(z).sum() >= FEWEST_LEARNED:
-            quantiles[size] = _error_quantiles(z)
-    return quantiles
-
-
-def _error_quantiles(residuals: Float) -> Float:
-    found: Float = np.quantile(residuals[np.isfinite(residuals)], np.array(QUANTILES), method="weibull")
-    return found
+    known = [z[np.isfinite(z)] for z in residuals.T]
+    samples = [z if z.size >= FEWEST_LEARNED else np.concatenate(known) for z in known]
+    return np.array([np.quantile(z, np.array(QUANTILES), method="weibull") for z in samples])

@@ -18,7 +18,7 @@ from scipy.stats import norm
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
-from cyclofeat._base.checks import positive, whole
+from cyclofeat._base.checks import whole
 from cyclofeat._base.files import write_whole
 from cyclofeat.gap.posterior.answers import (
     NAMED,
@@ -37,7 +37,7 @@ from cyclofeat.gap.posterior.calibration import (
     slopes_of,
     spread_power,
 )
-from cyclofeat.gap.posterior.inputs import Inputs, Reference, inputs_of_sessions, recordings_of_rigs
+from cyclofeat.gap.posterior.inputs import Inputs, Reference, inputs_of_sessions, recording_arrays
 from cyclofeat.gap.posterior.network import (
     NetworkWeights,
     Targets,
@@ -47,8 +47,7 @@ from cyclofeat.gap.posterior.network import (
     split_outputs,
     train_network,
 )
-from cyclofeat.gap.world.rigs import Rigs, Session
-from cyclofeat.gap.world.world import World
+from cyclofeat.gap.world.world import Rigs, Session, World
 from cyclofeat.simulators.effects import EffectParameter
 
 Float = NDArray[np.float64]
@@ -59,11 +58,20 @@ _CALIBRATING = 0.15  # share of the machines that calibrates probabilities and i
 _PLENTY = 1500  # machines that suffice for that
 _SEEN = 0.5  # share of the rigs with an effect of a size in which it is named, from which that size is seen
 _AT_A_TIME = 500
-_ARRAYS = (
-    "learned_", "sizes_learned_", "size_mean_", "size_spread_", "slopes_", "mean_coefficients_",
-    "size_quantiles_", "limits_",
-)  # fmt: skip
-_STATED = ("names_", "size_names_", "cells_", "logarithmic_", "world_", "n_rigs_", "spread_power_")
+_EPOCHS = 40, 12  # of networks that begin anew, and of those that go on
+
+
+@dataclass(frozen=True)
+class Guess:
+    """Statements of a posterior about one session, by name of effect or of parameter."""
+
+    presence: dict[str, float]  # probability of each effect; NaN for one not learned
+    # Probability that it is there and so large that half of the simulated rigs with it are named; NaN for an
+    # effect that no size shows.
+    visible: dict[str, float]
+    # 0.05, 0.25, 0.5, 0.75 and 0.95 quantile of each parameter if its effect is present, in its unit.
+    sizes: dict[str, Float]
+    fitted: dict[str, Float]  # median and standard deviation of each, on the scale of its fit
 
 
 @dataclass(eq=False, repr=False)
@@ -79,12 +87,9 @@ class EffectPosterior(BaseEstimator):
     ----------
     n_networks : int, default=2
         Networks that differ in their random numbers; their answers are averaged.
-    epochs : int, default=40
+    epochs : int, optional
         In each, every rig is shown once, as a random session: 4 or more of its recordings, with counts and
-        tachometer or without. A dozen suffices with a ``start``.
-    learning_rate : float, optional
-        The largest of the training. By default 0.002, and 0.0003 with a ``start``: from fewer than some ten
-        thousand rigs, networks that go on faster forget more than they learn.
+        tachometer or without. Default: 40, and 12 with a ``start``, because with more they fit single rigs.
     random_state : int, default=0
 
     Attributes
@@ -119,8 +124,7 @@ class EffectPosterior(BaseEstimator):
     """
 
     n_networks: int = 2
-    epochs: int = 40
-    learning_rate: float | None = None
+    epochs: int | None = None
     random_state: int = 0
 
     def fit(
@@ -157,10 +161,8 @@ class EffectPosterior(BaseEstimator):
             If a parameter is invalid, there are too few rigs without an effect, or ``start`` has other
             summaries or counts, or fewer networks.
         """
-        n_networks, epochs = whole("n_networks", self.n_networks, 1), whole("epochs", self.epochs, 1)
-        rate = self.learning_rate
-        if rate is not None:
-            rate = positive("learning_rate", rate)
+        epochs = _EPOCHS[start is not None] if self.epochs is None else whole("epochs", self.epochs, 1)
+        n_networks = whole("n_networks", self.n_networks, 1)
         self.names_, self.size_names_, self.cells_ = rigs.names, rigs.size_names, rigs.cells
         self.logarithmic_, self.world_, self.n_rigs_ = rigs.logarithmic, rigs.world, len(rigs)
         random = np.random.default_rng(self.random_state)
@@ -174,7 +176,9 @@ class EffectPosterior(BaseEstimator):
         if start is not None:
             start_weights[:] = self._continue_from(start, random)
             self.n_rigs_ += start.n_rigs_
-        recordings = recordings_of_rigs(rigs, self.reference_)
+        recordings = recording_arrays(
+            rigs.values, rigs.conditions, rigs.counts, rigs.speeds, self.reference_, rigs.cells
+        )
         sizes = (rigs.sizes - self.size_mean_) / self.size_spread_
         rows = np.flatnonzero(~held)
 
@@ -186,8 +190,7 @@ class EffectPosterior(BaseEstimator):
         self.networks_ = [
             train_network(
                 recordings.of(rows), Targets(rigs.present[rows], sizes[rows]), self.reference_, epochs=epochs,
-                learning_rate=rate, random_state=self.random_state + k, start=start_weights[k],
-                progress=epoch_progress(k),
+                random_state=self.random_state + k, start=start_weights[k], progress=epoch_progress(k),
             )
             for k in range(n_networks)
         ]  # fmt: skip
@@ -224,7 +227,7 @@ class EffectPosterior(BaseEstimator):
 
     def _continue_from(self, start: EffectPosterior, random: np.random.Generator) -> list[NetworkWeights]:
         """Take over the scales of ``start``, and return its networks with the outputs of this posterior."""
-        start.check_goes_on(self.cells_, self.reference_.counts_.tolist())
+        check_start(start, self.cells_, self.reference_.counts_.tolist())
         if len(start.networks_) < self.n_networks:
             raise ValueError(f"start must have {self.n_networks} networks, got {len(start.networks_)}")
         places = {name: k for k, name in enumerate(start.names_)}
@@ -257,31 +260,6 @@ class EffectPosterior(BaseEstimator):
         owners = np.array([name.partition(".")[0] for name in self.size_names_])
         self.sizes_learned_ = self.learned_[[self.names_.index(owner) for owner in owners]]
 
-    def check_goes_on(self, cells: Sequence[str], counts: Sequence[int]) -> None:
-        """Raise ValueError unless it can go on learning from rigs with these properties.
-
-        Summaries are deviations from those of a rig without effects: those of another gearbox or of the other
-        torque mean the same.
-
-        Parameters
-        ----------
-        cells : sequence of str
-            Names of the summaries.
-        counts : sequence of int
-        """
-        check_is_fitted(self, "networks_")
-        wanted, own = ([cell.partition(":")[0] for cell in names] for names in (cells, self.cells_))
-        if own != wanted:
-            raise ValueError(
-                f"start must have summaries like the {len(wanted)} of the rigs, got one with {len(own)}: "
-                "it needs an equal sampling rate"
-            )
-        known = self.reference_.counts_.tolist()
-        if sorted(counts) != known:
-            raise ValueError(
-                f"start must have learned counts of {sorted(counts)}, like the rigs, got one of {known}"
-            )
-
     @property
     def world(self) -> World:
         """World of the rigs that it has learned from; with its model."""
@@ -309,37 +287,11 @@ class EffectPosterior(BaseEstimator):
         calibrated[:, known] = mean_predictors(logits, causes, self.names_) @ weights.T + constants
         return np.where(self.learned_, expit(calibrated), np.nan)
 
-    def predict_visible(self, sessions: Sequence[Session]) -> Float:
-        """Return the probability that each effect is there and large enough to be seen.
-
-        "Large enough" are sizes beyond ``limits_``: half of the simulated rigs that have the effect so large
-        are named.
-
-        Parameters
-        ----------
-        sessions : sequence of Session
-
-        Returns
-        -------
-        ndarray, shape (n_sessions, n_effects)
-            NaN for an effect that no size shows, or that was not learned.
-        """
-        inputs = self._network_inputs(sessions)
-        logits, mean, spread = self._network_outputs(inputs)
-        middle, width = self._on_scale_of_fit(mean, spread)
-        beyond = np.full(logits.shape, np.nan)
-        for k, column, parameter in self._main_parameters():
-            beyond[:, k] = reach_beyond(parameter, self.limits_[k], middle[:, column], width[:, column])
-        return np.asarray(self._calibrated_probabilities(logits, inputs.causes) * beyond)
-
+    @property
     def visible_from(self) -> dict[str, tuple[str, float, float]]:
-        """Return the main parameter of each effect that is seen, and the values beyond which it is.
+        """Main parameter of each effect that some size shows, and the values below and above which it does.
 
-        Returns
-        -------
-        dict from str to (str, float, float)
-            Name of the parameter, and the values below and above which half of the simulated rigs are named;
-            NaN on a side on which the effect grows no stronger. Without effects that no size shows.
+        Half of the simulated rigs with it so large are named. NaN on a side on which it grows no stronger.
         """
         check_is_fitted(self, "networks_")
         return {
@@ -351,8 +303,8 @@ class EffectPosterior(BaseEstimator):
             if np.isfinite(self.limits_[k])
         }
 
-    def predict_quantiles(self, sessions: Sequence[Session]) -> Float:
-        """Return quantiles of each parameter if its effect is present, in the parameter's unit.
+    def guess(self, sessions: Sequence[Session]) -> list[Guess]:
+        """Return all that the posterior states about sessions.
 
         Parameters
         ----------
@@ -360,56 +312,31 @@ class EffectPosterior(BaseEstimator):
 
         Returns
         -------
-        ndarray, shape (n_sessions, n_sizes, 5)
-            0.05, 0.25, 0.5, 0.75 and 0.95 quantile; NaN for a parameter not learned.
+        list of Guess
         """
-        _, mean, spread = self._network_outputs(self._network_inputs(sessions))
+        inputs = self._network_inputs(sessions)
+        logits, mean, spread = self._network_outputs(inputs)
+        presence = self._calibrated_probabilities(logits, inputs.causes)
         standardised = mean[:, :, None] + spread[:, :, None] * self.size_quantiles_
         sizes = standardised * self.size_spread_[:, None] + self.size_mean_[:, None]
         logarithmic = np.array(self.logarithmic_)[:, None]
         quantiles = np.where(logarithmic, np.exp(np.where(logarithmic, sizes, 0.0)), sizes)
-        return np.where(self.sizes_learned_[:, None], quantiles, np.nan)
-
-    def size_distribution(self, session: Session, names: Sequence[str]) -> tuple[Float, Float]:
-        """Return median and standard deviation of some sizes on the scale of their fit.
-
-        Parameters
-        ----------
-        session : Session
-        names : sequence of str
-            Some of ``size_names_``.
-
-        Returns
-        -------
-        median, deviation : ndarray, shape (n_names,)
-        """
-        columns = [self.size_names_.index(name) for name in names]
-        _, mean, spread = self._network_outputs(self._network_inputs([session]))
-        middle, width = self._on_scale_of_fit(mean, spread)
-        return middle[0, columns], width[0, columns]
-
-    def _on_scale_of_fit(self, mean: Float, spread: Float) -> tuple[Float, Float]:
-        """Return median and standard deviation of sizes from the outputs of the networks."""
+        quantiles = np.where(self.sizes_learned_[:, None], quantiles, np.nan)
         low, _, middle, _, high = self.size_quantiles_.T
-        reach = (high - low) / (2 * norm.ppf(QUANTILES[-1]))
         centre = (mean + spread * middle) * self.size_spread_ + self.size_mean_
-        return centre, spread * reach * self.size_spread_
-
-    def deviations(self, session: Session) -> Float:
-        """Return the summaries less those of a rig without effects.
-
-        Parameters
-        ----------
-        session : Session
-
-        Returns
-        -------
-        ndarray, shape (n_recordings, 2 * n_cells)
-            First in units of their spread without effects, on a scale that is linear for small deviations and
-            logarithmic for large ones; then in units of the spread over all rigs, up to 8.
-        """
-        self._check_sessions([session])
-        return self.reference_.deviations(session.values, session.conditions, session.counts)
+        width = spread * ((high - low) / (2 * norm.ppf(QUANTILES[-1]))) * self.size_spread_
+        beyond = np.full(logits.shape, np.nan)
+        for k, column, parameter in self._main_parameters():
+            beyond[:, k] = reach_beyond(parameter, self.limits_[k], centre[:, column], width[:, column])
+        visible = presence * beyond
+        fitted = np.stack([centre, width], axis=2)
+        return [
+            Guess(
+                *(dict(zip(self.names_, p[k].tolist(), strict=True)) for p in (presence, visible)),
+                *(dict(zip(self.size_names_, rows[k], strict=True)) for rows in (quantiles, fitted)),
+            )
+            for k in range(len(sessions))
+        ]
 
     def presence(self, session: Session) -> dict[str, float]:
         """Return the probability of each effect.
@@ -423,29 +350,10 @@ class EffectPosterior(BaseEstimator):
         dict from str to float
             By effect, NaN for one that was not learned.
         """
-        probabilities = self.predict_proba([session])[0].tolist()
-        return dict(zip(self.names_, probabilities, strict=True))
-
-    def sizes(self, session: Session) -> dict[str, Float]:
-        """Return the five quantiles of each parameter if its effect is present, in the parameter's unit.
-
-        Parameters
-        ----------
-        session : Session
-
-        Returns
-        -------
-        dict from str to ndarray, shape (5,)
-        """
-        quantiles = self.predict_quantiles([session])[0]
-        return dict(zip(self.size_names_, quantiles, strict=True))
+        return self.guess([session])[0].presence
 
     def _network_inputs(self, sessions: Sequence[Session]) -> Inputs:
-        self._check_sessions(sessions)
-        return inputs_of_sessions(sessions, self.reference_, self.cells_)
-
-    def _check_sessions(self, sessions: Sequence[Session]) -> None:
-        """Raise ValueError unless sessions are like those of the world."""
+        """Return the inputs of sessions; raise ValueError unless they are like those of the world."""
         check_is_fitted(self, "networks_")
         for session in sessions:
             if not len(session.values) or session.values.shape[1] != len(self.cells_):
@@ -454,6 +362,7 @@ class EffectPosterior(BaseEstimator):
                     f"shape {session.values.shape}"
                 )
             self.reference_.check(session)
+        return inputs_of_sessions(sessions, self.reference_, self.cells_)
 
     def _network_outputs(self, inputs: Inputs) -> tuple[Float, Float, Float]:
         """Return logits, and mean and standard deviation of standardised sizes, of all networks together."""
@@ -485,10 +394,13 @@ class EffectPosterior(BaseEstimator):
         pathlib.Path
         """
         check_is_fitted(self, "networks_")
-        stated = {name: getattr(self, name) for name in _STATED} | {"format": _FORMAT, **self.get_params()}
-        arrays = {name: getattr(self, name) for name in _ARRAYS}
-        arrays |= {f"reference.{name}": values for name, values in vars(self.reference_).items()}
-        for k, weights in enumerate(self.networks_):
+        fitted = {name: value for name, value in vars(self).items() if name.endswith("_")}
+        networks, reference = fitted.pop("networks_"), fitted.pop("reference_")
+        arrays: dict[str, Any] = {k: value for k, value in fitted.items() if isinstance(value, np.ndarray)}
+        stated = {name: value for name, value in fitted.items() if name not in arrays}
+        stated |= {"format": _FORMAT, **self.get_params()}
+        arrays |= {f"reference.{name}": values for name, values in vars(reference).items()}
+        for k, weights in enumerate(networks):
             arrays |= {f"network{k}.{name}": values.astype(np.float16) for name, values in weights.items()}
         content = io.BytesIO()
         np.savez_compressed(content, stated=np.array(json.dumps(stated)), **arrays)
@@ -526,7 +438,8 @@ def load_posterior(path: str | os.PathLike[str] = DEFAULT) -> EffectPosterior:
         ) from None
     posterior = EffectPosterior(**{name: stated.pop(name) for name in EffectPosterior().get_params()})
     for name, value in stated.items():
-        setattr(posterior, name, tuple(value) if isinstance(value, list) else value)
+        if name.endswith("_"):
+            setattr(posterior, name, tuple(value) if isinstance(value, list) else value)
     posterior.reference_ = Reference()
     networks: dict[str, dict[str, Any]] = {}
     for name, values in content.items():
@@ -539,3 +452,23 @@ def load_posterior(path: str | os.PathLike[str] = DEFAULT) -> EffectPosterior:
             networks.setdefault(place, {})[key] = values.astype(np.float32)
     posterior.networks_ = [networks[name] for name in sorted(networks)]
     return posterior
+
+
+def check_start(start: EffectPosterior, cells: Sequence[str], counts: Sequence[int]) -> None:
+    """Raise ValueError unless a posterior can go on learning from rigs with these summaries and counts.
+
+    Summaries are deviations from those of a rig without effects: those of another gearbox or of the other
+    torque mean the same.
+    """
+    check_is_fitted(start, "networks_")
+    wanted, own = ([cell.partition(":")[0] for cell in names] for names in (cells, start.cells_))
+    if own != wanted:
+        raise ValueError(
+            f"start must have summaries like the {len(wanted)} of the rigs, got one with {len(own)}: "
+            "it needs an equal sampling rate"
+        )
+    known = start.reference_.counts_.tolist()
+    if sorted(counts) != known:
+        raise ValueError(
+            f"start must have learned counts of {sorted(counts)}, like the rigs, got one of {known}"
+        )

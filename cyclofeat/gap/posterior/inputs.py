@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from sklearn.linear_model import Ridge
 
 from cyclofeat.gap.posterior.calibration import cause_logits, gain_and_offset
 from cyclofeat.gap.summaries.turns import uncorrelating_matrix
-from cyclofeat.gap.world.rigs import Rigs, Session
+from cyclofeat.gap.world.world import Rigs, Session
 
 Float = NDArray[np.float64]
 
@@ -171,21 +170,6 @@ class Inputs:
         return {name: value for name, value in vars(self).items() if name != "causes"}
 
 
-class _Padded(NamedTuple):
-    """Columns of :class:`Rigs`, or of sessions padded to equal numbers of recordings with NaN."""
-
-    values: NDArray[np.floating]
-    conditions: Float
-    counts: NDArray[np.int64]
-    speeds: Float
-
-
-def recordings_of_rigs(rigs: Rigs, reference: Reference) -> Recordings:
-    """Return all recordings of simulated rigs."""
-    padded = _Padded(rigs.values, rigs.conditions, rigs.counts, rigs.speeds)
-    return _recording_arrays(padded, reference, rigs.cells, (True, True))
-
-
 def inputs_of_sessions(sessions: Sequence[Session], reference: Reference, cells: tuple[str, ...]) -> Inputs:
     """Return the inputs of sessions with what is known of each."""
     shape = len(sessions), max(len(session.values) for session in sessions)
@@ -202,22 +186,19 @@ def inputs_of_sessions(sessions: Sequence[Session], reference: Reference, cells:
             speeds[k, :n] = session.speeds_rpm
     with_counts = np.array([session.counts is not None for session in sessions])
     tachometer = np.array([session.speeds_rpm is not None for session in sessions])
-    needed = bool(with_counts.any()), not with_counts.all()
-    padded = _recording_arrays(_Padded(values, conditions, counts, speeds), reference, cells, needed)
+    padded = recording_arrays(values, conditions, counts, speeds, reference, cells)
     return assemble_inputs(padded, padded.is_real, with_counts, tachometer, reference)
 
 
-def _recording_arrays(
-    padded: _Padded, reference: Reference, cells: tuple[str, ...], needed: tuple[bool, bool]
-) -> Recordings:
-    values, conditions, counts, speeds = padded
+def recording_arrays(
+    values: NDArray[np.floating], conditions: Float, counts: NDArray[np.int64], speeds: Float,
+    reference: Reference, cells: tuple[str, ...],
+) -> Recordings:  # fmt: skip
+    """Return all recordings of simulated rigs, or of sessions that are padded with NaN to equal numbers."""
     is_real = np.isfinite(values[:, :, 0])
-    shape = (*is_real.shape, 2 * values.shape[2])
-    deviations = [np.zeros(shape, dtype=np.float32) for _ in needed]
-    for part, known, wanted in zip(deviations, (True, False), needed, strict=True):
-        if wanted:
-            known_counts = counts[is_real] if known else None
-            part[is_real] = reference.deviations(values[is_real], conditions[is_real], known_counts)
+    deviations = np.zeros((2, *is_real.shape, 2 * values.shape[2]), dtype=np.float32)
+    for part, known in zip(deviations, (counts[is_real], None), strict=True):
+        part[is_real] = reference.deviations(values[is_real], conditions[is_real], known)
     by_tachometer = 100 * (np.nan_to_num(speeds) / conditions[:, :, 0] - 1)
     by_mesh = np.nan_to_num(values[:, :, cells.index(_SPEED_CELL)])
     by_both = np.stack([by_tachometer, by_mesh - by_tachometer], axis=2)

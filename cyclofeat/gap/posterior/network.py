@@ -8,9 +8,8 @@ NIPS). It is written for any array library: JAX trains it and numpy answers.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,16 +58,8 @@ def pool_recordings(
     of_few = deviations.sum(1) - of_many
     difference = of_many / xp.maximum(n_many, 1) - of_few / xp.maximum(n_few, 1)
     difference = xp.where((n_many > 0) & (n_few > 0), difference, 0.0)
-    parts = [
-        mean,
-        on_other_scale,
-        xp.arcsinh(mean @ weights["uncorrelating"]),
-        spread,
-        lowest,
-        highest,
-        difference,
-        whole,
-    ]
+    uncorrelated = xp.arcsinh(mean @ weights["uncorrelating"])
+    parts = [mean, on_other_scale, uncorrelated, spread, lowest, highest, difference, whole]
     standardised = (xp.concatenate(parts, 1) - weights["pool_centre"]) / weights["pool_spread"]
     return xp.clip(standardised, -_LIMIT, _LIMIT)
 
@@ -126,8 +117,7 @@ _OF_SIZES = 0.5  # weight of the sizes' loss beside that of presence
 _STANDARDISING = 2000  # sessions from which the pools are standardised
 
 
-@dataclass(frozen=True)
-class Targets:
+class Targets(NamedTuple):
     """Targets of the network: presence and standardised sizes, NaN where absent."""
 
     present: Flags
@@ -140,7 +130,6 @@ def train_network(
     reference: Reference,
     *,
     epochs: int,
-    learning_rate: float | None = None,
     random_state: int,
     start: NetworkWeights | None = None,
     progress: Callable[[int, int], object] | None = None,
@@ -157,7 +146,7 @@ def train_network(
     present = targets.present.astype(np.float32)
     sizes, has_size = np.nan_to_num(targets.sizes).astype(np.float32), np.isfinite(targets.sizes)
     per_epoch = max(n // _BATCH, 1)
-    rate = learning_rate or (_RATE if start is None else _RATE_ON)
+    rate = _RATE if start is None else _RATE_ON
     first_state, step = _compiled_steps(n_effects, epochs * per_epoch, rate)
     state, key = first_state(weights), jax.random.PRNGKey(random_state)
     for epoch in range(epochs):

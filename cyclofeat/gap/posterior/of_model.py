@@ -14,7 +14,7 @@ import numpy as np
 
 from cyclofeat._base.quantities import in_words
 from cyclofeat._base.training import import_jax
-from cyclofeat.gap.posterior.effect_posterior import EffectPosterior, load_posterior
+from cyclofeat.gap.posterior.effect_posterior import EffectPosterior, check_start, load_posterior
 from cyclofeat.gap.posterior.inputs import BEYOND
 from cyclofeat.gap.world.prepare import describe_world, prepare_world
 from cyclofeat.gap.world.world import AROUND, World
@@ -22,7 +22,6 @@ from cyclofeat.simulators import Rig
 
 # Eight rigs each: some ten minutes of two cores.
 _MACHINES = 480
-EPOCHS_ON = 12  # of networks that go on: with more they fit single rigs
 
 
 def is_of_model(posterior: EffectPosterior, model: Rig) -> bool:
@@ -90,11 +89,9 @@ def posterior_of_world(
     progress("learning from them")
     start = None
     with contextlib.suppress(ValueError):
-        packaged.check_goes_on(world.cells, world.defect_counts)
+        check_start(packaged, world.cells, world.defect_counts)
         start = packaged
     posterior = EffectPosterior(random_state=world.random_state)
-    if start is not None:
-        posterior.epochs = EPOCHS_ON
     posterior.fit(rigs, start=start, progress=count).save(path)
     shutil.rmtree(rigs_folder)
     return posterior

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from cyclofeat.gap.summaries.summarise import RESOLUTION_NM, Kinematics, level_db, summarise_windows
+from cyclofeat.gap.summaries.summarise import RESOLUTION_NM, Cell, Kinematics, level_db, summarise_windows
 from cyclofeat.gap.summaries.turns import class_means, less_class_means
 
 Float = NDArray[np.float64]
@@ -32,33 +31,21 @@ POOLED_BELOW = 3
 _LEAST_SPREAD = 0.05  # least spread, as a share of the median of the cells of the same part and unit
 
 
-@dataclass(frozen=True)
-class Part:
-    """Group of cells. Cells of one part have equal weights, and so have the parts of one family."""
-
-    family: str
-    name: str
-    unit: str
-
-
-@dataclass(frozen=True)
-class Sample:
+class Sample(NamedTuple):
     """Recordings: values, shape (n, n_cells), and their counts, shape (n,)."""
 
     values: Float
     counts: NDArray[Any]
 
 
-@dataclass(frozen=True)
-class Scale:
+class Scale(NamedTuple):
     """Spread of one recording, shape (n_cells,), and weights of :func:`cell_weights`."""
 
     spread: Float
     weights: Float
 
 
-@dataclass(frozen=True)
-class Deviations:
+class Deviations(NamedTuple):
     """Deviations between replicates, shape (n, n_cells), counts, and degrees of freedom."""
 
     values: Float
@@ -68,19 +55,20 @@ class Deviations:
 
 def proof_cells(
     X: NDArray[Any], kinematics: Kinematics, speeds: Float | None = None
-) -> tuple[Float, list[Part]]:
+) -> tuple[Float, list[Cell]]:
     """Return the numbers of each window for the distances, (n_windows, n_cells), and the part of each cell.
 
-    They are those of ``summarise``, with other amplitudes: the mean in Nm, the level of the
+    A part is described like a cell. Cells of one part have equal weights, as have the parts of one family.
+    They are those of :func:`summarise_windows`, with other amplitudes: the mean in Nm, the level of the
     ripple in dB and the quantile function of the standardised torque. The squared difference of two averaged
     quantile functions, averaged over the shares, is the squared Wasserstein distance of second order between
     the distributions' barycentres.
     """
     summaries, cells = summarise_windows(X, kinematics, speeds)
     kept = [k for k, cell in enumerate(cells) if cell.family != "amplitudes"]
-    parts = [Part(_FAMILY_OF.get(cells[k].family, "features"), cells[k].family, cells[k].unit) for k in kept]
-    parts += [Part("amplitudes", "mean", "Nm"), Part("amplitudes", "level", "dB")]
-    parts += [Part("amplitudes", _SHAPE, "1")] * len(_SHARES)
+    parts = [Cell(_FAMILY_OF.get(cells[k].family, "features"), cells[k].family, cells[k].unit) for k in kept]
+    parts += [Cell("amplitudes", "mean", "Nm"), Cell("amplitudes", "level", "dB")]
+    parts += [Cell("amplitudes", _SHAPE, "1")] * len(_SHARES)
     return np.hstack([summaries[:, kept], np.vstack([_amplitude_cells(x) for x in X])]), parts
 
 
@@ -91,20 +79,15 @@ def _amplitude_cells(x: NDArray[Any]) -> Float:
     return np.asarray(np.r_[mean, level_db(variance), shape])
 
 
-def cell_weights(parts: list[Part]) -> Float:
+def cell_weights(parts: list[Cell]) -> Float:
     """Weight of each cell in its family, (n_families, n_cells); parts of a family weigh the same."""
-    rows = []
-    for family in families_of(parts):
-        names = sorted({part.name for part in parts if part.family == family})
-        row = np.zeros(len(parts))
-        for name in names:
-            inside = np.array([part.family == family and part.name == name for part in parts])
-            row[inside] = 1 / (len(names) * inside.sum())
-        rows.append(row)
-    return np.array(rows)
+    members = [[(part.family, part.name) == (other.family, other.name) for other in parts] for part in parts]
+    n_parts = {family: len({p.name for p in parts if p.family == family}) for family in families_of(parts)}
+    weights = 1 / (np.array([n_parts[part.family] for part in parts]) * np.sum(members, axis=1))
+    return np.array([np.where([p.family == name for p in parts], weights, 0.0) for name in n_parts])
 
 
-def families_of(parts: list[Part]) -> list[str]:
+def families_of(parts: list[Cell]) -> list[str]:
     """The families that occur, in the order of ``FAMILIES``."""
     return [family for family in FAMILIES if any(part.family == family for part in parts)]
 
@@ -148,15 +131,13 @@ def replicate_deviations(measured: Sample, simulated: Sample) -> Deviations:
     return Deviations(values, counts, len(groups) - len(np.unique(groups)))
 
 
-def replicate_spread(measured: Sample, simulated: Sample, parts: list[Part]) -> Float:
+def replicate_spread(measured: Sample, simulated: Sample, parts: list[Cell]) -> Float:
     """Standard deviation of one measured recording around its count, shape (n_cells,).
 
-    s^2 = (n_free v + 4 v_bank) / (n_free + 4), where v is the variance of
-    :func:`replicate_deviations` and v_bank that
-    of the simulated recordings around their counts. All cells of the shape of the amplitudes get their root
-    mean square, so that their distance is a Wasserstein distance. No spread is smaller than 1/20 of the
-    median of its part and unit. If a part and unit has no spread at all, its cells get infinity and are
-    ignored.
+    s^2 = (n_free v + 4 v_bank) / (n_free + 4), where v is the variance of :func:`replicate_deviations` and
+    v_bank that of the simulated recordings around their counts. All cells of the shape of the amplitudes get
+    their root mean square, so that their distance is a Wasserstein distance. No spread is smaller than 1/20
+    of the median of its part and unit; where that is 0, cells get infinity and are ignored.
     """
     of_measured = replicate_deviations(measured, simulated)
     squares, of_bank = np.sum(of_measured.values**2, axis=0), _variance_around(simulated)
@@ -318,19 +299,3 @@ def floor_draws(replicates: Deviations, scale: Scale, floor: Float, chances: Flo
     # Some weights of half-samples are negative: a negative mean square counts as 0.
     drawn = np.maximum(chances @ squares, 0.0)
     return np.asarray(floor * np.sqrt(drawn / np.where(mean > 0, mean, 1.0)))
-
-
-def centre_draws(draws: Float, estimate: Float | float) -> Float:
-    """Shift draws to the estimate: the noise of resampling makes every distance larger."""
-    return np.asarray(draws - draws.mean(axis=0) + estimate)
-
-
-def gap_reduction(before: Any, after: Any, floor: Any) -> Any:
-    """GRR = 1 - (after - floor) / (before - floor).
-
-    Examples
-    --------
-    >>> gap_reduction(5.0, 1.0, 1.0)
-    1.0
-    """
-    return 1 - (after - floor) / (before - floor)

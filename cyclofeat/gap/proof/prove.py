@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.gap.comparison import Comparison, GapSettings
-from cyclofeat.gap.measured import Condition, MeasuredRig
+from cyclofeat.gap.comparison import Comparison, Condition, GapSettings
+from cyclofeat.gap.measured import MeasuredRig
 from cyclofeat.gap.proof import distance
-from cyclofeat.gap.proof.distance import Part, Sample
+from cyclofeat.gap.proof.distance import Sample
 from cyclofeat.gap.simulations import Bank
+from cyclofeat.gap.summaries.summarise import Cell
 from cyclofeat.gap.summaries.turns import MeasuredTurns, per_recording
 from cyclofeat.gap.world.world import World
 from cyclofeat.simulators import Rig
@@ -35,23 +36,22 @@ _NO_GAP = (
     "the gap before, {:.3g}, does not stand out of what replication leaves, {:.3g} +- {:.2g} standard "
     "deviations of a recording: there is no gap to close"
 )
+_TOO_FEW = (
+    f"{{}} held-out recordings: at least {_FEWEST} are needed to know what replication leaves between two of "
+    "them"
+)
+_ONE = "one held-out recording in this condition: it cannot be resampled, so its error is not known"
 _INTERVAL = (0.05, 0.95)
 
 
 @dataclass(frozen=True)
 class DistanceRow:
-    """A distance of held-out recordings.
+    """A distance of held-out recordings."""
 
-    The alternative is ``"nothing"`` (the simulator before), ``"after"``, another one, or ``"floor"``, which
-    replication alone would leave; the condition that of :class:`ProofRow`. The family is one of spectrum,
-    orders, averages, amplitudes, features; or ``"overall"``, their mean. The distance is in spreads of one
-    recording.
-    """
-
-    alternative: str
-    condition: str
-    family: str
-    distance: float
+    alternative: str  # as in :class:`ProofRow`; or "floor", which replication alone would leave
+    condition: str  # as in :class:`ProofRow`
+    family: str  # spectrum, orders, averages, amplitudes, features; or "overall", their mean
+    distance: float  # in spreads of one recording
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def prove_all(
             of_fit = fitted.turns(comparison)
         proofs.append(
             prove_condition(
-                comparison, condition.set_on(corrected), turns,
+                comparison, corrected.at(condition.speed_rpm, condition.load_nm), turns,
                 fitted_counts=(of_fit or turns).counts, n_simulated=settings.n_report,
                 others=None if others is None else others(comparison, of_fit),
             )
@@ -140,9 +140,7 @@ def prove_condition(
 
     Notes
     -----
-    Each recording is described by numbers in five families: log-spectrum (slow part, third octaves, floor),
-    orders (speed, lines of lobes and of the shaft), synchronous averages, amplitudes (mean, level,
-    Wasserstein distance of the standardised torque) and features. In each family
+    Recordings are described by :func:`cyclofeat.gap.proof.distance.proof_cells` in five families. In each
 
     D_f^2 = sum_k w_k (a_0k^2 + a_1k^2) / s_k^2
 
@@ -161,17 +159,6 @@ def prove_condition(
     In tests with artificial summaries of 4 to 24 recordings, intervals of nominally 90 % contained the ratio
     in 77 to 97 % of the cases. Of cases without a gap, 0 to 4 % got a ratio; with simulated recordings 3 to
     8 %, and 20 % with 6 recordings of two counts and a bank of 5 each.
-
-    Examples
-    --------
-    >>> from cyclofeat.simulators import BrakeRotor, Hum, Noise
-    >>> rig = Rig(effects=[BrakeRotor(0.02, 1e4, 0.02), Noise(0.05)], name="R1")
-    >>> truth = rig.with_added(Hum(1.0))
-    >>> comparison = Comparison(sampling_rate=6400.0, rig=rig)
-    >>> bank = comparison.replace(rig=truth).bank(6, [0, 3], random_state=8)
-    >>> held_out = comparison.measured(bank.X, bank.counts)
-    >>> prove_condition(comparison, truth, held_out, n_simulated=12).result.grr > 0.7
-    True
     """
     state = comparison.random_state
     # Other random numbers than in the fit: an alternative must not profit from single simulations.
@@ -196,7 +183,7 @@ def prove_condition(
     rows = Sample(per_recording(values, held_out.of_window), held_out.counts_or_zeros)
     seen = None if fitted_counts is None else np.isin(rows.counts, fitted_counts)
     proof = score_alternatives(rows, simulated, parts, seen, random_state=state)
-    return dataclasses.replace(proof, condition=Condition.of(comparison))
+    return dataclasses.replace(proof, condition=comparison.condition)
 
 
 def simulate_alternative(comparison: Comparison, counts: Counts, n: int) -> Bank:
@@ -207,7 +194,7 @@ def simulate_alternative(comparison: Comparison, counts: Counts, n: int) -> Bank
 def score_alternatives(
     measured: Sample,
     alternatives: dict[str, Sample],
-    parts: list[Part],
+    parts: list[Cell],
     seen: NDArray[np.bool_] | None = None,
     *,
     random_state: int,
@@ -220,8 +207,7 @@ def score_alternatives(
     """
     random, counts = np.random.default_rng([random_state, 3]), measured.counts
     conditions = {"all": np.ones(len(counts), dtype=bool)}
-    if seen is not None:
-        conditions |= {"seen": seen, "unseen": ~seen}
+    conditions |= {} if seen is None else {"seen": seen, "unseen": ~seen}
     before, after = alternatives[BEFORE], alternatives[AFTER]
     scale = distance.Scale(distance.replicate_spread(measured, before, parts), distance.cell_weights(parts))
     # If counts have one recording each, an error of a simulator in single counts looks like replication. So
@@ -246,9 +232,10 @@ def score_alternatives(
             single = distance.family_distances(part, simulated, scale)[0]
             many = distance.family_distances(part, simulated, scale, drawn).mean(axis=1)
             estimates[name] = float(single.mean())
-            draws[name] = distance.centre_draws(many, estimates[name])
+            draws[name] = many - many.mean() + estimates[name]  # resampling makes every distance larger
             of_families += _distance_rows(name, condition, families, single)
-        reason = _too_few(int(inside.sum()), len(counts), replicates.n_free)
+        few = len(counts) < _FEWEST or replicates.n_free < 2
+        reason = _TOO_FEW.format(len(counts)) if few else _ONE if inside.sum() < 2 else ""
         floor, floor_draws = np.nan, np.full(_DRAWS, np.nan)
         if not reason:
             of_bank = distance.bank_error(part.counts, before, scale)
@@ -256,18 +243,17 @@ def score_alternatives(
             of_families += _distance_rows(FLOOR, condition, families, by_family)
             floor = float(by_family.mean())
             moved = distance.floor_draws(replicates, scale, by_family, chances).mean(axis=1)
-            floor_draws = distance.centre_draws(moved, floor)
+            floor_draws = moved - moved.mean() + floor
             error = float(np.std(draws[BEFORE] - floor_draws))
             if not estimates[BEFORE] - floor >= _ERRORS * error:
                 reason = _NO_GAP.format(estimates[BEFORE], floor, error)
         for name in alternatives:
             ratio, low, high = (math.nan,) * 3
             if not reason:
-                ratio = float(distance.gap_reduction(estimates[BEFORE], estimates[name], floor))
-                with np.errstate(divide="ignore", invalid="ignore"):
-                    ratios = distance.gap_reduction(draws[BEFORE], draws[name], floor_draws)
+                ratio = 1 - (estimates[name] - floor) / (estimates[BEFORE] - floor)
+                gaps = draws[BEFORE] - floor_draws
                 # Draws without a gap have no ratio.
-                ratios = np.where(draws[BEFORE] - floor_draws > 0, ratios, np.nan)
+                ratios = 1 - (draws[name] - floor_draws) / np.where(gaps > 0, gaps, np.nan)
                 low, high = np.nanquantile(ratios, _INTERVAL).tolist()
             rows.append(ProofRow(name, condition, ratio, low, high, reason))
     return Proof(tuple(rows), tuple(of_families), len(counts))
@@ -276,14 +262,3 @@ def score_alternatives(
 def _distance_rows(name: str, condition: str, families: list[str], values: Float) -> list[DistanceRow]:
     named = [*zip(families, values, strict=True), (OVERALL, values.mean())]
     return [DistanceRow(name, condition, family, float(value)) for family, value in named]
-
-
-def _too_few(n_inside: int, n_all: int, n_free: int) -> str:
-    if n_all < _FEWEST or n_free < 2:
-        return (
-            f"{n_all} held-out recordings: at least {_FEWEST} are needed to know what replication leaves "
-            "between two of them"
-        )
-    if n_inside < 2:
-        return "one held-out recording in this condition: it cannot be resampled, so its error is not known"
-    return ""

@@ -61,11 +61,13 @@ class Cell:
     high_hz: float = np.nan
 
 
-_SPEED_CELLS = (
-    Cell("speed", "input speed by the mesh lines", "%"),
-    Cell("speed", "input speed by the tachometer", "%"),
-    Cell("speed", "mesh lines against the tachometer", "%"),
-)
+Columns = list[tuple[Cell, Float]]
+"""Cells, each with its value in all recordings."""
+
+
+def as_table(columns: Columns) -> tuple[Float, list[Cell]]:
+    """Return the values of columns, (n_recordings, n_cells), and their cells."""
+    return np.column_stack([values for _, values in columns]), [cell for cell, _ in columns]
 
 
 @dataclass(frozen=True)
@@ -93,21 +95,11 @@ class Kinematics:
 def summarise_windows(
     X: NDArray[Any], kinematics: Kinematics, speeds: NDArray[Any] | None = None
 ) -> tuple[Float, list[Cell]]:
-    """Summarise windows of torque.
+    """Summarise windows of torque in Nm (n_windows, n_samples), of at least one output turn each.
 
-    Parameters
-    ----------
-    X : ndarray, shape (n_windows, n_samples)
-        Torque in Nm, at least one output turn each, in which lobes and shaft come apart.
-    kinematics : Kinematics
-    speeds : ndarray, shape (n_windows,), optional
-        Mean input speed of each window by a tachometer, in Hz. Default: from its mesh lines. Orders are
-        multiples of it.
-
-    Returns
-    -------
-    values : ndarray, shape (n_windows, n_cells)
-    cells : list of Cell
+    Lobes and shaft come apart in a turn. ``speeds`` (n_windows,) are mean input speeds in Hz by a tachometer,
+    by default from the mesh lines; orders are multiples of them. Returns values (n_windows, n_cells), and
+    their cells.
 
     Notes
     -----
@@ -135,24 +127,22 @@ def summarise_windows(
         torque = np.asarray(X[part], dtype=np.float64)
         by_mesh = speeds_by_mesh(torque, rate, nominal_hz, n_lobes)
         of_window = by_mesh if given is None else given[part]
-        columns, speed_cells = [100 * (by_mesh / nominal_hz - 1)], [_SPEED_CELLS[0]]
+        speed_ratios = {"input speed by the mesh lines": by_mesh / nominal_hz}
         if given is not None:
-            columns += [100 * (of_window / nominal_hz - 1), 100 * (by_mesh / of_window - 1)]
-            speed_cells = [*_SPEED_CELLS]
+            speed_ratios["input speed by the tachometer"] = of_window / nominal_hz
+            speed_ratios["mesh lines against the tachometer"] = by_mesh / of_window
         mean = torque.mean(axis=1, keepdims=True)
         ripple = torque - mean
         lines = rfft(ripple, axis=1)
-        families = [
-            (np.column_stack(columns), speed_cells),
-            _slow_cells(ripple, lines, rate),
-            _amplitude_cells(torque, ripple, mean[:, 0]),
-            _band_cells(lines, ripple.shape[1], rate),
-            _order_cells(ripple, rate, of_window, nominal_hz, n_lobes),
-            _average_cells(ripple, rate, of_window, n_lobes),
-            _feature_cells(torque, ripple, rate),
-        ]
-        values.append(np.hstack([of_family for of_family, _ in families]))
-        cells = [cell for _, of_family in families for cell in of_family]
+        columns = [(Cell("speed", name, "%"), 100 * (ratio - 1)) for name, ratio in speed_ratios.items()]
+        columns += _slow_cells(ripple, lines, rate)
+        columns += _amplitude_cells(torque, ripple, mean[:, 0])
+        columns += _band_cells(lines, ripple.shape[1], rate)
+        columns += _order_cells(ripple, rate, of_window, nominal_hz, n_lobes)
+        columns += _average_cells(ripple, rate, of_window, n_lobes)
+        columns += _feature_cells(torque, ripple, rate)
+        of_part, cells = as_table(columns)
+        values.append(of_part)
     return np.vstack(values), cells
 
 
@@ -213,25 +203,20 @@ def hann_lines(lines: NDArray[np.complex128]) -> NDArray[np.complex128]:
     return under
 
 
-def _slow_cells(
-    ripple: Float, lines: NDArray[np.complex128], sampling_rate: float
-) -> tuple[Float, list[Cell]]:
+def _slow_cells(ripple: Float, lines: NDArray[np.complex128], sampling_rate: float) -> Columns:
     n = ripple.shape[1]
     time = (np.arange(n) - (n - 1) / 2) / n
     trend = ripple @ time / (time @ time)
     kept = max(int(np.ceil(_SLOW_HZ * n / sampling_rate)), 2)
     power = 2 * np.sum(np.abs(lines[:, 1:kept]) ** 2, axis=1) / n**2
-    cells = [
-        Cell("slow part", f"level below {_SLOW_HZ:g} Hz", "dB", 0.0, _SLOW_HZ),
-        Cell("slow part", "size of the trend over the window", "dB", 0.0, _SLOW_HZ),
-    ]
-    below = 2 * (kept - 1) * RESOLUTION_NM**2 / n
-    return np.column_stack(
-        [level_db(power + below), level_db(trend**2 + RESOLUTION_NM**2 / (time @ time))]
-    ), cells
+    powers = {
+        f"level below {_SLOW_HZ:g} Hz": power + 2 * (kept - 1) * RESOLUTION_NM**2 / n,
+        "size of the trend over the window": trend**2 + RESOLUTION_NM**2 / (time @ time),
+    }
+    return [(Cell("slow part", name, "dB", 0.0, _SLOW_HZ), level_db(p)) for name, p in powers.items()]
 
 
-def _amplitude_cells(X: Float, ripple: Float, mean: Float) -> tuple[Float, list[Cell]]:
+def _amplitude_cells(X: Float, ripple: Float, mean: Float) -> Columns:
     # Single precision, as torque is recorded: it is sorted in half the time.
     ordered = np.sort(X.astype(np.float32), axis=1)
     squares = ripple**2  # products: other powers of arrays take ten times as long
@@ -243,12 +228,14 @@ def _amplitude_cells(X: Float, ripple: Float, mean: Float) -> tuple[Float, list[
     distinct = 1 - np.mean(np.diff(ordered, axis=1) == 0, axis=1)
     # Cumulants: independent Gaussian noise does not change those above the second.
     excess = (fourths - 3 * square**2) / variance**2
-    columns = [mean, level_db(variance), cubes / variance**1.5, signed_log(excess)]
-    names = [("mean", "Nm"), ("level of the ripple", "dB"), ("skewness", "1"), ("excess kurtosis", "1")]
-    names += [(f"quantile {q:g} over std", "1") for q in _QUANTILES]
-    names += [("share of distinct values", "1")]
-    values = np.column_stack([*columns, quantiles, distinct])
-    return values, [Cell("amplitudes", name, unit) for name, unit in names]
+    plain = {"skewness": cubes / variance**1.5, "excess kurtosis": signed_log(excess)}
+    plain |= {f"quantile {q:g} over std": x for q, x in zip(_QUANTILES, quantiles.T, strict=True)}
+    plain |= {"share of distinct values": distinct}
+    return [
+        (Cell("amplitudes", "mean", "Nm"), mean),
+        (Cell("amplitudes", "level of the ripple", "dB"), level_db(variance)),
+        *((Cell("amplitudes", name, "1"), x) for name, x in plain.items()),
+    ]
 
 
 def signed_log(values: Float) -> Float:
@@ -256,23 +243,21 @@ def signed_log(values: Float) -> Float:
     return np.asarray(np.sign(values) * np.log1p(np.abs(values)))
 
 
-def _band_cells(
-    lines: NDArray[np.complex128], n_samples: int, sampling_rate: float
-) -> tuple[Float, list[Cell]]:
+def _band_cells(lines: NDArray[np.complex128], n_samples: int, sampling_rate: float) -> Columns:
     frequencies = np.fft.rfftfreq(n_samples, 1 / sampling_rate)
     last = int(np.floor(10 * np.log10(_HIGHEST_BAND_SHARE * sampling_rate) - 0.5))
     edges = [10 ** ((band - 0.5) / 10) for band in range(_LOWEST_BAND, last + 2)]
     at = np.searchsorted(frequencies, edges).tolist()
     under = hann_lines(lines[:, : at[-1] + 1])[:, : at[-1]]
     psd = 2 * np.abs(under) ** 2 / (sampling_rate * n_samples * HANN_POWER) + _white_density(sampling_rate)
-    columns, cells = [], []
+    columns = []
     for k, band in enumerate(range(_LOWEST_BAND, last + 1)):
         inside = psd[:, np.arange(at[k], at[k + 1])]
         if inside.size:  # else the windows are too short for the band
-            columns.append(level_db(inside.sum(axis=1) * (frequencies[1] - frequencies[0])))
             name = f"third octave at {10 ** (band / 10):.3g} Hz"
-            cells.append(Cell("spectrum", name, "dB", edges[k], edges[k + 1]))
-    return np.column_stack(columns), cells
+            power = inside.sum(axis=1) * (frequencies[1] - frequencies[0])
+            columns.append((Cell("spectrum", name, "dB", edges[k], edges[k + 1]), level_db(power)))
+    return columns
 
 
 def _white_density(sampling_rate: float) -> float:
@@ -282,7 +267,7 @@ def _white_density(sampling_rate: float) -> float:
 
 def _order_cells(
     ripple: Float, sampling_rate: float, speeds: Float, nominal_hz: float, n_lobes: int
-) -> tuple[Float, list[Cell]]:
+) -> Columns:
     """Lines of lobes and shaft over their floor, and that floor.
 
     Every window is cut to one output turn at its own speed (or is a little shorter) and transformed at the
@@ -309,7 +294,8 @@ def _order_cells(
     for turn in (bins // n_lobes).tolist():
         hz, half = turn * nominal_hz, nominal_hz / 2
         cells.append(Cell("shaft lines", f"input order {turn}", "dB", hz - half, hz + half))
-    return np.hstack([levels, of_shaft, floors]), cells + floor_cells
+    values = np.hstack([levels, of_shaft, floors])
+    return [*zip(cells + floor_cells, values.T, strict=True)]
 
 
 def _levels_over_floor(
@@ -347,12 +333,10 @@ def _lines_of_a_turn(x: Float, sampling_rate: float, speed: float, n_lobes: int,
     return np.asarray(power + 2 * RESOLUTION_NM**2 / n_cut)
 
 
-def _average_cells(
-    ripple: Float, sampling_rate: float, speeds: Float, n_lobes: int
-) -> tuple[Float, list[Cell]]:
+def _average_cells(ripple: Float, sampling_rate: float, speeds: Float, n_lobes: int) -> Columns:
     """Level and crest of the averages over input turns and over lobes, and level of the residual."""
-    columns = []
-    for per_turn in (1.0, (n_lobes + 1) / n_lobes):
+    columns: Columns = []
+    for by, per_turn in (("input turns", 1.0), ("lobes", (n_lobes + 1) / n_lobes)):
         powers = []
         for x, speed in zip(ripple, speeds, strict=True):
             average, slot, n = synchronous_average(x, speed * per_turn / sampling_rate, _BINS)
@@ -364,11 +348,12 @@ def _average_cells(
             resolution = RESOLUTION_NM**2
             powers.append(np.r_[of_average + resolution * _BINS / x.size, of_rest + resolution])
         level, highest, rest, most, least = level_db(np.transpose(powers))
-        columns += [level, highest - level, rest, most - least]
-    names = ("level of the average over", "crest of the average over", "level left by the average over",
-             "unevenness left over")  # fmt: skip
-    cells = [Cell("averages", f"{name} {by}", "dB") for by in ("input turns", "lobes") for name in names]
-    return np.column_stack(columns), cells
+        levels = {
+            "level of the average over": level, "crest of the average over": highest - level,
+            "level left by the average over": rest, "unevenness left over": most - least,
+        }  # fmt: skip
+        columns += [(Cell("averages", f"{name} {by}", "dB"), values) for name, values in levels.items()]
+    return columns
 
 
 def synchronous_average(
@@ -381,16 +366,19 @@ def synchronous_average(
     return np.bincount(slots, x, minlength=n_bins) / np.maximum(n, 1), slots, n
 
 
-def _feature_cells(X: Float, ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
-    columns, cells = [], []
+def _feature_cells(X: Float, ripple: Float, sampling_rate: float) -> Columns:
+    columns = []
     for preset in ("matlab_pwelch", "ripple"):
         frequencies, psd = welch_psd(X, sampling_rate, preset)
         psd = psd + _white_density(sampling_rate)
-        columns.append(shannon_entropy(psd, frequencies))
-        cells.append(Cell("features", f"Shannon entropy ({preset})", "bit"))
-    shapes = (spectral_flatness, spectral_centroid, spectral_rolloff)
-    columns += [level_db(shape(psd, frequencies)) for shape in shapes]
-    cells += [Cell("features", name, "dB") for name in ("spectral flatness", "spectral centroid", "roll-off")]
+        entropy = shannon_entropy(psd, frequencies)
+        columns.append((Cell("features", f"Shannon entropy ({preset})", "bit"), entropy))
+    shapes = {
+        "spectral flatness": spectral_flatness(psd, frequencies),
+        "spectral centroid": spectral_centroid(psd, frequencies),
+        "roll-off": spectral_rolloff(psd, frequencies),
+    }
+    columns += [(Cell("features", name, "dB"), level_db(shape)) for name, shape in shapes.items()]
     details = dwt(ripple, _WAVELET, _LEVELS)
     for number, coefficients in enumerate(details[:-1], start=1):
         low, high = level_band(number, sampling_rate)
@@ -398,6 +386,6 @@ def _feature_cells(X: Float, ripple: Float, sampling_rate: float) -> tuple[Float
         squares = around**2
         square, fourth = np.mean(squares, axis=1), np.mean(squares**2, axis=1)
         excess = (fourth - 3 * square**2) / (square + RESOLUTION_NM**2) ** 2
-        columns.append(signed_log(excess))
-        cells.append(Cell("features", f"kurtosis of wavelet level {number}", "1", low, high))
-    return np.column_stack(columns), cells
+        cell = Cell("features", f"kurtosis of wavelet level {number}", "1", low, high)
+        columns.append((cell, signed_log(excess)))
+    return columns

@@ -7,12 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from sklearn.covariance import LedoitWolf
-from sklearn.utils.validation import check_array
 
 from cyclofeat.gap.summaries.summarise import Cell, Kinematics, summarise_windows
-from cyclofeat.signal.orders import mean_speed
 
 Float = NDArray[np.float64]
 
@@ -58,67 +56,6 @@ class MeasuredTurns:
     @functools.cached_property
     def _window_summaries(self) -> tuple[Float, list[Cell]]:
         return summarise_windows(self.windows, self.kinematics, self.speeds)
-
-
-def read_measured(
-    kinematics: Kinematics,
-    X: ArrayLike,
-    y: ArrayLike | None,
-    groups: ArrayLike | None,
-    angle: ArrayLike | None,
-) -> MeasuredTurns:
-    """Check measured recordings and cut them to whole output turns: see :meth:`Comparison.measured`."""
-    windows = check_array(X, dtype=[np.float64, np.float32], input_name="X")
-    of_window, counts = recordings_of(len(windows), y, groups)
-    if counts is not None and counts.max() > kinematics.n_lobes:
-        raise ValueError(f"y must hold counts from 0 to the {kinematics.n_lobes} lobes, got {counts.max()}")
-    n_samples = kinematics.whole_turns(windows.shape[1])
-    speeds = None
-    if angle is not None:
-        angles = np.asarray(angle, dtype=float)
-        if angles.shape != windows.shape:
-            raise ValueError(f"angle must have the shape of X, {windows.shape}, got {angles.shape}")
-        if not np.all(np.isfinite(angles)):
-            raise ValueError("angle must be finite, got NaN or infinity")
-        speeds = mean_speed(angles[:, :n_samples], kinematics.sampling_rate)
-        if np.any(speeds <= 0):
-            raise ValueError(
-                "angle must grow over each window: it is the input shaft's, in rad and unwrapped"
-            )
-    # Same precision as simulated recordings: otherwise the share of distinct values would differ.
-    return MeasuredTurns(windows[:, :n_samples].astype(np.float32), of_window, counts, speeds, kinematics)
-
-
-def recordings_of(
-    n_windows: int, y: ArrayLike | None, groups: ArrayLike | None
-) -> tuple[NDArray[np.intp], NDArray[np.int64] | None]:
-    """Recording of each window, numbered from 0, and each recording's count where counts are known."""
-    names = np.arange(n_windows) if groups is None else np.asarray(groups)
-    if names.shape != (n_windows,):
-        raise ValueError(
-            f"groups must hold one recording per window: shape ({n_windows},), got {names.shape}"
-        )
-    if any(name is None or name != name for name in names.tolist()):
-        raise ValueError("groups must name the recording of every window, got None or NaN")
-    _, of_window = np.unique(names, return_inverse=True)
-    if y is None:
-        return of_window, None
-    labels = np.asarray(y)
-    if labels.shape != (n_windows,):
-        raise ValueError(f"y must hold one count per window: shape ({n_windows},), got {labels.shape}")
-    try:
-        numbers = labels.astype(np.float64)
-    except (TypeError, ValueError):
-        numbers = np.full(n_windows, np.nan)
-    if not np.all(np.isfinite(numbers) & (numbers >= 0) & (numbers == np.round(numbers))):
-        got = ", ".join(sorted({repr(label) for label in labels.tolist()}))
-        raise ValueError(f"y must hold whole numbers of worn lobes from 0, got {got}")
-    counts = numbers.astype(np.int64)
-    first = np.array([counts[of_window == k][0] for k in range(of_window.max() + 1)])
-    if np.any(first[of_window] != counts):
-        at = int(np.flatnonzero(first[of_window] != counts)[0])
-        raise ValueError(f"y must be the same within a recording, got two counts in {names.tolist()[at]!r}")
-    return of_window, first
 
 
 def mix_counts(counts: NDArray[np.int64], n: int) -> list[int]:

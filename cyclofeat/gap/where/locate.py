@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base.checks import whole
-from cyclofeat.gap.comparison import Comparison
+from cyclofeat.gap.comparison import Comparison, Condition, GapSettings, bank_like, summarise_bank
+from cyclofeat.gap.measured import MeasuredRig
 from cyclofeat.gap.simulations import Bank
 from cyclofeat.gap.summaries.phase import PhaseMap, phase_maps
 from cyclofeat.gap.summaries.summarise import FAMILIES, Cell, smallest_spreads
@@ -26,6 +28,7 @@ from cyclofeat.gap.where.permutation import (
     holm,
     statistics_by_family,
 )
+from cyclofeat.gap.world.world import World
 
 Float = NDArray[np.float64]
 
@@ -39,7 +42,7 @@ _POWER_Z = 0.8416  # standard normal quantile of a power of 0.8
 
 
 @dataclass(frozen=True)
-class Row:
+class WhereRow:
     """Difference between measured and simulated recordings in one cell."""
 
     cell: Cell
@@ -50,27 +53,41 @@ class Row:
     p: float  # adjusted within the family (Westfall-Young, step-down) and across families (Holm)
     detectable: float  # smallest difference that would have been found with a probability of 0.8
     spread: float  # standard deviation of one recording, in the cell's unit; of spreads that of the ratio
+    mean: float  # over the recordings, in the cell's unit
+    measured_spread: float  # of one recording, and of one simulated one, about the mean of its count
+    simulated_spread: float
+
+    @property
+    def clarity(self) -> float:
+        """Size of the difference relative to ``detectable``."""
+        return abs(self.difference) / self.detectable if self.detectable > 0 else 0.0
 
 
 @dataclass(frozen=True)
-class LocatedGap:
-    """Result of :func:`locate`."""
+class Where:
+    """Comparison of recordings with a model at one condition."""
 
-    comparison: Comparison
-    measured: MeasuredTurns = field(repr=False)
-    bank: Bank = field(repr=False)
-    simulated: Float = field(repr=False)  # summaries of the bank, (n_bank, n_cells)
-    alpha: float
+    verdict: str  # "disagree", "equivalent" or "unresolved"
+    rows: tuple[WhereRow, ...] = field(repr=False)  # each number's mean, and how much recordings vary
+    family_p: Mapping[str, float]  # adjusted p of each family, "spreads" and "together" among them
+    n_recordings: int
+    n_simulated: int
+    alpha: float  # adjusted p up to which a number differs
+    margin_db: float  # margins of agreement: of levels in dB,
+    margin_spreads: float  # and of other numbers in spreads of one recording
     n_permutations: int
-    # Share of each cell's variance that recordings of one assembly have in common; 0 for an assembly each.
-    shared_variance: Float = field(repr=False)
-    # All cells: means in the order of the families, then spreads, then all means together. Spreads and all
-    # together are tested one-sidedly: only the lower end of their intervals holds at 1 - alpha, the upper end
-    # lies as far above the difference and bounds nothing.
-    rows: tuple[Row, ...] = field(repr=False)
-    # Smallest p of each family, "spreads" and "together" among them, adjusted within and across.
-    family_p: dict[str, float]
-    _compared: tuple[Float, Float] = field(repr=False)
+    random_state: int
+    one_assembly: bool  # all recordings are stated to be of one assembly
+    sampling_rate: float  # in Hz
+    condition: Condition
+    global_p: Mapping[str, float] = field(default_factory=dict)  # of all numbers at once: not for the verdict
+    # Torque folded over the "lobe" passage and the "input" turn; empty where it was not made.
+    phase: Mapping[str, PhaseMap] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells that are compared."""
+        return len({(row.cell.family, row.cell.name) for row in self.rows})
 
     @property
     def p(self) -> float:
@@ -78,21 +95,32 @@ class LocatedGap:
         return min(self.family_p.values())
 
     @property
-    def verdict(self) -> str:
-        """Answer of the comparison.
+    def flagged_rows(self) -> list[WhereRow]:
+        """Rows that differ, the clearest first."""
+        return sorted((row for row in self.rows if row.p <= self.alpha), key=lambda row: -row.clarity)
 
-        ``"disagree"``: an adjusted p is at most alpha. ``"equivalent"``: all intervals of means lie within
-        1.5 dB or half a recording's spread. ``"unresolved"``: neither; more recordings would tell.
-        """
-        if self.p <= self.alpha:
-            return "disagree"
-        within = all(
-            max(-row.low, row.high)
-            <= (EQUIVALENT_DB if row.cell.unit == "dB" else EQUIVALENT_SPREADS * row.spread)
-            for row in self.rows
-            if row.of == "mean" and row.cell is not TOGETHER
-        )
-        return "equivalent" if within else "unresolved"
+    def means(self, *families: str) -> list[WhereRow]:
+        """Rows of means, of these families or of all."""
+        return [
+            row for row in self.rows if row.of == "mean" and (not families or row.cell.family in families)
+        ]
+
+
+@dataclass(frozen=True)
+class LocatedGap:
+    """Result of :func:`locate`: the comparison, and what it was made from."""
+
+    # Rows are those of all means in the order of the families, then of all spreads. Spreads, and all means
+    # together, are tested one-sidedly: only the lower end of their intervals holds at 1 - alpha.
+    where: Where
+    together: WhereRow  # all means together
+    comparison: Comparison
+    measured: MeasuredTurns = field(repr=False)
+    bank: Bank = field(repr=False)
+    simulated: Float = field(repr=False)  # summaries of the bank, (n_bank, n_cells)
+    # Share of each cell's variance that recordings of one assembly have in common; 0 for an assembly each.
+    shared_variance: Float = field(repr=False)
+    _compared: tuple[Float, Float] = field(repr=False)
 
     @property
     def cells(self) -> list[Cell]:
@@ -108,8 +136,8 @@ class LocatedGap:
         """
         random = np.random.default_rng([self.comparison.random_state, 2])
         return {
-            "energy distance": energy_p(*self._compared, self.n_permutations, random),
-            "classifier": classifier_p(*self._compared, min(self.n_permutations, _REFITS), random),
+            "energy distance": energy_p(*self._compared, self.where.n_permutations, random),
+            "classifier": classifier_p(*self._compared, min(self.where.n_permutations, _REFITS), random),
         }
 
     @functools.cached_property
@@ -117,20 +145,63 @@ class LocatedGap:
         """Torque folded over the input's turn and over the passage of the lobes, for a picture."""
         speeds = None if self.measured.speeds is None else (self.measured.speeds, self.bank.speeds)
         kinematics = self.comparison.kinematics
-        return phase_maps(self.measured.windows, self.bank.X, kinematics, self.alpha, speeds)
+        return phase_maps(self.measured.windows, self.bank.X, kinematics, self.where.alpha, speeds)
 
-    def centre_on_counts(self, values: Float, counts: NDArray[Any] | None) -> Float:
-        """Summaries less the simulated mean of their count; unchanged where counts are not known."""
-        if self.measured.counts is None or counts is None:
-            return values
-        return less_class_means(values, counts, class_means(self.simulated, self.bank.counts))
 
-    def centred_sets(self) -> tuple[Float, Float]:
-        """Measured and simulated summaries by :meth:`centre_on_counts`."""
-        return (
-            self.centre_on_counts(self.measured.values, self.measured.counts),
-            self.centre_on_counts(self.simulated, self.bank.counts),
+def locate_all(
+    measured: MeasuredRig, world: World, settings: GapSettings, *, simulated: MeasuredRig | None = None
+) -> tuple[LocatedGap, ...]:
+    """Find where recordings differ from the model at each condition.
+
+    Each condition is tested at ``settings.alpha`` over their number, with so many times more relabellings, so
+    that the chance of a false "disagree" over all of them is at most ``alpha``.
+
+    Conditions with one recording are left out. ``simulated`` are recordings of another simulator, in the
+    place of simulated ones: of each the first output turn is used. It is part of the same
+    :class:`MeasuredRig`; conditions that it lacks are left out.
+    """
+    parts = (measured,) if simulated is None else (measured, simulated)
+    compared = [
+        condition for condition in measured.conditions if all(len(part.at(condition)) > 1 for part in parts)
+    ]
+    if not compared:
+        more = "" if simulated is None else ", and 2 simulated ones"
+        raise ValueError(
+            f"measured must hold at least 2 recordings of one condition{more}: one recording has no spread "
+            f"to compare with, got {len(measured.recordings)} at {len(measured.conditions)} conditions"
         )
+    shared = dataclasses.replace(
+        settings, alpha=settings.alpha / len(compared), n_permutations=settings.n_permutations * len(compared)
+    )
+    located = []
+    for condition in compared:
+        comparison = measured.comparison(condition, world, shared)
+        turns = measured.turns(comparison)
+        bank = None
+        if simulated is not None:
+            comparison = comparison.replace(one_assembly=False)
+            bank = simulated.bank(comparison)
+            missing = {*turns.counts_or_zeros.tolist()} - {*bank.counts.tolist()}
+            if missing and turns.counts is not None:
+                raise ValueError(
+                    f"simulated must hold each count of the measured recordings at {condition.text}, got "
+                    f"none with {min(missing)} worn lobes"
+                )
+        n_permutations = shared.n_permutations
+        located.append(
+            locate(comparison, turns, alpha=shared.alpha, n_permutations=n_permutations, bank=bank)
+        )
+    return tuple(located)
+
+
+def where_of(located: LocatedGap, *, pictures: bool = True) -> Where:
+    """Return the comparison of a located gap, without its recordings.
+
+    For ``pictures`` torque is folded over the turn and all numbers are tested at once, which takes seconds.
+    """
+    if not pictures:
+        return located.where
+    return dataclasses.replace(located.where, global_p=located.global_p, phase=located.phase)
 
 
 def locate(
@@ -143,21 +214,17 @@ def locate(
 ) -> LocatedGap:
     """Find where measured recordings differ from simulated ones.
 
-    Each recording is summarised by some 180 numbers in nine families, and so are ``comparison.n_bank``
-    simulated ones. The means over recordings and the spreads of single recordings are compared. Labels are
-    permuted among recordings, never among windows of one, which are no replicates (taken as such they raise
-    false alarms in 99.8 % of cases without a difference).
+    Means over recordings and spreads of single recordings are compared, of some 180 numbers in nine families.
+    Labels are permuted among recordings, never among windows of one, which are no replicates (taken as such
+    they raise false alarms in 99.8 % of cases without a difference). The measured recordings may share a
+    speed or a load that may differ anyway: the part of each cell that follows a recording's own speed and
+    mean torque is taken out on both sides, as far as simulated recordings reach.
 
-    The measured recordings may share a speed or a load that may differ anyway. The part of each cell that
-    follows a recording's own speed and mean torque is therefore taken out on both sides, as far as simulated
-    recordings reach.
-
-    With ``comparison.one_assembly`` the recordings count as fewer: by how many, 128 more simulated recordings
-    tell, four of each assembly. Where the counts of the two or more ``measured`` recordings are known, the
-    simulated ones have the same counts, and the mean of each count is taken out. ``alpha`` is the chance of a
-    false "disagree" over all families together. A p is at least 11 / (n_permutations + 1), as 11 families are
-    adjusted for: fewer than 219 relabellings can never "disagree" at 0.05, and are refused. A ``bank`` has
-    recordings of every measured count, in the place of simulated ones.
+    With ``comparison.one_assembly`` the recordings count as fewer: 128 more simulated recordings, four of
+    each assembly, tell by how many. Where counts are known, the simulated recordings have the same, and the
+    mean of each count is taken out. ``alpha`` is the chance of a false "disagree" over all families. A p is
+    at least 11 / (n_permutations + 1), as 11 families are adjusted for: too few relabellings are refused. A
+    ``bank`` has recordings of every measured count, in the place of ``comparison.n_bank`` simulated ones.
 
     Notes
     -----
@@ -168,18 +235,7 @@ def locate(
     + 1) if b of m permutations reach the statistic, so it is never 0. A spread of 0.1 dB, 0.01 Nm, 0.02 % or
     0.02 (assumptions) is added to that of each cell in quadrature, because smaller differences have no
     consequence.
-
-    Examples
-    --------
-    >>> from cyclofeat.datasets import make_rig_recordings
-    >>> records = make_rig_recordings(2, [0, 3], rig="R0", sampling_rate=6400, random_state=1)
-    >>> comparison = Comparison(sampling_rate=6400, n_bank=24)
-    >>> measured = comparison.measured([record.torque for record in records], y=[0, 3, 0, 3])
-    >>> locate(comparison, measured, n_permutations=499).verdict
-    'disagree'
     """
-    if not 0 < alpha < 1:
-        raise ValueError(f"alpha must lie between 0 and 1, got {alpha!r}")
     fewest = math.ceil(_N_FAMILIES / alpha) - 1
     if whole("n_permutations", n_permutations, 19) < fewest:
         raise ValueError(
@@ -190,57 +246,87 @@ def locate(
         raise ValueError(
             "groups must hold at least 2 recordings: one recording has no spread to compare with, got 1"
         )
-    bank = comparison.bank_like(measured) if bank is None else bank
-    untested = LocatedGap(
-        comparison, measured, bank, comparison.summaries(bank), alpha, n_permutations,
-        np.zeros(len(measured.cells)), (), {}, (np.empty(0), np.empty(0)),
-    )  # fmt: skip
-    of_measured, of_simulated = untested.centred_sets()
-    trend = SpeedAndLoadTrend(of_simulated, measured.cells, smallest_spreads(measured.cells))
-    shared = np.zeros(len(measured.cells))
+    bank = bank_like(comparison, measured) if bank is None else bank
+    simulated, cells = summarise_bank(comparison, bank), measured.cells
+
+    def centred(values: Float, counts: NDArray[Any]) -> Float:
+        if measured.counts is None:
+            return values
+        return less_class_means(values, counts, class_means(simulated, bank.counts))
+
+    sets = centred(measured.values, measured.counts_or_zeros), centred(simulated, bank.counts)
+    trend = SpeedAndLoadTrend(sets[1], cells, smallest_spreads(cells))
+    shared = np.zeros(len(cells))
     if comparison.one_assembly:
         counts = sorted(set(bank.counts.tolist()))
         of_assemblies = comparison.bank(_ASSEMBLIES * _PER_ASSEMBLY, counts, n_assemblies=_ASSEMBLIES)
-        values = untested.centre_on_counts(comparison.summaries(of_assemblies), of_assemblies.counts)
+        values = centred(summarise_bank(comparison, of_assemblies), of_assemblies.counts)
         shared = intraclass_correlation(trend.without(values), of_assemblies.assemblies)
-    compared = trend.without(of_measured), trend.without(of_simulated)
-    rows, family_p = _test_cells(dataclasses.replace(untested, shared_variance=shared), compared)
-    return dataclasses.replace(
-        untested, shared_variance=shared, rows=rows, family_p=family_p, _compared=compared
-    )
+    compared = trend.without(sets[0]), trend.without(sets[1])
+    random = np.random.default_rng([comparison.random_state, 0])
+    wider = widening_factor(shared, measured.n_recordings)
+    statistics = Permuted(*compared, n_permutations, random, smallest_spreads(cells), wider)
+    levels = np.array([measured.values.mean(axis=0), *(values.std(axis=0, ddof=1) for values in sets)])
+    (*rows, together), family_p = _test_cells(statistics, cells, alpha, levels)
+    where = Where(
+        verdict=_judge(rows, family_p, alpha), rows=tuple(rows), family_p=family_p,
+        n_recordings=measured.n_recordings, n_simulated=len(simulated), alpha=alpha, margin_db=EQUIVALENT_DB,
+        margin_spreads=EQUIVALENT_SPREADS, n_permutations=n_permutations,
+        random_state=comparison.random_state, one_assembly=comparison.one_assembly,
+        sampling_rate=comparison.sampling_rate, condition=comparison.condition,
+    )  # fmt: skip
+    return LocatedGap(where, together, comparison, measured, bank, simulated, shared, compared)
 
 
 def _test_cells(
-    located: LocatedGap, compared: tuple[Float, Float]
-) -> tuple[tuple[Row, ...], dict[str, float]]:
-    """Test all cells: return their rows, and the adjusted p of each family."""
-    cells, n = located.cells, len(located.cells)
-    random = np.random.default_rng([located.comparison.random_state, 0])
-    wider = widening_factor(located.shared_variance, len(compared[0]))
-    statistics = Permuted(*compared, located.n_permutations, random, smallest_spreads(cells), wider)
-    rows: list[tuple[str, Row]] = []
-    raw: dict[str, float] = {}
-    for family, at in statistics_by_family(cells).items():
-        adjusted = statistics.step_down(at)
-        raw[family] = float(adjusted.min())
-        reach = statistics.largest_quantile(at, 1 - located.alpha)
+    statistics: Permuted, cells: list[Cell], alpha: float, levels: Float
+) -> tuple[list[WhereRow], dict[str, float]]:
+    """Test all cells: return their rows, that of all together last, and the adjusted p of each family.
+
+    ``levels`` (3, n_cells) are the means, and the spreads of measured and simulated recordings.
+    """
+    tests = {
+        family: (at, statistics.step_down(at), statistics.largest_quantile(at, 1 - alpha))
+        for family, at in statistics_by_family(cells).items()
+    }
+    raw = {family: float(adjusted.min()) for family, (_, adjusted, _) in tests.items()}
+    family_p, rows = holm(raw), []
+    levels = np.hstack([levels, levels, np.full((3, 1), np.nan)])
+    for family, (at, adjusted, reach) in tests.items():
         for k, p in zip(at, adjusted, strict=True):
             difference, error = float(statistics.differences[k]), float(statistics.errors[k])
-            row = Row(
-                cell=TOGETHER if family == TOGETHER.family else cells[k % n],
-                of="spread" if family == SPREADS else "mean",
-                difference=difference,
+            row = WhereRow(
+                TOGETHER if family == TOGETHER.family else cells[k % len(cells)],
+                "spread" if family == SPREADS else "mean",
+                difference,
                 low=difference - reach * error,
                 high=difference + reach * error,
-                p=float(p),
+                p=min(float(p) * (family_p[family] / raw[family]), 1.0),
                 detectable=(reach + _POWER_Z) * error,
                 spread=float(statistics.spreads[k]),
+                mean=float(levels[0, k]),
+                measured_spread=float(levels[1, k]),
+                simulated_spread=float(levels[2, k]),
             )
-            rows.append((family, row))
-    family_p = holm(raw)
-    across = {family: family_p[family] / raw[family] for family in raw}
-    table = tuple(dataclasses.replace(row, p=min(row.p * across[family], 1.0)) for family, row in rows)
-    return table, family_p
+            rows.append(row)
+    return rows, family_p
+
+
+def _judge(rows: Iterable[WhereRow], family_p: Mapping[str, float], alpha: float) -> str:
+    """Return the verdict of a comparison.
+
+    ``"disagree"``: an adjusted p is at most alpha. ``"equivalent"``: all intervals of means lie within 1.5 dB
+    or half a recording's spread. ``"unresolved"``: neither; more recordings would tell.
+    """
+    if min(family_p.values()) <= alpha:
+        return "disagree"
+    within = all(
+        max(-row.low, row.high)
+        <= (EQUIVALENT_DB if row.cell.unit == "dB" else EQUIVALENT_SPREADS * row.spread)
+        for row in rows
+        if row.of == "mean"
+    )
+    return "equivalent" if within else "unresolved"
 
 
 _MARGIN = 2.0  # times the smallest difference of consequence

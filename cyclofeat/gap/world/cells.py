@@ -14,7 +14,9 @@ from cyclofeat.gap.summaries.summarise import (
     RESOLUTION_NM,
     SPEED_TOLERANCE,
     Cell,
+    Columns,
     Kinematics,
+    as_table,
     block_means,
     box_means,
     hann_lines,
@@ -55,19 +57,14 @@ def recording_cells(X: NDArray[np.float32], kinematics: Kinematics) -> tuple[Flo
     mean = X.mean(axis=1, dtype=np.float64)
     ripple = X.astype(np.float64) - mean[:, None]
     speeds = kinematics.input_speed_hz * (1 + values[:, 0] / 100)
-    parts = [
-        _modulation_cells(ripple, kinematics, speeds),
-        _fixed_in_hz(ripple, kinematics.sampling_rate),
-        _shape_cells(ripple, mean, kinematics.sampling_rate),
-        _code_cells(X),
-    ]
-    return (
-        np.hstack([values, *(part for part, _ in parts)]),
-        cells + [cell for _, more in parts for cell in more],
-    )
+    columns = _modulation_cells(ripple, kinematics, speeds)
+    columns += _fixed_in_hz(ripple, kinematics.sampling_rate)
+    columns += _shape_cells(ripple, mean, kinematics.sampling_rate)
+    more, more_cells = as_table(columns + _code_cells(X))
+    return np.hstack([values, more]), cells + more_cells
 
 
-def _modulation_cells(ripple: Float, kinematics: Kinematics, speeds: Float) -> tuple[Float, list[Cell]]:
+def _modulation_cells(ripple: Float, kinematics: Kinematics, speeds: Float) -> Columns:
     """Modulation of the mesh lines, and its regression on the slow torque."""
     highest = _MESH_LINES * (kinematics.n_lobes + 1) * kinematics.input_speed_hz * (1 + SPEED_TOLERANCE)
     ripple, sampling_rate = block_means(ripple, kinematics.sampling_rate, highest)
@@ -85,7 +82,7 @@ def _modulation_cells(ripple: Float, kinematics: Kinematics, speeds: Float) -> t
     slow = smooth_boxes(means)
     slow = slow - slow.mean(axis=1, keepdims=True)
     slow_power = np.mean(slow**2, axis=1)
-    columns, cells = [level_db(slow_power + RESOLUTION_NM**2)], [Cell("modulation", "slow torque", "dB")]
+    columns = [(Cell("modulation", "slow torque", "dB"), level_db(slow_power + RESOLUTION_NM**2))]
     # Without the slow torque, which is up to a thousand times a mesh line and would leak into it.
     place = np.clip((np.arange(n_samples) + 0.5) / box - 0.5, 0, means.shape[1] - 1)
     before = np.minimum(place.astype(int), means.shape[1] - 2)
@@ -109,20 +106,17 @@ def _modulation_cells(ripple: Float, kinematics: Kinematics, speeds: Float) -> t
             part = part - (part @ time)[:, None] * time
             power = np.mean(part**2, axis=1)
             together = np.mean(part * slow, axis=1)
+            level, correlation = level_db(power + 1e-8), together / np.sqrt(power * slow_power + 1e-12)
+            slope = signed_log(10 * together / (slow_power + _LEAST_SLOW_NM**2))
             columns += [
-                level_db(power + 1e-8),
-                together / np.sqrt(power * slow_power + 1e-12),
-                signed_log(10 * together / (slow_power + _LEAST_SLOW_NM**2)),
+                (Cell("modulation", f"{what} of mesh line {line}", "dB"), level),
+                (Cell("modulation", f"correlation of {what} {line} with the slow torque", "1"), correlation),
+                (Cell("modulation", f"slope of {what} {line} over the slow torque", "1"), slope),
             ]
-            cells += [
-                Cell("modulation", f"{what} of mesh line {line}", "dB"),
-                Cell("modulation", f"correlation of {what} {line} with the slow torque", "1"),
-                Cell("modulation", f"slope of {what} {line} over the slow torque", "1"),
-            ]
-    return np.column_stack(columns), cells
+    return columns
 
 
-def _fixed_in_hz(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
+def _fixed_in_hz(ripple: Float, sampling_rate: float) -> Columns:
     """Mains lines over their surroundings, and the slow part."""
     ripple, sampling_rate = block_means(ripple, sampling_rate, 2 * _MAINS_HZ[-1])
     n = ripple.shape[1]
@@ -130,32 +124,34 @@ def _fixed_in_hz(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]
     lines = rfft(ripple, axis=1)[:, : np.searchsorted(hz, 2 * _MAINS_HZ[-1])]
     hz = hz[: lines.shape[1]]
     power = 2 * np.abs(hann_lines(lines)) ** 2 / (n * HANN_POWER * n) + 2 * RESOLUTION_NM**2 / n
-    columns, cells = [], []
+    columns = []
     for mains in _MAINS_HZ:
         distance = np.abs(hz - mains)
         line = power[:, distance <= _MAINS_REACH_HZ].max(axis=1)
         around = power[:, (distance > 2 * _MAINS_REACH_HZ) & (distance < 5 * _MAINS_REACH_HZ)]
-        columns += [level_db(line), level_db(line) - level_db(np.median(around, axis=1))]
-        cells += [
-            Cell("mains", f"line at {mains:g} Hz", "dB", mains, mains),
-            Cell("mains", f"line at {mains:g} Hz over its surroundings", "dB", mains, mains),
+        above, name = level_db(line) - level_db(np.median(around, axis=1)), f"line at {mains:g} Hz"
+        columns += [
+            (Cell("mains", name, "dB", mains, mains), level_db(line)),
+            (Cell("mains", f"{name} over its surroundings", "dB", mains, mains), above),
         ]
     total = np.cumsum(2 * np.abs(lines) ** 2 / n**2, axis=1)
     # A bin reaches half its width to either side.
     ends = hz[: total.shape[1]] + hz[1] / 2
     at = np.array([np.interp(_SLOW_EDGES_HZ, ends, row) for row in total])
     for low, high, power_between in zip(_SLOW_EDGES_HZ, _SLOW_EDGES_HZ[1:], np.diff(at).T, strict=False):
-        columns.append(level_db(power_between + RESOLUTION_NM**2 / n))
-        cells.append(Cell("slow bands", f"{low:g} to {high:g} Hz", "dB", low, high))
-    return np.column_stack(columns), cells
+        cell = Cell("slow bands", f"{low:g} to {high:g} Hz", "dB", low, high)
+        columns.append((cell, level_db(power_between + RESOLUTION_NM**2 / n)))
+    return columns
 
 
-def _shape_cells(ripple: Float, mean: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
+def _shape_cells(ripple: Float, mean: Float, sampling_rate: float) -> Columns:
     """Line and parabola through the record, exponential decays, and slips."""
     time = np.linspace(-1, 1, ripple.shape[1])
     shapes = np.column_stack([time, 1.5 * time**2 - 0.5])
     sizes = signed_log(10 * (ripple @ (shapes / np.sum(shapes**2, axis=0))))
-    columns, cells = [*sizes.T], [Cell("course", name, "1") for name in ("straight line", "parabola")]
+    columns = [
+        (Cell("course", "straight line", "1"), sizes[:, 0]), (Cell("course", "parabola", "1"), sizes[:, 1])
+    ]  # fmt: skip
     # The size of each decay, the level that it leaves, and what the torque settles to.
     slow, rate = block_means(ripple, sampling_rate, _DECAY_HZ)
     slow = slow - slow.mean(axis=1, keepdims=True)
@@ -165,21 +161,25 @@ def _shape_cells(ripple: Float, mean: Float, sampling_rate: float) -> tuple[Floa
         shape = decay - decay.mean()
         size = slow @ shape / (shape @ shape)
         left = np.mean((slow - size[:, None] * shape) ** 2, axis=1)
-        columns += [size, level_db(left + RESOLUTION_NM**2), mean - size * decay.mean()]
-        names = (("size of", "Nm"), ("level left by", "dB"), ("torque settled after", "Nm"))
-        cells += [Cell("decays", f"{name} a decay in {time_constant:g} s", unit) for name, unit in names]
+        name = f"a decay in {time_constant:g} s"
+        columns += [
+            (Cell("decays", f"size of {name}", "Nm"), size),
+            (Cell("decays", f"level left by {name}", "dB"), level_db(left + RESOLUTION_NM**2)),
+            (Cell("decays", f"torque settled after {name}", "Nm"), mean - size * decay.mean()),
+        ]
     # Stick-slip climbs slowly and falls fast: the changes of the slow torque are skewed.
     for box_s in _SLIP_BOXES_S:
         box = max(round(box_s * sampling_rate), 1)
         changes = np.diff(box_means(ripple, box), axis=1)
         cubes = np.mean(changes**3, axis=1)
-        columns += [cubes / (np.mean(changes**2, axis=1) + RESOLUTION_NM**2) ** 1.5, signed_log(1e3 * cubes)]
-        for name in ("skewness of", "third moment of"):
-            cells.append(Cell("slips", f"{name} changes in {1e3 * box_s:g} ms", "1"))
-    return np.column_stack(columns), cells
+        name = f"changes in {1e3 * box_s:g} ms"
+        skewness = cubes / (np.mean(changes**2, axis=1) + RESOLUTION_NM**2) ** 1.5
+        columns.append((Cell("slips", f"skewness of {name}", "1"), skewness))
+        columns.append((Cell("slips", f"third moment of {name}", "1"), signed_log(1e3 * cubes)))
+    return columns
 
 
-def _code_cells(X: NDArray[np.float32]) -> tuple[Float, list[Cell]]:
+def _code_cells(X: NDArray[np.float32]) -> Columns:
     """Values that repeat, runs of equal values, and values at the ends of the range."""
     ordered = np.sort(X, axis=1)
     steps = np.diff(ordered, axis=1)
@@ -187,15 +187,13 @@ def _code_cells(X: NDArray[np.float32]) -> tuple[Float, list[Cell]]:
     smallest = np.where(steps > 0, steps, np.inf).min(axis=1, initial=np.inf)
     equal = np.diff(X, axis=1) == 0
     lowest, highest = ordered[:, :1], ordered[:, -1:]
-    columns = [
-        np.log10(distinct),
-        np.log10(np.clip(smallest, 1e-9, 1e3)),
-        np.log10(((highest - lowest)[:, 0] + RESOLUTION_NM) / distinct),
-        np.log1p(np.array([find_runs(row)[1].max(initial=0) for row in equal])),
-        np.log10(np.mean(highest == X, axis=1)),
-        np.log10(np.mean(lowest == X, axis=1)),
-        np.mean(X == 0, axis=1),
-    ]
-    names = ("number of values", "smallest step", "range over the number of values", "longest run of a value",
-             "share of the largest value", "share of the smallest value", "share of zeros")  # fmt: skip
-    return np.column_stack(columns), [Cell("codes", name, "1") for name in names]
+    values = {
+        "number of values": np.log10(distinct),
+        "smallest step": np.log10(np.clip(smallest, 1e-9, 1e3)),
+        "range over the number of values": np.log10(((highest - lowest)[:, 0] + RESOLUTION_NM) / distinct),
+        "longest run of a value": np.log1p(np.array([find_runs(row)[1].max(initial=0) for row in equal])),
+        "share of the largest value": np.log10(np.mean(highest == X, axis=1)),
+        "share of the smallest value": np.log10(np.mean(lowest == X, axis=1)),
+        "share of zeros": np.mean(X == 0, axis=1),
+    }
+    return [(Cell("codes", name, "1"), column) for name, column in values.items()]

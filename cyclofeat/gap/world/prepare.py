@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
+import contextlib
+import itertools
 import json
 import os
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import joblib
 import numpy as np
@@ -19,8 +20,7 @@ from cyclofeat._base.shards import ShardStore
 from cyclofeat.gap.simulations import KERNEL, NO_SUCH_RIG, Population, record, versions
 from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.world.cells import recording_cells, turn_samples
-from cyclofeat.gap.world.rigs import Rigs
-from cyclofeat.gap.world.world import DrawnSession, World, draw_session, with_noise_and_drift
+from cyclofeat.gap.world.world import Rigs, Session, World, draw_session, with_noise_and_drift
 from cyclofeat.simulators import Effect, SimulationFailed
 from cyclofeat.simulators.machine import MachineRun
 from cyclofeat.simulators.sampling import sample_runs
@@ -32,26 +32,20 @@ _MACHINE, _RIG, _RECORDING = range(3)
 FEWEST_RECORDINGS = 4  # recordings of a machine
 
 
-@dataclasses.dataclass(frozen=True)
-class DrawnMachine:
-    """One machine before its simulation.
+class DrawnMachine(NamedTuple):
+    """One machine before its simulation."""
 
-    ``effects`` are those that the gearbox answers, ``chains`` those on the torque signal of each rig that
-    shares the machine, ``session`` the conditions of the recordings, and ``seeds`` the seeds of the
-    recordings.
-    """
-
-    effects: tuple[Effect, ...]
-    chains: list[tuple[Effect, ...]]
-    session: DrawnSession
-    seeds: list[np.random.SeedSequence]
+    effects: tuple[Effect, ...]  # those that the gearbox answers
+    chains: list[tuple[Effect, ...]]  # those on the torque signal of each rig that shares the machine
+    session: Session  # conditions, counts and assemblies of the recordings
+    tolerance: float  # factor on all that differs anyway
+    seeds: list[np.random.SeedSequence]  # of the recordings
 
 
 def simulate_machines(world: World, numbers: Sequence[int]) -> list[dict[str, NDArray[Any]]]:
     """Simulate machines and summarise their rigs; each machine depends on the world and its number only.
 
-    Returns the columns of the rigs of each machine (:class:`cyclofeat.gap.world.Rigs`), the number of the rig
-    first.
+    Returns the columns of the rigs of each machine (:class:`cyclofeat.gap.world.Rigs`).
     """
     drawn = []
     for number in numbers:
@@ -59,16 +53,16 @@ def simulate_machines(world: World, numbers: Sequence[int]) -> list[dict[str, ND
         # Few recordings more often than many: other machines teach more than further recordings of one.
         fewest = min(FEWEST_RECORDINGS, world.n_recordings)
         n = fewest + int((world.n_recordings - fewest + 1) * random.random() ** 2)
-        session = draw_session(world, n, random)
+        session, tolerance = draw_session(world, n, random)
         effects = world.prior.in_machine(random)
         chains = [
             world.prior.on_torque(len(effects), np.random.default_rng(_world_seed(world, _RIG, rig)))
-            for rig in _rig_numbers(world, number).tolist()
+            for rig in range(number * world.n_rigs_per_machine, (number + 1) * world.n_rigs_per_machine)
         ]
         seeds = [_world_seed(world, _RECORDING, number, i) for i in range(n)]
-        drawn.append(DrawnMachine(effects, chains, session, seeds))
-    machines = []
-    for number, columns in zip(numbers, simulate_drawn(world, drawn), strict=True):
+        drawn.append(DrawnMachine(effects, chains, session, tolerance, seeds))
+    machines = simulate_drawn(world, drawn)
+    for columns in machines:
         # Up to the largest number of recordings: the first one's conditions again, NaN, and counts of 0.
         missing = world.n_recordings - columns["counts"].shape[1]
         for name, end in {"values": np.nan, "speeds": np.nan, "counts": 0}.items():
@@ -77,25 +71,24 @@ def simulate_machines(world: World, numbers: Sequence[int]) -> list[dict[str, ND
             columns[name] = np.concatenate([of_name, padding], axis=1).astype(of_name.dtype)
         first = np.repeat(columns["conditions"][:, :1], missing, axis=1)
         columns["conditions"] = np.concatenate([columns["conditions"], first], axis=1)
-        machines.append({"numbers": _rig_numbers(world, number)} | columns)
     return machines
 
 
 def simulate_drawn(world: World, machines: Sequence[DrawnMachine]) -> list[dict[str, NDArray[Any]]]:
     """Simulate drawn machines, and return the columns of the rigs of each, without their numbers."""
     samples = []
-    for machine in machines:
-        session, seeds = machine.session, machine.seeds
-        rig = with_noise_and_drift(world.rig, world.may_differ, session.tolerance)
-        rig = rig.with_added(*machine.effects)
-        first_of = {number: seeds[i] for i, number in reversed([*enumerate(session.assemblies.tolist())])}
+    for effects, chains, session, tolerance, seeds in machines:
+        rig = with_noise_and_drift(world.rig, world.may_differ, tolerance).with_added(*effects)
+        counts, assemblies = (np.asarray(x).tolist() for x in (session.counts, session.assemblies))
+        first_of = {number: seeds[i] for i, number in reversed([*enumerate(assemblies)])}
         for i, seed in enumerate(seeds):
-            speed, assembly = float(session.speeds_rpm[i]), first_of[int(session.assemblies[i])]
+            speed, load, _ = session.conditions[i].tolist()
             n_samples = turn_samples(Kinematics(world.sampling_rate, speed / 60, world.n_lobes))
-            at = rig.at(speed, float(session.loads_nm[i]))
-            population = Population(at, n_samples, world.sampling_rate, world.wheels, quantity=world.quantity)
+            population = Population(
+                rig.at(speed, load), n_samples, world.sampling_rate, world.wheels, quantity=world.quantity
+            )
             # Slow converters and lost samples need a longer run.
-            samples.append(population.sample(int(session.counts[i]), seed, assembly, chains=machine.chains))
+            samples.append(population.sample(int(counts[i]), seed, first_of[assemblies[i]], chains=chains))
     runs = iter(sample_runs(samples, kernel=KERNEL))
     return [_rig_columns(world, machine, [next(runs) for _ in machine.seeds]) for machine in machines]
 
@@ -104,48 +97,53 @@ def _world_seed(world: World, *key: int) -> np.random.SeedSequence:
     return np.random.SeedSequence(world.random_state, spawn_key=key)
 
 
-def _rig_numbers(world: World, number: int) -> NDArray[np.int64]:
-    """Return the numbers of the rigs of a machine."""
-    return number * world.n_rigs_per_machine + np.arange(world.n_rigs_per_machine)
-
-
 def _rig_columns(
     world: World, machine: DrawnMachine, runs: list[MachineRun | SimulationFailed | ValueError]
 ) -> dict[str, NDArray[Any]]:
     """Return the columns of the rigs of a machine; NaN for recordings that could not be made."""
-    session, chains = machine.session, machine.chains
-    shape = len(chains), len(machine.seeds)
+    effects, chains, session, *_ = machine
+    at, counts = session.conditions, np.asarray(session.counts)
+    shape = len(chains), len(at)
     values = np.full((*shape, len(world.cells)), np.nan, dtype=np.float32)
     speeds = np.full(shape, np.nan)
-    for speed in np.unique(session.speeds_rpm):
-        conditions = Kinematics(world.sampling_rate, float(speed) / 60, world.n_lobes)
+    for speed in np.unique(at[:, 0]):
+        turn = Kinematics(world.sampling_rate, float(speed) / 60, world.n_lobes)
         places, torques = [], []
-        for i in np.flatnonzero(session.speeds_rpm == speed):
-            for j, chain in enumerate(chains):
-                run = runs[i]
-                if not isinstance(run, MachineRun):
-                    continue
-                try:
-                    recording = record(run, chain, int(session.directions[i]))
-                except NO_SUCH_RIG:
-                    continue
-                if np.all(np.isfinite(recording.torque)) and recording.torque.size == turn_samples(
-                    conditions
-                ):
-                    places.append((j, i))
-                    torques.append(recording.torque)
-                    speeds[j, i] = recording.speed * 60
+        for i, (j, chain) in itertools.product(np.flatnonzero(at[:, 0] == speed), enumerate(chains)):
+            run, torque = runs[i], np.empty(0, dtype=np.float32)
+            if isinstance(run, MachineRun):
+                with contextlib.suppress(*NO_SUCH_RIG):
+                    torque, mean_speed = record(run, chain, int(at[i, 2]))
+            if torque.size == turn_samples(turn) and np.all(np.isfinite(torque)):
+                places.append((j, i))
+                torques.append(torque)
+                speeds[j, i] = mean_speed * 60
         if places:
-            values[tuple(np.array(places).T)] = recording_cells(np.array(torques), conditions)[0]
-    every = [(*machine.effects, *chain) for chain in chains]
-    at = np.column_stack([session.speeds_rpm, session.loads_nm, session.directions])
+            values[tuple(np.array(places).T)] = recording_cells(np.array(torques), turn)[0]
+    sizes = np.full((len(chains), len(world.size_names)), np.nan)
+    for row, chain in zip(sizes, chains, strict=True):
+        for effect in (*effects, *chain):
+            first = world.size_names.index(f"{effect.effect_id}.{effect.vector_names()[0]}")
+            row[first : first + len(effect.vector_names())] = effect.to_vector()
     return {
-        "values": values,
-        "conditions": np.broadcast_to(at, (len(chains), *at.shape)),
-        "counts": np.broadcast_to(session.counts, shape),
-        "speeds": speeds,
-        "sizes": np.array([world.sizes_of(effects) for effects in every]),
+        "values": values, "conditions": np.broadcast_to(at, (len(chains), *at.shape)),
+        "counts": np.broadcast_to(counts, shape), "speeds": speeds, "sizes": sizes,
+    }  # fmt: skip
+
+
+def collect_rigs(
+    world: World, parts: Sequence[Mapping[str, NDArray[Any]]], n_rigs: int, n_per_machine: int
+) -> Rigs:
+    """Return the first rigs of columns in parts, without those of which too many recordings failed."""
+    columns: dict[str, Any] = {
+        name: np.concatenate([part[name] for part in parts])[:n_rigs] for name in parts[0]
     }
+    numbers, simulated = np.arange(n_rigs), np.isfinite(columns["values"][:, :, 0])
+    rigs = Rigs(
+        world.names, world.size_names, world.logarithmic, world.cells, numbers, numbers // n_per_machine,
+        world=world.to_dict(), **columns,
+    )  # fmt: skip
+    return rigs.of(simulated.sum(axis=1) >= min(FEWEST_RECORDINGS, simulated.shape[1]))
 
 
 _MACHINES_PER_SHARD = 8  # their runs fill the lanes of some batches
@@ -234,15 +232,5 @@ def prepare_world(
     for shard in shards:
         with np.load(store.path_of(shard)) as columns_of_shard:
             parts.append(dict(columns_of_shard))
-    columns: dict[str, Any] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    simulated = np.isfinite(columns["values"][:, :, 0])
-    rigs = Rigs(
-        names=tuple(stated["names"]),
-        size_names=tuple(stated["size_names"]),
-        logarithmic=tuple(stated["logarithmic"]),
-        cells=tuple(stated["cells"]),
-        world=stated["world"],
-        machines=columns["numbers"] // stated["world"]["n_rigs_per_machine"],
-        **columns,
-    )
-    return rigs.of(simulated.sum(axis=1) >= min(FEWEST_RECORDINGS, simulated.shape[1]))
+    per_machine = world.n_rigs_per_machine
+    return collect_rigs(world, parts, n_shards * _MACHINES_PER_SHARD * per_machine, per_machine)

@@ -1,9 +1,10 @@
-"""Settings of a training world: prior over rigs, and conditions under which they are recorded."""
+"""Training world: prior over rigs, conditions of their recordings, and what is simulated of both."""
 
 from __future__ import annotations
 
+import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -29,21 +30,76 @@ AROUND = 0.1  # share by which the speeds and loads of a world reach beyond thos
 _ONE_ASSEMBLY = 1 / 3
 _REVERSED = 1 / 3  # share of the conditions in reverse
 
+Index = Sequence[int] | NDArray[np.intp] | slice
+
 
 @dataclass(frozen=True)
-class DrawnSession:
-    """Conditions of the recordings of one machine, arrays of shape (n_recordings,).
+class Session:
+    """Recordings of one rig, as summaries."""
 
-    Set-points of speed and load, direction (-1 in reverse) and worn lobes; recordings with equal numbers in
-    ``assemblies`` are of one assembly. ``tolerance`` is a factor on all that differs anyway.
+    values: Float = field(repr=False)  # (n_recordings, n_cells)
+    conditions: Float  # set-points: speed of the input in RPM, load in Nm, direction (1 or -1)
+    counts: NDArray[np.int64] | None = None  # worn lobes, where they are known
+    speeds_rpm: Float | None = None  # mean speed of the input by a tachometer, where it is known
+    # Recordings with equal numbers are of one assembly; None stands for an assembly each.
+    assemblies: NDArray[np.int64] | None = None
+
+
+@dataclass(frozen=True)
+class Rigs:
+    """Simulated rigs of a :class:`World`; arrays of shape (n_rigs, ...).
+
+    ``values``, ``conditions``, ``counts`` and ``speeds`` (n_rigs, n_recordings, ...) are those of recordings:
+    summaries, NaN where the simulation failed; speed in RPM, load in Nm and direction; worn lobes; mean speed
+    in RPM, as a tachometer has it.
     """
 
-    speeds_rpm: Float = field(repr=False)
-    loads_nm: Float = field(repr=False)
-    directions: NDArray[np.int64] = field(repr=False)
+    names: tuple[str, ...]  # of the effects
+    size_names: tuple[str, ...]  # of their fitted parameters
+    logarithmic: tuple[bool, ...] = field(repr=False)  # whether ``sizes`` holds the logarithm of a parameter
+    cells: tuple[str, ...] = field(repr=False)
+    numbers: NDArray[np.int64] = field(repr=False)
+    machines: NDArray[np.int64] = field(repr=False)  # rigs of one share its runs: keep them together
+    values: NDArray[np.float32] = field(repr=False)
+    conditions: Float = field(repr=False)
     counts: NDArray[np.int64] = field(repr=False)
-    assemblies: NDArray[np.int64] = field(repr=False)
-    tolerance: float = 1.0
+    speeds: Float = field(repr=False)
+    sizes: Float = field(repr=False)  # parameters on the scale of their fit, NaN where the effect is absent
+    world: dict[str, Any] = field(default_factory=dict, repr=False)  # settings: :meth:`World.to_dict`
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    @property
+    def present(self) -> NDArray[np.bool_]:
+        """Presence of each effect, shape (n_rigs, n_effects)."""
+        owners = np.array([name.partition(".")[0] for name in self.size_names])
+        return np.column_stack(
+            [np.isfinite(self.sizes[:, owners == name]).any(axis=1) for name in self.names]
+        )
+
+    def of(self, rows: Index | NDArray[np.bool_]) -> Rigs:
+        """Return some of the rigs."""
+        columns: dict[str, Any] = {
+            name: values[rows] for name, values in vars(self).items() if isinstance(values, np.ndarray)
+        }
+        return dataclasses.replace(self, **columns)
+
+    def session(
+        self, rig: int, recordings: Index = slice(None), *, counts: bool = True, tachometer: bool = False
+    ) -> Session:
+        """Return recordings of the rig in a row, without those that failed.
+
+        ``counts`` and ``tachometer`` state whether counts of worn lobes and the speed are known.
+        """
+        shown = np.arange(self.values.shape[1])[recordings]
+        shown = shown[np.isfinite(self.values[rig, shown, 0])]
+        return Session(
+            self.values[rig, shown].astype(np.float64),
+            self.conditions[rig, shown],
+            self.counts[rig, shown] if counts else None,
+            self.speeds[rig, shown] if tachometer else None,
+        )
 
 
 @dataclass(frozen=True)
@@ -99,6 +155,11 @@ def missing_effects(rig: Rig) -> tuple[Effect, ...]:
     )
 
 
+def size_names(effects: Iterable[Effect]) -> tuple[str, ...]:
+    """Return the names of the fitted parameters of effects, as ``"noise.rms_nm"``."""
+    return tuple(f"{effect.effect_id}.{name}" for effect in effects for name in effect.vector_names())
+
+
 def with_noise_and_drift(rig: Rig, may_differ: Sequence[Effect], tolerance: float = 1.0) -> Rig:
     """Return the rig with so much of what may differ anyway, and with noise and drift where it has none."""
     scaled = []
@@ -114,17 +175,20 @@ def with_noise_and_drift(rig: Rig, may_differ: Sequence[Effect], tolerance: floa
     return with_may_differ(rig, (*scaled, *NOISE_AND_DRIFT))
 
 
-def draw_session(world: World, n_recordings: int, random: np.random.Generator) -> DrawnSession:
-    """Draw one or three conditions, which the recordings take in turn, and what differs between them."""
+def draw_session(world: World, n_recordings: int, random: np.random.Generator) -> tuple[Session, float]:
+    """Draw one or three conditions, which the recordings take in turn, and what differs between them.
+
+    Returns a session without summaries, and the factor on all that differs anyway.
+    """
     speeds, loads = random.uniform(*world.speeds_rpm, 3), random.uniform(*world.loads_nm, 3)
     directions = np.where(random.random(3) < _REVERSED, -1, 1)
     n_conditions = 3 if random.random() < 0.5 else 1
-    at = np.arange(n_recordings) % n_conditions
+    conditions = np.column_stack([speeds, loads, directions])[np.arange(n_recordings) % n_conditions]
     counts = random.choice(np.array(world.defect_counts), n_recordings)
     one_assembly = random.random() < _ONE_ASSEMBLY
     assemblies = np.zeros(n_recordings, dtype=np.int64) if one_assembly else np.arange(n_recordings)
-    tolerance = random.uniform(*TOLERANCES)
-    return DrawnSession(speeds[at], loads[at], directions[at], counts, assemblies, tolerance)
+    values = np.zeros((n_recordings, 0))
+    return Session(values, conditions, counts, assemblies=assemblies), random.uniform(*TOLERANCES)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,6 +264,7 @@ class World:
             "loads_nm": _check_increasing("loads_nm", self.loads_nm),
             "quantity": self.rig.check_quantity(one_of("quantity", self.quantity, TORQUES)),
             "defect_counts": tuple(whole("defect_counts", count, 0) for count in self.defect_counts),
+            "wheels": tuple(tuple(wheels) for wheels in self.wheels),
             "n_recordings": whole("n_recordings", self.n_recordings, 1),
             "n_rigs_per_machine": whole("n_rigs_per_machine", self.n_rigs_per_machine, 1),
             "random_state": whole("random_state", self.random_state, 0),
@@ -217,7 +282,7 @@ class World:
     @property
     def size_names(self) -> tuple[str, ...]:
         """Names of their fitted parameters, as ``"noise.rms_nm"``."""
-        return tuple(f"{e.effect_id}.{name}" for e in self.effects or () for name in e.vector_names())
+        return size_names(self.effects or ())
 
     @property
     def logarithmic(self) -> tuple[bool, ...]:
@@ -246,23 +311,6 @@ class World:
         """Names of the summaries of a recording."""
         return tuple(f"{cell.family}: {cell.name}" for cell in self.described_cells)
 
-    def sizes_of(self, effects: Sequence[Effect]) -> Float:
-        """Return the fitted parameters of effects on the scale of their fit, NaN where one is absent.
-
-        Parameters
-        ----------
-        effects : sequence of Effect
-
-        Returns
-        -------
-        ndarray, shape (n_sizes,)
-        """
-        sizes = dict.fromkeys(self.size_names, np.nan)
-        for effect in effects:
-            for name, value in zip(effect.vector_names(), effect.to_vector(), strict=True):
-                sizes[f"{effect.effect_id}.{name}"] = value
-        return np.array(list(sizes.values()))
-
     def to_dict(self) -> dict[str, Any]:
         """Return all settings in types that JSON knows.
 
@@ -270,17 +318,10 @@ class World:
         -------
         dict from str to object
         """
-        plain = {
-            name: getattr(self, name)
-            for name in ("most", "sampling_rate", "speeds_rpm", "loads_nm", "quantity", "defect_counts",
-                         "wheels", "n_recordings", "n_rigs_per_machine", "random_state")
-        }  # fmt: skip
-        listed = {"effects": self.effects or (), "may_differ": self.may_differ}
-        return {
-            "rig": self.rig.to_dict(),
-            **{name: [effect.to_dict() for effect in effects] for name, effects in listed.items()},
-            **plain,
-        }
+        plain = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        for name in ("effects", "may_differ"):
+            plain[name] = [effect.to_dict() for effect in plain[name]]
+        return plain | {"rig": self.rig.to_dict()}
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> World:
@@ -299,9 +340,6 @@ class World:
         given["rig"] = Rig.from_dict(given["rig"])
         for name in ("effects", "may_differ"):
             given[name] = Rig.from_dict({"effects": given[name], "simulator": simulator}).effects
-        for name in ("speeds_rpm", "loads_nm", "defect_counts"):
-            given[name] = tuple(given[name])
-        given["wheels"] = tuple(tuple(wheels) for wheels in given["wheels"])
         return cls(**given)
 
 
