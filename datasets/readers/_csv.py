@@ -86,6 +86,8 @@ class TextLines:
                     raise ValueError(
                         f"{self.path.name} holds binary data, or UTF-16 without a byte-order mark; {_REMEDY}"
                     )
+                if not marked and block.isascii() and not decoder.getstate()[0]:  # three times as fast
+                    continue
                 try:
                     decoder.decode(block, final=not block)
                 except UnicodeDecodeError as error:
