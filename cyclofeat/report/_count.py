@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from cyclofeat.recordings import Recording
 
 _N_FEATURE_PICTURES = 4
+_MOST_SECTIONS = 6
 _BESIDE_TRAINING = (6.0, 3.2)  # inches
 
 
@@ -63,7 +64,7 @@ def write_count_report(
     *,
     failures: Mapping[str, str] | None = None,
     settings: Mapping[str, object] | None = None,
-    most_sections: int = 12,
+    most_sections: int = _MOST_SECTIONS,
 ) -> Path:
     """Write the report of a count as one HTML file, and return its path.
 
@@ -84,9 +85,9 @@ def write_count_report(
         Recordings that could not be counted: name to reason. Read after ``counted``.
     settings : mapping, optional
         Other settings, label to value.
-    most_sections : int, default=12
+    most_sections : int, default=6
         Recordings with a section: refused ones first, then the least probable. The others have only a line in
-        the table (a section takes 1 to 2 MB).
+        the table (a section takes some 0.4 MB).
 
     Returns
     -------
@@ -117,9 +118,11 @@ def summarise_count(
     *,
     failures: Mapping[str, str] | None = None,
     settings: Mapping[str, object] | None = None,
-    most_sections: int = 12,
+    most_sections: int = _MOST_SECTIONS,
 ) -> dict[str, Any]:
     """Summarise a count for its template; parameters and errors are as for the page."""
+    from cyclofeat.counting.evaluation.evaluation import count_reasons
+
     if most_sections < 0:
         raise ValueError(f"most_sections must not be negative, got {most_sections!r}")
     rows: list[dict[str, Any]] = []
@@ -137,6 +140,7 @@ def summarise_count(
             "relative": bool(count.lobe_probability) and not count.absolute,
             "probability": probability,
             "refused": count.refused,
+            "reason": count.reason,
             "n_warnings": len(count.warnings),
             "wear": None if count.wear_um is None else count.wear_um.in_words(),
             "stated": stated,
@@ -166,6 +170,7 @@ def summarise_count(
         "surrogate": surrogate,
         "origin": origin if rows else "",
         "several": several,
+        "reasons": count_reasons(row["reason"] for row in rows),
         "rows": rows,
         "failures": [{"name": name, "reason": reason} for name, reason in failed.items()],
         "sections": sections,
@@ -204,7 +209,6 @@ def _recording_section(model: LobeModel, item: CountedRecording, most_samples: i
     stated = recording.speed_rpm
     of_record = record_warnings(recording, reduction=model.n_lobes_)
     return {
-        "reason": count.reason,
         "speed_known": speed_known,
         "warnings": list(dict.fromkeys([*count.warnings, *of_record])),
         "shares": dict(sorted(count.probability.items())),

@@ -149,7 +149,7 @@ def _summarise_part(unit: str, result: Evaluation) -> dict[str, Any]:
     display = EvaluationDisplay(result)
     confusion = _figures.draw_picture(
         partial(display.plot, "confusion"), (display.side, display.side),
-        "Confusion matrix: windows by true and predicted number of worn lobes", by_scheme=True,
+        "Confusion matrix: windows by true and predicted number of worn lobes",
     )  # fmt: skip
     calibration = None
     if result.certainty is not None:

@@ -125,18 +125,15 @@ def _pack_values(values: NDArray[np.float64]) -> dict[str, Any]:
 _PIXELS_PER_INCH = 92
 
 # Ink, faint ink, frame and ground of legends, and the cycle.
-_COLOURS = {
-    "light": ("#1d2329", "#6b7580", "#d3d9de", "#ffffff", "#1f6fb4", "#e07b12", "#2a9134"),
-    "dark": ("#e4e8ec", "#8b96a1", "#363e46", "#1c2126", "#4a98de", "#f0a050", "#55bd60"),
-}
+_COLOURS = ("#1d2329", "#6b7580", "#d3d9de", "#ffffff", "#1f6fb4", "#e07b12", "#2a9134")
 _REFUSED = "#b3261e"
 
 
-def theme_settings(scheme: str) -> Any:
-    """Return matplotlib's settings for light or dark pages."""
+def theme_settings() -> Any:
+    """Return matplotlib's settings for pages; dark ones turn the colours of a picture round."""
     from cycler import cycler
 
-    ink, faint, frame, legend, *cycle = _COLOURS[scheme]
+    ink, faint, frame, legend, *cycle = _COLOURS
     transparent = ("figure.facecolor", "axes.facecolor", "savefig.facecolor")
     inked = ("text.color", "axes.labelcolor", "axes.titlecolor", "xtick.labelcolor", "ytick.labelcolor")
     lines = ("axes.edgecolor", "xtick.color", "ytick.color", "grid.color")
@@ -148,33 +145,23 @@ def theme_settings(scheme: str) -> Any:
         "legend.edgecolor": frame,
         "axes.prop_cycle": cycler(color=cycle),
         "font.size": 10.5,
-        # Text as outlines looks the same on every machine; one salt gives equal files for equal data.
-        "svg.fonttype": "path",
+        "font.sans-serif": ["DejaVu Sans"],
+        # Outlines of letters would take half of a page; one salt gives equal files for equal data.
+        "svg.fonttype": "none",
         "svg.hashsalt": "cyclofeat",
     }
 
 
-def draw_picture(
-    draw: Draw, size: tuple[float, float], alt: str, *, by_scheme: bool = False, plot: Plot | None = None
-) -> Picture:
-    """Draw a figure of ``size`` in inches as SVG data URIs ``light`` and ``dark``, with its size in pixels.
+def draw_picture(draw: Draw, size: tuple[float, float], alt: str, *, plot: Plot | None = None) -> Picture:
+    """Draw a figure of ``size`` in inches as an SVG data URI ``image``, with its size in pixels.
 
-    ``draw`` is called with the axes, ``alt`` describes the figure in words. Drawing takes most
-    of a report's time: a figure is drawn once, and again in dark only if ``by_scheme`` says that it has
-    colours besides those of the theme. With a ``plot``, which the page draws in the scheme of the screen, the
-    figure is for paper, and light.
+    ``draw`` is called with the axes, ``alt`` describes the figure in words. With a ``plot``, which the page
+    draws, the figure is for paper.
     """
     width, height = (round(inches * _PIXELS_PER_INCH) for inches in size)
-    light = _draw_svg(draw, size, "light")
-    drawn: Picture = {"alt": alt, "width": width, "height": height, "light": data_uri(light.encode())}
-    if plot is not None:
-        return drawn | {"plot": plot.to_dict()}
-    if by_scheme:
-        dark = _draw_svg(draw, size, "dark")
-    else:
-        dark_of = dict(zip(_COLOURS["light"], _COLOURS["dark"], strict=True))
-        dark = re.sub("|".join(dark_of), lambda colour: dark_of[colour[0]], light)
-    return drawn | {"dark": data_uri(dark.encode())}
+    image = data_uri(_draw_svg(draw, size).encode())
+    drawn: Picture = {"alt": alt, "width": width, "height": height, "image": image}
+    return drawn if plot is None else drawn | {"plot": plot.to_dict()}
 
 
 def data_uri(content: bytes, kind: str = "image/svg+xml") -> str:
@@ -182,18 +169,27 @@ def data_uri(content: bytes, kind: str = "image/svg+xml") -> str:
     return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
-def _draw_svg(draw: Draw, size: tuple[float, float], scheme: str) -> str:
+def _draw_svg(draw: Draw, size: tuple[float, float]) -> str:
     require_matplotlib()
     import matplotlib
     from matplotlib.figure import Figure
 
     # A bare Figure needs no window system and is not listed as open.
-    with matplotlib.rc_context(theme_settings(scheme)):
+    with matplotlib.rc_context(theme_settings()):
         figure = Figure(figsize=size, layout="constrained")
         draw(figure.subplots())
         svg = io.StringIO()
         figure.savefig(svg, format="svg", metadata={"Date": None})
-    return svg.getvalue()
+    # A tenth of a point is finer than any screen, and lines need no indent.
+    text = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d)\d+", r"\1", path[0]), svg.getvalue())
+    return re.sub(r"\s*\n\s*", "\n", text)
+
+
+MOST_SAMPLES = 60_000  # of torque in a page, which they make 0.3 MB larger
+_MOST_POINTS = 1200  # of a torque on paper
+_MOST_SPANS = 500
+_SHOWN_HZ, _HIGHEST_HZ = 400.0, 2000.0
+_MOST_BINS = 12_000
 
 
 def recording_pictures(
@@ -203,7 +199,7 @@ def recording_pictures(
     lobe_map: LobeMapDisplay | None = None,
     *,
     windows: Sequence[Span] = (),
-    most_samples: int = 100_000,
+    most_samples: int = MOST_SAMPLES,
 ) -> dict[str, Picture]:
     """Draw ``torque``, ``spectrum``, ``orders`` and ``lobe_map`` of one recording, each on its own scale.
 
@@ -236,7 +232,7 @@ def recording_pictures(
             spectrum.plot, (6.0, 3.4),
             f"Amplitude spectrum of the {torque.quantity} in {torque.unit}; "
             "lobe lines and orders are marked if a speed is known",
-            plot=spectrum_plot(spectrum),
+            plot=spectrum_plot(spectrum, most_samples),
         ),
     }  # fmt: skip
     if orders is not None:
@@ -249,16 +245,8 @@ def recording_pictures(
         drawn["lobe_map"] = draw_picture(
             lobe_map.plot, (6.0, 5.8),
             "Disc with its counted lobes in colour, a ring as dark as each is worn, and bars of disturbance",
-            by_scheme=True,
         )  # fmt: skip
     return drawn
-
-
-MOST_SAMPLES = 240_000  # of torque in a page, which they make 1.3 MB larger
-_MOST_POINTS = 2000  # of a torque on paper
-_MOST_SPANS = 500
-_SHOWN_HZ, _HIGHEST_HZ = 400.0, 2000.0
-_MOST_BINS = 60_000
 
 
 def window_spans(windows: Sequence[WindowCount]) -> list[Span]:
@@ -321,12 +309,14 @@ def torque_plot(
     return Plot(time, [line], axes, marks=marks, spans=[*bands, *spans], note=note)
 
 
-def spectrum_plot(display: SpectrumDisplay) -> Plot:
+def spectrum_plot(display: SpectrumDisplay, most_bins: int = _MOST_BINS) -> Plot:
     """Return the spectrum up to 2 kHz, of which 400 Hz are shown at first."""
     limit = min(_HIGHEST_HZ, float(display.frequencies[-1]))
     # The line at 0 Hz holds a remainder of the mean.
     shown = (display.frequencies <= limit) & (display.frequencies > 0)
-    frequencies, values = thin_samples(display.frequencies[shown], display.values[shown], _MOST_BINS)
+    frequencies, values = thin_samples(
+        display.frequencies[shown], display.values[shown], min(most_bins, _MOST_BINS)
+    )
     marks = []
     if display.input_speed_hz is not None:
         speed, n_lobes = display.input_speed_hz, display.n_lobes

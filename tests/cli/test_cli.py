@@ -60,7 +60,7 @@ def model(folder):
 @pytest.fixture
 def no_pictures(monkeypatch):
     """Reports whose pictures, which take seconds and have tests of their own, are empty."""
-    drawn = {"light": "data:,", "dark": "data:,", "alt": "", "width": 1, "height": 1}
+    drawn = {"image": "data:,", "alt": "", "width": 1, "height": 1}
     monkeypatch.setattr("cyclofeat.report._figures.draw_picture", lambda *_, **__: drawn)
 
 
@@ -561,7 +561,7 @@ def test_evaluate_tests_a_stored_model(capsys, labelled_files):
     )
     assert re.search(rf"\b{n_right} of 19 agree with their labels \(0: \d of \d, 1: ", out)
     assert "refuses " in out
-    assert " x its lines could as well be those of a disc at another speed than the stated # RPM" in out
+    assert " x its lines could as well be those of a disc at another speed than the stated ... RPM" in out
     out, _ = call(capsys, "evaluate", *files, "--model", folder / "model.skops", "--json")
     (scores,) = json.loads(out).values()
     answers = model.count_all([*known, unlike.replace(torque=np.tile(unlike.torque, 2))])

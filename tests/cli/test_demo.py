@@ -33,7 +33,7 @@ def made(monkeypatch):
     monkeypatch.setattr("cyclofeat.datasets.make_rig_recordings", rig_recordings)
     # A few trees do.
     monkeypatch.setattr("cyclofeat.counting.LobeModel", partial(LobeModel, n_trees=20))
-    drawn = {"light": "data:,", "dark": "data:,", "alt": "", "width": 1, "height": 1}
+    drawn = {"image": "data:,", "alt": "", "width": 1, "height": 1}
     monkeypatch.setattr("cyclofeat.report._figures.draw_picture", lambda *_, **__: drawn)
     return asked
 

@@ -356,12 +356,11 @@ def roles_of_an_overlay():
 
 
 @pytest.mark.parametrize("roles_of", [roles_of_a_comparison, roles_of_an_overlay])
-@pytest.mark.parametrize(("scheme", "ground"), [("light", "#ffffff"), ("dark", "#1c2126")])
-def test_roles_are_told_apart_also_by_the_colour_blind(roles_of, scheme, ground):
-    with matplotlib.rc_context(theme_settings(scheme)):
+def test_roles_are_told_apart_also_by_the_colour_blind(roles_of):
+    with matplotlib.rc_context(theme_settings()):
         roles = roles_of()
     assert len(roles) == 3
-    luminance = [np.array([0.2126, 0.7152, 0.0722]) @ lab(colour)[1] for colour in (ground, *roles)]
+    luminance = [np.array([0.2126, 0.7152, 0.0722]) @ lab(colour)[1] for colour in ("#ffffff", *roles)]
     for own in luminance[1:]:
         high, low = max(own, luminance[0]), min(own, luminance[0])
         assert (high + 0.05) / (low + 0.05) > 2.5

@@ -22,7 +22,7 @@ def content():
 @pytest.fixture
 def _no_pictures(monkeypatch):
     """Pages without the time that their pictures take."""
-    drawn = {"light": "data:,", "dark": "data:,", "alt": "", "width": 1, "height": 1}
+    drawn = {"image": "data:,", "alt": "", "width": 1, "height": 1}
     monkeypatch.setattr("cyclofeat.report._figures.draw_picture", lambda *_, **__: drawn)
 
 

@@ -155,12 +155,12 @@ def test_the_file_needs_nothing_else(page, parsed):
             assert value == "#warnings"
 
 
-def test_pictures_are_there_for_both_schemes(result, tmp_path):
+def test_pictures_are_there_once_for_both_schemes(result, tmp_path):
     path = write_gap_report(result, tmp_path / "gap.html", **OPTIONS)
     parsed = parse(path.read_text(encoding="utf-8"))
     classes = [value for tag, name, value in parsed.attributes if (tag, name) == ("img", "class")]
     # three comparisons at two conditions, two foldings at one, two proofs; overlays are drawn by the page
-    assert classes == ["on-light", "on-dark"] * (6 + 2 + 2)
+    assert classes == ["drawing"] * (6 + 2 + 2)
     sources = [value for tag, name, value in parsed.attributes if (tag, name) == ("img", "src")]
     for source in sources:
         root = ElementTree.fromstring(base64.b64decode(source.split(",")[1]))

@@ -99,7 +99,7 @@ def test_a_data_frame_keeps_its_named_index_and_marks_what_is_missing(tmp_path):
 
 @pytest.mark.slow
 def test_whole_pages_become_sections_whose_links_stay_apart(tmp_path, compared_hum, monkeypatch):
-    drawn = {"light": "data:,", "dark": "data:,", "alt": "", "width": 1, "height": 1}
+    drawn = {"image": "data:,", "alt": "", "width": 1, "height": 1}
     monkeypatch.setattr("cyclofeat.report._figures.draw_picture", lambda *_, **__: drawn)
     y = np.repeat(np.arange(30) % 3, 2)
     X = y[:, np.newaxis] + np.random.default_rng(0).normal(0, 0.5, (60, 1))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -136,10 +136,9 @@ class Evaluation:
         Returns
         -------
         dict from str to int
-            The most frequent first. Reasons that differ in numbers only are one, with ``#`` for the numbers.
+            The most frequent first (:func:`count_reasons`).
         """
-        reasons = [] if self.reasons is None else self.reasons.tolist()
-        return dict(Counter(re.sub(r"\d[\d.,]*", "#", reason) for reason in reasons if reason).most_common())
+        return count_reasons([] if self.reasons is None else self.reasons.tolist())
 
     def agreement(self) -> str:
         """Return in words how many recordings or windows are counted as their labels say, and of each count.
@@ -272,6 +271,16 @@ class Evaluation:
         drawn = displays.draw_confusion(self.confusion, self.classes.tolist())
         title = f"Accuracy {texts['accuracy']}"
         return html_card(title, rows, pictures=[drawn], code="evaluation.to_frame()")
+
+
+def count_reasons(reasons: Iterable[str | None]) -> dict[str, int]:
+    """Return how often each reason of a refusal occurs, the most frequent first.
+
+    Reasons that differ in numbers only are one, with ``...`` for the numbers; what follows a colon is left
+    out.
+    """
+    kinds = [re.sub(r"\d[\d.,]*", "...", reason.partition(":")[0]) for reason in reasons if reason]
+    return dict(Counter(kinds).most_common())
 
 
 def score_text(scores: Mapping[str, Any]) -> str:

@@ -119,8 +119,8 @@
       ctx.beginPath();
       ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
       ctx.clip();
-      for (const marks of plot.marks) {
-        ctx.globalAlpha = marks.short ? 1 : 0.45;
+      for (const marks of plot.marks.filter(marks => !marks.hidden)) {
+        ctx.globalAlpha = marks.short ? 1 : 0.25;
         ctx.strokeStyle = colour(marks.colour);
         ctx.lineWidth = devicePixelRatio;
         ctx.beginPath();
@@ -197,7 +197,7 @@
         const range = low == null ? "" : ` (${Number(low.toPrecision(3))} to ${Number(high.toPrecision(3))})`;
         parts.push(`${name} ${Number(value.toPrecision(4))}${up.unit && ` ${up.unit}`}${range}`);
       });
-      for (const marks of plot.marks) {
+      for (const marks of plot.marks.filter(marks => !marks.hidden)) {
         const near = marks.at.findIndex(mark => Math.abs(u.valToPos(mark, "x") - px) < 4);
         if (near >= 0) parts.push(`${marks.name} ${near + 1}`);
       }
@@ -257,19 +257,25 @@
       key.classList.add(style);
       return key;
     };
+    const addSwitch = (key, name, set) => {
+      const toggle = element("button", {type: "button", "aria-pressed": "true"}, key, ` ${name}`);
+      toggle.onclick = () => {
+        const on = toggle.getAttribute("aria-pressed") !== "true";
+        toggle.setAttribute("aria-pressed", String(on));
+        set(on);
+      };
+      legend.append(element("li", {}, toggle));
+    };
     if (plot.lines.length > 1)
-      plot.lines.forEach((line, i) => {
-        const toggle = element("button", {type: "button", "aria-pressed": "true"}, swatch(line.colour, line.style), ` ${line.name}`);
-        toggle.onclick = () => {
-          const on = toggle.getAttribute("aria-pressed") !== "true";
-          toggle.setAttribute("aria-pressed", String(on));
-          line.columns.forEach((_, j) => u.setSeries(owner[i] + j, {show: on}));
-        };
-        legend.append(element("li", {}, toggle));
-      });
+      plot.lines.forEach((line, i) => addSwitch(swatch(line.colour, line.style), line.name,
+        on => line.columns.forEach((_, j) => u.setSeries(owner[i] + j, {show: on}))));
     for (const [label, band] of new Map(plot.spans.filter(span => span.band).map(span => [span.label, span.band])))
       legend.append(element("li", {}, swatch(band, "band"), ` ${label}`));
-    for (const marks of plot.marks) legend.append(element("li", {}, swatch(marks.colour, "mark"), ` ${marks.legend}`));
+    for (const marks of plot.marks)
+      addSwitch(swatch(marks.colour, "mark"), marks.legend, on => {
+        marks.hidden = !on;
+        u.redraw(false);
+      });
 
     const live = element("div", {className: "live"}, box, tools, legend);
     if (plot.note) live.append(element("p", {className: "faint", textContent: plot.note}));
