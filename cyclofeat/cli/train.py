@@ -236,7 +236,7 @@ def _simulated_recordings(arguments: argparse.Namespace) -> tuple[list[Recording
     if rig.has_motor or quantity == "motor_current":
         turns *= 1 + _SLIP
     n_turns = turns * arguments.assemblies * (arguments.max_count + 1)
-    pace = _TURN_S * (5 if arguments.kernel == "exact" else 1)
+    pace = _TURN_S * (5 if arguments.kernel == "exact" or rig.variants else 1)
     note_duration("simulating and training", pace * n_turns, arguments.n_jobs)
     with Progress("simulating assemblies") as progress:
         recordings = make_rig_recordings(
