@@ -157,7 +157,7 @@ def shares_text() -> str:
 
 @dataclass(frozen=True)
 class Cost:
-    """Cost of one campaign, by run where nothing else is said."""
+    """Cost of one campaign, per run by default."""
 
     rate: float  #: runs/s
     cpu: float  #: processor time of all processes in s

@@ -20,7 +20,7 @@ _SHORTEST_CLIP, _PILE = 3, 4.0
 _SHORTEST_HOLD, _HOLD_RATIO, _JUMP = 10, 5.0, 10.0
 # Second differences below this share of the standard deviation belong to a straight line.
 _STRAIGHT = 1e-9
-# Turns of a shaft from which its jitter is told, and places in each.
+# Turns used to estimate a shaft's jitter, and places in each.
 _FEWEST_TURNS, _PLACES = 6, 4
 # The standard deviation of normal noise, in median absolute deviations.
 _OF_MEDIAN = 1.4826
@@ -117,7 +117,7 @@ def _mark_runs(
 
 
 def _unusually_long(lengths: NDArray[np.int64], n_single: int) -> float:
-    """Return the length from which a run is unusually long, beside others and so many single samples."""
+    """Return the length above which a run is an outlier, given all runs and ``n_single`` single samples."""
     n_runs = lengths.size + n_single
     # The quantile 0.99 of all lengths; the single ones come first.
     place = 0.99 * (n_runs - 1)

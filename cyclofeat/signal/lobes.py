@@ -36,7 +36,7 @@ N_LINES, FEWEST_LINES = 44, 3
 _SHARE_HELD = 0.4
 # The reduced sampling rate, in lobe frequencies per lobe line kept: its Nyquist is 3 times the highest line.
 _RATE_PER_LINE = 6
-# Order of the autoregressive model, where nothing else is said.
+# Default order of the autoregressive model.
 _AR_ORDER = 16
 # A spectrum padded this many times is read between its bins by straight lines.
 _PADDING = 8

@@ -549,7 +549,7 @@ def _pack_contacts(spins, mask, row, row_of_normals, kind, w, n, lane, tables, l
 
 @inner_njit(fastmath=FASTMATH)
 def keep_first(kind, w, lane, n, tables, lanes):
-    """Let a lane have ``n`` contacts of a kind: open those that it had beyond, or take their weight."""
+    """Truncate a lane to ``n`` contacts of a kind: open or unweight the rest."""
     width = lane_count(lanes)
     here = np.uintp(rows.N_FLANKS + 2 * kind + w) * width + lane
     had = np.uintp(tables.lanes[here])

@@ -272,7 +272,7 @@ def first_normal(kind, w, tables):
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
 def press_pin(spins, force, along, tilt, row, turned, tables, lanes):
-    """Add a contact's force to that of its pin; ``row`` is of its normal, of which the force is a turn."""
+    """Add a contact's force, its normal rotated, to that of its pin; ``row`` indexes the normal."""
     if spins is None:
         return
     nx, ny = load(spins, row, lanes), load(spins, row + 1, lanes)

@@ -596,7 +596,7 @@ class LobeCounter(Counter):
         return logs
 
     def _row_opinions(self, logs: Float) -> Float:
-        """Return what is pooled: odds of a row, probabilities of its length, and one for and against none."""
+        """Return the log-probability terms to pool: of a row, of its length, and of no row."""
         sound = np.broadcast_to(self._sound.astype(float), logs.shape)
         total = logsumexp(logs[:, ~self._sound], axis=1, keepdims=True)
         any_row = np.where(self._sound, 0.0, np.clip(total, _LEAST_LOG, -_LEAST_LOG))
