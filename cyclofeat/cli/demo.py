@@ -70,7 +70,7 @@ def run(
     lines, facts = _score_counts(counted)
     lines = [
         "Rig R1: brake rotor behind a compliant torque meter, drifting load, noise.",
-        "All recordings here are SURROGATE: simulated torque, no measurement.",
+        "All recordings here are SIMULATED: simulated torque, no measurement.",
         f"Trained on {origin}; model in {model_file}",
         "Counted from files (lobes counted from 1):",
         *lines,

@@ -140,7 +140,7 @@ def summarise_animation(
     return {
         "title": title or "The gearbox turning",
         "surrogate": {
-            "heading": "Simulated:" if source == "simulated" else "SURROGATE:",
+            "heading": "Simulated:" if source == "simulated" else "SIMULATED:",
             "text": "every force and torque here was made by a simulator. Nothing was recorded on a machine.",
         },
         "origin": "",

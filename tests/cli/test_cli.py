@@ -144,7 +144,7 @@ def test_animate_shows_the_assembly_that_simulate_records(capsys, tmp_path):
     machine = json.loads(re.search(r'id="machine">(.*?)</script>', page)[1])
     np.testing.assert_allclose(machine["trace"], recorded.torque, atol=1e-3)
     np.testing.assert_allclose(machine["phi"], recorded.angle[[0, -1]], atol=1e-4)
-    assert "SURROGATE" in page
+    assert "SIMULATED" in page
 
 
 def test_rigs_are_named_in_capitals_or_not(capsys, tmp_path):
@@ -368,7 +368,7 @@ def test_count_writes_a_report(capsys, folder, tmp_path, model, no_pictures):
     assert f"report: {report}" in err
     assert err.count("error: ") == 1
     page = report.read_text(encoding="utf-8")
-    for part in ("SURROGATE", "5 worn lobes", str(folder / "worn.csv"), "not counted", "model.joblib"):
+    for part in ("SIMULATED", "5 worn lobes", str(folder / "worn.csv"), "not counted", "model.joblib"):
         assert part in page
 
 
@@ -528,7 +528,7 @@ def test_evaluate_cross_validates_what_train_makes(capsys, labelled_files):
     assert result["trees"] == json.loads(json.dumps(expected.to_dict()))
     assert (result["trees"]["n_recordings"], result["trees"]["windows"]["n_windows"]) == (18, 36)
     page = report.read_text(encoding="utf-8")
-    for part in ("SURROGATE", "Exactly the right lobes", "2 folds", f"{expected.accuracy:.3f}", "Refusals"):
+    for part in ("SIMULATED", "Exactly the right lobes", "2 folds", f"{expected.accuracy:.3f}", "Refusals"):
         assert part in page
 
 

@@ -53,7 +53,7 @@ def test_the_demonstration_goes_from_recordings_to_pages(made, tmp_path):
     assert load_model(tmp_path / "model.skops").card_["classes"] == list(range(8))
     for page in (tmp_path / "count.html", tmp_path / "evaluation.html"):
         assert str(page) in pages.text
-        assert "SURROGATE" in page.read_text(encoding="utf-8")
+        assert "SIMULATED" in page.read_text(encoding="utf-8")
 
 
 def test_a_model_that_cannot_be_written_is_told_before_anything_is_simulated(

@@ -170,7 +170,7 @@ def test_history_states_the_alarm_and_writes_the_page(history, tmp_path, capsys)
     said = words(parsed)
     assert "press 4: 3 worn lobes" in said
     assert "Alarm 1 of 1" in said
-    assert "All recordings are SURROGATE" in said
+    assert "All recordings are SIMULATED" in said
     assert "refused" in said
     assert "17.npz 3" in said
     assert main(["history", str(history), *RATES, "--gearbox", "lathe"]) == 2

@@ -132,7 +132,7 @@ def test_a_surrogate_is_called_one_and_removed_lobes_are_said(run):
     found = summarise_animation(
         dataclasses.replace(run, defects=LobeDefects.removed((2,), wheels=(1,))), frames=2, source="surrogate"
     )
-    assert found["surrogate"]["heading"] == "SURROGATE:"
+    assert found["surrogate"]["heading"] == "SIMULATED:"
     assert found["worn"] == "removed lobes: 3; on wheel 2 only"
     front, back = found["machine"]["wheels"]
     assert front["removed"] == []

@@ -73,7 +73,7 @@ def test_the_depth_of_the_wear_is_beside_the_count(model, counted, drawn, tmp_pa
 def test_the_count_comes_before_all_evidence(page):
     text = words(parse(page))
     order = [
-        "Worn lobes: <b>worn</b>.npz", "All recordings are SURROGATE", "3 worn lobes probability",
+        "Worn lobes: <b>worn</b>.npz", "All recordings are SIMULATED", "3 worn lobes probability",
         "5, 6, 7 as numbered on the disc",
         "Against the training Inside this recording resembles the training data", "the count agrees",
         "probabilities are not calibrated", "Evidence", "The disc", "How sure", "Torque", "Spectrum",
@@ -170,7 +170,7 @@ def test_several_recordings_have_a_table_first(model, counted, drawn, tmp_path):
     ]  # fmt: skip
     assert sorted(tiles, key=text.index) == tiles
     assert "strange.npz - - - - refused : its lines could as well be those of a disc" in text
-    assert "2 of 3 recordings are SURROGATE" in text
+    assert "2 of 3 recordings are SIMULATED" in text
     assert "bad.csv - not counted : bad.csv: <i>empty</i>" in text
     assert text.index("strange.npz") < text.index("Against the training")
     refused = text[text.rindex("strange.npz") :]

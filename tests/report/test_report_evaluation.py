@@ -46,7 +46,7 @@ def test_the_score_comes_first_with_its_interval(page, results):
     result = results["bayes & co"]
     low, high = result.accuracy_interval
     order = [
-        "All recordings are SURROGATE", f"Accuracy {result.accuracy:.3f} {low:.3f} to {high:.3f}",
+        "All recordings are SIMULATED", f"Accuracy {result.accuracy:.3f} {low:.3f} to {high:.3f}",
         "120 windows of 60 assemblies", "Methods on the same folds", "shrunk",
         "Details of bayes & co", "Confusion", "On the diagonal, answers are right as often as stated",
         "Each count by itself", "Assemblies counted wrong", "How the folds were made",
@@ -108,7 +108,7 @@ def test_nothing_wrong_is_said_with_its_limit(data, tmp_path):
     path = write_evaluation_report({"a": perfect}, tmp_path / "a.html")
     text = words(parse(path.read_text(encoding="utf-8")))
     assert "None: every window of every assembly was counted right" in text
-    assert "SURROGATE" not in text
+    assert "SIMULATED" not in text
 
 
 def test_reports_refuse(data, results, tmp_path):

@@ -136,7 +136,7 @@ def test_the_clearest_difference_is_told_in_words(parsed, result):
 
 
 def test_surrogates_are_called_so_and_nothing_measured(page):
-    assert "All recordings are SURROGATE" in page.split("</header>")[0]
+    assert "All recordings are SIMULATED" in page.split("</header>")[0]
     assert "measured" not in page.lower()
 
 
@@ -265,7 +265,7 @@ def test_one_condition_without_a_ratio_has_its_reason(result, bare, tmp_path):
         (["measured"] * 6, "6 recordings, stated to be measured", "Model against recordings"),
         (
             ["measured"] * 4 + ["simulated"] * 2,
-            "2 of 6 recordings are SURROGATE:",
+            "2 of 6 recordings are SIMULATED:",
             "Model against recordings",
         ),
         (["measured"] * 5 + [None], "do not state whether they were taken on", "Model against recordings"),
