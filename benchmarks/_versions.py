@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import inspect
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -29,14 +30,15 @@ def made_with(**design: Any) -> str:
 def kept_in(folder: Path) -> Callable[[Callable[..., Made]], Callable[..., Made]]:
     """Decorate a simulation: what this version of the code has made before is read from the folder.
 
-    Its argument ``n_jobs`` does not matter to the result.
+    An argument ``n_jobs`` does not matter to the result.
     """
 
     def decorate(simulate: Callable[..., Made]) -> Callable[..., Made]:
         @functools.wraps(simulate)
         def read_or_made(*arguments: object, **named: object) -> Made:
             memory = joblib.Memory(folder / made_with(recordings=_RECORDINGS), verbose=0)
-            result: Made = memory.cache(simulate, ignore=["n_jobs"])(*arguments, **named)
+            ignored = [name for name in inspect.signature(simulate).parameters if name == "n_jobs"]
+            result: Made = memory.cache(simulate, ignore=ignored)(*arguments, **named)
             return result
 
         return read_or_made

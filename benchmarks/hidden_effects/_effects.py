@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ Hidden = Sequence[tuple[str, Theta]]
 PIN_RMS, SPEED_SPREAD, LOAD_SPREAD = 5e-6, 0.003, 0.005
 FLOOR_NOISE, FLOOR_DRIFT, FLOOR_CUTOFF = 0.02, 0.05, 1.5  # Nm rms, Nm rms, Hz
 _PIN_CIRCLE = 64e-3
+_REDUCTION = 15
 _ALL_TIME = 60.0
 _SPARE = 512  # samples beyond the record, for a fast clock
 _BLOW = 2e-3  # s
@@ -247,6 +248,7 @@ class Run:
     angle: Float
     begin: int
     load: float  # set-point, negative in reverse
+    torque_in: Float = field(default_factory=lambda: np.zeros(0))
 
     @property
     def time(self) -> Float:
@@ -449,22 +451,28 @@ def run_machine(
         elif name in _SPEED:
             course = _SPEED[name](machine, theta, time, nuisance.start_angle, random)
             speed = speed + machine.speed * course
-    torque, angle = run(machine, n_total, nuisance.start_angle, load, speed)
+    torque, torque_in, angle = run(machine, n_total, nuisance.start_angle, load, speed)
     # In reverse the gearbox's mirror image runs.
     way = condition.direction
-    return Run(way * torque, angle, begin, way * condition.load_nm)
+    return Run(way * torque, angle, begin, way * condition.load_nm, way * torque_in)
 
 
-def record(made: Run, effects: Hidden, seed: np.random.SeedSequence, n_samples: int) -> NDArray[np.float32]:
-    """Torque in Nm as measured: a machine's run with the effects on the signal and the floor's noise."""
+def record(
+    made: Run, effects: Hidden, seed: np.random.SeedSequence, n_samples: int, *, at_input: bool = False
+) -> NDArray[np.float32]:
+    """Torque in Nm as measured: a machine's run with the effects on the signal and the floor's noise.
+
+    A meter on the input has a smaller range: all that it adds is a fifteenth.
+    """
+    scale = _REDUCTION if at_input else 1
     of_noise, *streams = (np.random.default_rng(one) for one in seed.spawn(1 + len(effects)))
     chain = [(_STEPS[name], theta, random, _SIGNAL[name][1])
              for (name, theta), random in zip(effects, streams, strict=True) if name in _SIGNAL]  # fmt: skip
     chain.append((_STEPS["noise"], {"rms_nm": FLOOR_NOISE}, of_noise, _SIGNAL["noise"][1]))
-    torque = made.torque
+    torque = made.torque_in * scale if at_input else made.torque
     for _, theta, random, change in sorted(chain, key=lambda step: step[0]):
         torque = change(torque, made, theta, random)
-    return np.asarray(torque[made.begin : made.begin + n_samples], dtype=np.float32)
+    return np.asarray(torque[made.begin : made.begin + n_samples] / scale, dtype=np.float32)
 
 
 def nuisance_and_seed(seed: Any, **decoy: Any) -> tuple[Nuisance, np.random.SeedSequence]:

@@ -79,7 +79,7 @@ def both(condition: Condition, duration: float = 1.2, dt: float = 1e-5) -> tuple
         worn[wheel, list(condition.lobes)] = 1
     machine = Machine(worn=worn, pins=errors[0] + 1j * errors[1]).with_(**dict(condition.changes))
     n = round(duration * SAMPLING_RATE)
-    here, _ = run(machine, n, start_angle=2.1)
+    here, _, _ = run(machine, n, start_angle=2.1)
     gearbox = CycloidalGearbox.steel(
         pin_radial_errors=errors[0], pin_tangential_errors=errors[1], **dict(condition.gearbox)
     )

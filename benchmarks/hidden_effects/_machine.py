@@ -120,8 +120,8 @@ class Machine:
 # instructions. Constants of the pins and sleeves first, then what an evaluation writes.
 (
     CB, SB, ERR_R, ERR_T, CA, SA, LEVER_X, LEVER_Y, RUN_X, RUN_Y, PLACE, TURNED, SLOPE, WEIGHT, EDGE_X,
-    EDGE_Y, FLANK_X, FLANK_Y, MOMENT, HOLE_F, HOLE_X, HOLE_Y, ON_OUT, N_ROWS,
-) = (np.uintp(16 * row) for row in range(24))  # fmt: skip
+    EDGE_Y, FLANK_X, FLANK_Y, MOMENT, HOLE_F, HOLE_X, HOLE_Y, ON_OUT, ON_CAM, N_ROWS,
+) = (np.uintp(16 * row) for row in range(25))  # fmt: skip
 
 
 @njit(nogil=True, cache=True, error_model="numpy", inline="always")
@@ -135,7 +135,7 @@ def _small(x):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _edges(w, theta, cx, cy, ct, st, omega, rate, p, t, worn, pitch, lobes):
-    """Contacts of one wheel with the chords of worn lobes; returns their moment about the cam.
+    """Contacts of one wheel with the chords of worn lobes; returns their moments about the cam and on it.
 
     It also sets each pin's weight of the flank, which is zero on the worn half.
     """
@@ -154,6 +154,7 @@ def _edges(w, theta, cx, cy, ct, st, omega, rate, p, t, worn, pitch, lobes):
         angle = s * (1.0 - s * s * (1.0 / 3.0 - 0.2 * s * s)) - t[TURNED + j]
         t[PLACE + j] = first + j * per_pin + angle / PITCH
     moment = 0.0
+    on_input = 0.0
     for j in range(np.uintp(N_PINS)):
         whole = math.floor(t[PLACE + j])
         part = t[PLACE + j] - whole
@@ -215,9 +216,10 @@ def _edges(w, theta, cx, cy, ct, st, omega, rate, p, t, worn, pitch, lobes):
             damped = elastic if p[HUNT_CROSSLEY] > 0.0 else rise
             f = max(elastic + p[DAMPING] * damped * (omega * on_cam + rate * on_wheel), 0.0)
             moment -= f * on_wheel
+            on_input += f * on_cam
             t[EDGE_X + j] -= f * (cr * nx + sr * ny)
             t[EDGE_Y + j] -= f * (cr * ny - sr * nx)
-    return moment
+    return moment, on_input
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -240,7 +242,7 @@ def _pitch_errors(w, theta, t, pitch):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _flanks(dx, dy, cx, cy, ct, st, cl, sl, omega, rate, p, t):
-    """Contacts of one wheel with the smooth profile; returns their moment about the cam."""
+    """Contacts of one wheel with the smooth profile; returns their moments about the cam and on it."""
     q = p[Q]
     z = p[Z]
     inv_m = p[INV_M]
@@ -318,17 +320,20 @@ def _flanks(dx, dy, cx, cy, ct, st, cl, sl, omega, rate, p, t):
         f = elastic + closing * (plain * rise + weighted * elastic)
         f = f * t[WEIGHT + j] if f > 0.0 else 0.0
         t[MOMENT + j] = f * on_wheel
+        t[ON_CAM + j] = f * on_cam
         t[FLANK_X + j] = f * nx
         t[FLANK_Y + j] = f * ny
     moment = 0.0
+    on_input = 0.0
     for j in range(np.uintp(N_PINS)):
         moment -= t[MOMENT + j]
-    return moment
+        on_input += t[ON_CAM + j]
+    return moment, on_input
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _holes(cx, cy, hole_x, hole_y, out_x, out_y, omega, rate, rate_out, p, t):
-    """Contacts of the internal sleeves with one wheel: moments on wheel (about its cam) and output."""
+    """Contacts of the internal sleeves with one wheel: moments on wheel (about its cam), output and cam."""
     r = p[R_IN]
     hertz = p[K_HERTZ] * math.sqrt(p[RAD_IN])
     play = p[GAP_IN]
@@ -365,18 +370,22 @@ def _holes(cx, cy, hole_x, hole_y, out_x, out_y, omega, rate, rate_out, p, t):
         t[HOLE_Y + k] = ny
         t[MOMENT + k] = f * on_wheel
         t[ON_OUT + k] = f * on_out
+        t[ON_CAM + k] = f * on_cam
     on_wheel = 0.0
     on_out = 0.0
+    on_input = 0.0
     for k in range(np.uintp(N_IN)):
         on_wheel += t[MOMENT + k]
         on_out -= t[ON_OUT + k]
-    return on_wheel, on_out
+        on_input -= t[ON_CAM + k]
+    return on_wheel, on_out, on_input
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _pins_rub(cx, cy, omega, rate, p, t, state, rates):
-    """Friction of the external sleeves on one wheel: moment on the wheel; adds to the sleeves' spin."""
+    """Friction of the external sleeves on one wheel: moments on wheel and cam; adds to their spin."""
     moment = 0.0
+    on_input = 0.0
     for j in range(np.uintp(N_PINS)):
         fx = t[EDGE_X + j] - t[FLANK_X + j]
         fy = t[EDGE_Y + j] - t[FLANK_Y + j]
@@ -389,18 +398,21 @@ def _pins_rub(cx, cy, omega, rate, p, t, state, rates):
         lever = t[LEVER_X + j] * mx + t[LEVER_Y + j] * my - p[Q]
         hx = t[CB + j] * cx + t[SB + j] * cy
         hy = t[CB + j] * cy - t[SB + j] * cx
-        slip = omega * (hx * mx + hy * my) + rate * lever + p[Q] * state[2 * N_ANGLES + j]
+        of_cam = hx * mx + hy * my
+        slip = omega * of_cam + rate * lever + p[Q] * state[2 * N_ANGLES + j]
         rub = size * p[MU] * math.tanh(slip / p[SLIP_SPEED])
         moment -= rub * lever
+        on_input += rub * of_cam
         rates[2 * N_ANGLES + j] -= p[Q] * rub / p[J_SLEEVE]
-    return moment
+    return moment, on_input
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _holes_rub(cx, cy, out_x, out_y, omega, rate, rate_out, p, t, state, rates):
-    """Friction of the internal sleeves in one wheel: moments on wheel and output; adds to their spin."""
+    """Friction of the internal sleeves in one wheel: moments on wheel, output and cam; adds to their spin."""
     moment = 0.0
     moment_out = 0.0
+    on_input = 0.0
     for k in range(np.uintp(N_IN)):
         size = t[HOLE_F + k]
         if size == 0.0:
@@ -417,13 +429,14 @@ def _holes_rub(cx, cy, out_x, out_y, omega, rate, rate_out, p, t, state, rates):
         rub = size * p[MU] * math.tanh(slip / p[SLIP_SPEED])
         moment -= rub * lever
         moment_out += rub * on_out
+        on_input += rub * of_cam
         rates[at] += p[Q_IN] * rub / p[J_SLEEVE]
-    return moment, moment_out
+    return moment, moment_out, on_input
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _rates(drive, i, state, rates, p, t, mounts, worn, has_worn, pitch, lobes):
-    """Right-hand side at half step ``i``; returns the torque that resists the output."""
+    """Right-hand side at half step ``i``; returns the torques that resist the output and turn the input."""
     omega = drive[1, i]
     push = drive[2, i] / p[Z]
     load = drive[3, i]
@@ -438,6 +451,7 @@ def _rates(drive, i, state, rates, p, t, mounts, worn, has_worn, pitch, lobes):
     out_y = sin_slow * ce + cos_slow * se
     rate_out = mean_rate + state[N_ANGLES + OUT]
     moment_out = 0.0
+    torque_in = 0.0
     friction = p[MU] > 0.0
     if friction:
         for k in range(2 * N_ANGLES, N_STATE):
@@ -481,17 +495,27 @@ def _rates(drive, i, state, rates, p, t, mounts, worn, has_worn, pitch, lobes):
             _pitch_errors(w, eps - drive[0, i] / z + mounts[w, 0], t, pitch)
         if has_worn[w] == 1:
             theta = eps - drive[0, i] / z + mounts[w, 0]
-            moment += _edges(w, theta, cx, cy, ct, st, omega, rate, p, t, worn, pitch, lobes)
-        moment += _flanks(dx, dy, cx, cy, ct, st, cl, sl, omega, rate, p, t)
+            on_wheel, on_input = _edges(w, theta, cx, cy, ct, st, omega, rate, p, t, worn, pitch, lobes)
+            moment += on_wheel
+            torque_in += on_input
+        on_wheel, on_input = _flanks(dx, dy, cx, cy, ct, st, cl, sl, omega, rate, p, t)
+        moment += on_wheel
+        torque_in += on_input
         if friction:
-            moment += _pins_rub(cx, cy, omega, rate, p, t, state, rates)
-        on_wheel, on_out = _holes(cx, cy, hole_x, hole_y, out_x, out_y, omega, rate, rate_out, p, t)
+            on_wheel, on_input = _pins_rub(cx, cy, omega, rate, p, t, state, rates)
+            moment += on_wheel
+            torque_in += on_input
+        on_wheel, on_out, on_input = _holes(cx, cy, hole_x, hole_y, out_x, out_y, omega, rate, rate_out, p, t)
         moment += on_wheel
         moment_out += on_out
+        torque_in += on_input
         if friction:
-            on_wheel, on_out = _holes_rub(cx, cy, out_x, out_y, omega, rate, rate_out, p, t, state, rates)
+            on_wheel, on_out, on_input = _holes_rub(
+                cx, cy, out_x, out_y, omega, rate, rate_out, p, t, state, rates
+            )
             moment += on_wheel
             moment_out += on_out
+            torque_in += on_input
         rates[w] = state[N_ANGLES + w]
         rates[N_ANGLES + w] = moment / p[J_WHEEL] + push
     if p[BEARING] > 0.0:
@@ -501,7 +525,7 @@ def _rates(drive, i, state, rates, p, t, mounts, worn, has_worn, pitch, lobes):
         rates[N_ANGLES + k] = 0.0
     if p[J_ROTOR] == 0.0:
         rates[N_ANGLES + OUT] = (moment_out + load) / p[J_OUT] + push
-        return -moment_out
+        return -moment_out, torque_in
     meter = p[K_METER] * (state[ROTOR] - state[OUT])
     meter += p[C_METER] * (state[N_ANGLES + ROTOR] - state[N_ANGLES + OUT])
     rates[N_ANGLES + OUT] = (moment_out + meter) / p[J_OUT] + push
@@ -511,15 +535,15 @@ def _rates(drive, i, state, rates, p, t, mounts, worn, has_worn, pitch, lobes):
         behind += p[C_SECOND] * (state[N_ANGLES + SECOND] - state[N_ANGLES + ROTOR])
         rates[N_ANGLES + SECOND] = (load - behind) / p[J_SECOND] + push
     rates[N_ANGLES + ROTOR] = (behind - meter) / p[J_ROTOR] + push
-    return meter
+    return meter, torque_in
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _integrate(n_steps, h, drive, p, t, mounts, worn, pitch, lobes, torque):
     """Integrate by third-order Adams-Bashforth and return the number of steps done.
 
-    ``torque`` (n_steps,) is at the start of each step; ``drive`` (8, n_steps): input angle, speed,
-    acceleration, load, and the cosines and sines of the angle and of a fifteenth of it.
+    ``torque`` (2, n_steps), at output and input, is at the start of each step; ``drive`` (8, n_steps): input
+    angle, speed, acceleration, load, and the cosines and sines of the angle and of a fifteenth of it.
     """
     state = np.zeros(N_STATE)
     k0 = np.zeros(N_STATE)
@@ -532,8 +556,8 @@ def _integrate(n_steps, h, drive, p, t, mounts, worn, pitch, lobes, torque):
                 has_worn[w] = 1
     n = N_STATE if p[MU] > 0.0 else 2 * N_ANGLES
     for i in range(n_steps):
-        torque[i] = _rates(drive, i, state, k0, p, t, mounts, worn, has_worn, pitch, lobes)
-        if not abs(torque[i]) < ABSURD:
+        torque[0, i], torque[1, i] = _rates(drive, i, state, k0, p, t, mounts, worn, has_worn, pitch, lobes)
+        if not abs(torque[0, i]) < ABSURD:
             return i
         for s in range(n):
             state[s] += h / 12.0 * (23.0 * k0[s] - 16.0 * k1[s] + 5.0 * k2[s])
@@ -556,8 +580,8 @@ def run(
     start_angle: float = 0.0,
     load_extra: Float | float = 0.0,
     speed_extra: Float | float = 0.0,
-) -> tuple[Float, Float]:
-    """Torque in Nm and input angle in rad at 25.6 kHz, from rest.
+) -> tuple[Float, Float, Float]:
+    """Torque at output and input in Nm, and input angle in rad, at 25.6 kHz and from rest.
 
     ``load_extra`` (Nm) and ``speed_extra`` (rad/s) are given at :func:`times` and rise with the ramp of
     speed and load, 0.2 s.
@@ -575,7 +599,7 @@ def run(
     load = rise * (machine.load + load_extra)
     slow = phi / 15
     drive = np.array([phi, omega, alpha, load, np.cos(phi), np.sin(phi), np.cos(slow), np.sin(slow)])
-    torque = np.empty(time.size)
+    torque = np.empty((2, time.size))
     p = machine.numbers()
     t = np.zeros(int(N_ROWS))
     beta = 2 * np.pi * np.arange(N_PINS) / N_PINS
@@ -597,5 +621,5 @@ def run(
     if done < time.size:
         raise RuntimeError(f"the simulation diverged at t = {done * STEP:.4f} s with {machine}")
     # Edge and length of the filter are those for a conversion from 100 kHz: 10 samples on either side.
-    kept = resample_poly(torque, 1, OVERSAMPLING)[:n_samples]
-    return kept, phi[::OVERSAMPLING][:n_samples].copy()
+    kept = resample_poly(torque, 1, OVERSAMPLING, axis=1)[:, :n_samples]
+    return kept[0], kept[1], phi[::OVERSAMPLING][:n_samples].copy()

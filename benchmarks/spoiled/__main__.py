@@ -99,15 +99,11 @@ def main() -> None:
     parser.add_argument("--model", type=Path, help="model file (default: the packaged ones)")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     arguments = parser.parse_args()
-    if arguments.model:
-        mine = load_model(arguments.model)
-        counters = {mine.card["quantity"]: mine}
-    else:
-        counters = {quantity: load_default_model(quantity) for quantity in MISTAKEN}
-    found = {
-        quantity: all_outcomes(counter, bases(arguments.folder, quantity, arguments.jobs), arguments.jobs)
-        for quantity, counter in counters.items()
-    }
+    mine = load_model(arguments.model) if arguments.model else None
+    found = {}
+    for quantity in MISTAKEN if mine is None else (mine.card["quantity"],):
+        recordings = bases(arguments.folder, quantity, arguments.jobs)
+        found[quantity] = all_outcomes(mine or load_default_model(quantity), recordings, arguments.jobs)
     text = page(found)
     arguments.out.write_text(text, encoding="utf-8")
     print("\n".join(line for line in text.splitlines() if "spoiled (" in line))

@@ -147,7 +147,7 @@ def test_another_law_is_another_torque() -> None:
     """What the comparison above would see: a damping of another form, 2 % more stiffness, 1 um of a pin."""
     worn = np.zeros((2, 15), dtype=np.int64)
     worn[0, 3] = 1
-    plain, _ = run(Machine(worn=worn), 15_000, 2.1)
+    plain, *_ = run(Machine(worn=worn), 15_000, 2.1)
     displaced = np.zeros(16, dtype=complex)
     displaced[5] = 1e-6
     for other in (
@@ -155,7 +155,7 @@ def test_another_law_is_another_torque() -> None:
         Machine(worn=worn, stiffness=1.02),
         Machine(worn=worn, pins=displaced),
     ):
-        changed, _ = run(other, 15_000, 2.1)
+        changed, *_ = run(other, 15_000, 2.1)
         assert np.std((changed - plain)[5000:]) > 0.01 * np.std(plain[5000:])
 
 
