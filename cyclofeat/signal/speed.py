@@ -45,6 +45,8 @@ _SAMPLES_AT_ONCE = 2**17  # of blocks, whose spectra are taken
 # attempt tries, the margin must be more than _SECOND.
 _MULTIPLES = (1 / 4, 1 / 3, 1 / 2, *range(2, 13))
 _WORN, _SOUND, _THAN_ALIKE, _THAN_NONE, _MESH, _RICHER, _SECOND = 6.0, 1.0, 3.0, 8.0, 3.0, 18.0, 3.0
+# dB by which the mesh line of a sound disc stands out more than that of the worn one with the same lines.
+_MESH_DB = 8.0
 # Of a search: output turns, at most, in the middle of the record; share of the tolerance that reaches the
 # next start; relative difference of speeds that are the same; evidence below which none is taken; share of
 # the most evidence from which another is possible too, and multiple of it that lines of no disc have at most.
@@ -306,15 +308,16 @@ def _fit_discs(torque: Float, sampling_rate: float, angle: Float, lines: _Lines)
     n_lobes = lines.n_lobes
     length = min(turned.size, n_lobes * _SAMPLES_PER_TURN)
     windows = turned[: turned.size // length * length].reshape(-1, length)
-    alike = (n_lobes + 1) / (2 * n_lobes)
+    at_lines = (n_lobes + 1) / (2 * n_lobes)
     # The mesh lines of a sound disc at 1 / n_lobes of the speed are the lobe lines themselves.
-    multiples = (1.0, alike, 1 / alike, *(one for one in _MULTIPLES if one * n_lobes != 1))
+    multiples = (1.0, at_lines, 1 / at_lines, *(one for one in _MULTIPLES if one * n_lobes != 1))
     # Lobe lines of a disc at each multiple, then even lines of its shaft, as numbers of lobe lines at 1.
     numbers: list[Float] = []
     for multiple in multiples:
-        lobe = multiple * np.arange(1.0, math.ceil(lines.highest_lobe / multiple) + 1)
-        for part in (lobe, multiple * _even_lines(_LAST_SHAFT_LINE, n_lobes)):
-            numbers.append(part[(part >= _FIRST_LOBE_LINE) & (part <= lines.highest_lobe)])
+        last = math.ceil(lines.highest_lobe / multiple) + 1
+        for part in (np.arange(1.0, last), _even_lines(2 * last, n_lobes)):
+            held = multiple * part
+            numbers.append(held[(held >= _FIRST_LOBE_LINE) & (held <= lines.highest_lobe)])
     one, every = np.ones(1), np.concatenate(numbers)
     power = np.concatenate(
         [
@@ -325,24 +328,52 @@ def _fit_discs(torque: Float, sampling_rate: float, angle: Float, lines: _Lines)
     ends = np.cumsum([part.size for part in numbers])[:-1]
     parts = np.split(np.minimum(power, _MOST), ends, axis=1)
     discs = []
-    for lobe, shaft, places, multiple in zip(parts[::2], parts[1::2], numbers[::2], multiples, strict=True):
+    for place, multiple in enumerate(multiples):
+        lobe, even = parts[2 * place : 2 * place + 2]
+        places, even_numbers = numbers[2 * place : 2 * place + 2]
         is_mesh = np.round(places / multiple) % n_lobes == 0
         of_mesh = _log_ratio(lobe, _MESH_LINE).mean(axis=0)
         of_lobes = np.where(is_mesh, of_mesh, _log_ratio(lobe, _LOBE_LINE).mean(axis=0))
-        of_shaft = max(_sum_to_last_line(_log_ratio(shaft, _SHAFT_LINE).mean(axis=0)), 0.0)
-        discs.append(_Disc(_sum_to_last_line(of_lobes), _sum_to_last_line(of_mesh[is_mesh]), of_shaft))
+        of_even = _log_ratio(even, _SHAFT_LINE).mean(axis=0)
+        n_usual = np.sum(even_numbers <= multiple * _LAST_SHAFT_LINE * n_lobes / (n_lobes + 1))
+        of_shaft, of_every = (max(_sum_to_last_line(part), 0.0) for part in (of_even[:n_usual], of_even))
+        discs.append(
+            _Disc(_sum_to_last_line(of_lobes), _sum_to_last_line(of_mesh[is_mesh]), of_shaft, of_every)
+        )
     this, like_worn, like_sound, *others = discs
     worn, sound = this.worn, this.sound
     other = max(max(one.worn, one.sound) for one in others)
     reaches = worn > max(sound, like_worn.sound + _THAN_ALIKE)
     if max(worn, sound) <= _THAN_NONE:
         return -math.inf, reaches
-    if worn > sound:
+    if worn > max(sound, this.quiet):
         # The shaft of a sound disc has lines at the lowest n_lobes places: a low rate may hold no others.
         like = like_worn.sound if lines.highest_lobe > n_lobes else -math.inf
         return min(worn - other - _WORN, worn - like - _THAN_ALIKE), reaches
-    # Lines of the shaft alone may be lobe lines of a worn disc at another speed.
-    return min(sound - max(other + _SOUND, like_sound.worn - _RICHER), this.mesh - _MESH), reaches
+    # Lines of the shaft alone may be lobe lines of a worn disc at another speed. With little noise they reach
+    # as far as those: the mesh line then tells which disc it is.
+    richer = -math.inf if _mesh_margin_db(windows, n_lobes) > _MESH_DB else like_sound.worn - _RICHER
+    other = max(max(one.worn, one.quiet) for one in others)
+    return min(this.quiet - other - _SOUND, sound - richer, this.mesh - _MESH), reaches
+
+
+def _mesh_margin_db(windows: Float, n_lobes: int) -> float:
+    """Return by how much more the mesh line of a sound disc stands out than that of a worn one, in dB.
+
+    The worn disc is the one whose lobe lines are the even lines of this shaft. A line stands out by its power
+    over the geometric mean of the even lines beside it.
+    """
+    length = windows.shape[1]
+    spectrum = np.abs(np.fft.rfft(np.hanning(length) * (windows - windows.mean(axis=1, keepdims=True)))) ** 2
+    at = [
+        np.round(order * length / _SAMPLES_PER_TURN).astype(int)
+        for mesh in (n_lobes + 1, 2 * n_lobes)
+        for order in (np.array([mesh - 2, mesh, mesh + 2]),)
+    ]
+    mean = spectrum.mean(axis=0)
+    levels = [10 * np.log10(mean[bins - 1] + mean[bins] + mean[bins + 1]) for bins in at]
+    of_sound, of_worn = (level[1] - (level[0] + level[2]) / 2 for level in levels)
+    return float(of_sound - of_worn)
 
 
 def _even_lines(last: int, n_lobes: int) -> Float:
@@ -357,7 +388,8 @@ class _Disc:
 
     lobes: float
     mesh: float
-    shaft: float
+    shaft: float  # even lines up to the last that noise usually leaves
+    every_even: float
 
     @property
     def worn(self) -> float:
@@ -366,6 +398,10 @@ class _Disc:
     @property
     def sound(self) -> float:
         return self.mesh + self.shaft
+
+    @property
+    def quiet(self) -> float:
+        return self.mesh + max(self.shaft, self.every_even)
 
 
 def _sum_to_last_line(ratios: Float) -> float:

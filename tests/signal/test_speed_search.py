@@ -145,3 +145,20 @@ def test_speeds_that_the_record_cannot_hold_are_not_tried():
     assert search_speed(torque(437, 16 * 60 / 437)[:400], RATE) == []  # 0.1 s: no output turn at 1,500 RPM
     assert search_speed(torque(437, 16 * 60 / 437)[::200], RATE / 200) == []  # 20 Hz: no mesh at 100 RPM
     assert search_speed(np.full(20_000, 22.0), RATE) == []
+
+
+@pytest.mark.slow
+def test_a_sound_disc_with_little_noise_keeps_its_stated_speed():
+    """Its even lines reach as far as a worn disc's lobe lines at 15/8 of the speed: the mesh line tells."""
+    random = np.random.default_rng(3)
+    turns = 330.0 / 60 * np.arange(round(20 * RATE)) / RATE
+    orders = 2.0 * np.arange(2, 40)
+    heights = np.where(orders % 16 == 0, 8.0, 0.3)
+    phases = random.uniform(0, 2 * np.pi, orders.size)
+    signal = 22 + np.cos(2 * np.pi * orders * turns[:, None] + phases) @ heights
+    signal += 0.01 * random.normal(size=signal.size)
+    found = follow_speed(signal, RATE, 330 / 60)
+    assert found.fits
+    assert 60 * found.speed_hz == pytest.approx(330, rel=2e-3)
+    assert not follow_speed(signal, RATE, 2 * 330 / 60).fits
+    assert not follow_speed(signal, RATE, 330 / 2 / 60).fits
