@@ -13,7 +13,7 @@ WHEEL := dist/.wheel
 SOURCES := $(shell find cyclofeat simulators datasets -name __pycache__ -prune -o -print) LICENSE README.md
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow test-nojit test-browser test-array-api test-oldest coverage lint types contracts wheel-check docs bench-simulator bench-features bench-campaign bench-counting bench-spoiled bench-wear bench-posterior-peers default-models bench-asv papers test-gap bench-gap clean
+.PHONY: help demo test test-slow test-nojit test-browser test-array-api test-oldest coverage lint types contracts wheel-check docs bench-simulator bench-features bench-campaign bench-counting bench-spoiled bench-wear bench-posterior-peers default-models default-domains bench-asv papers test-gap bench-gap clean
 
 help:  ## list the commands
 	@sed -n 's/^\([a-z-]*\):.*##/  make \1:/p' Makefile | sed 's/:  */\t/' | expand -t 22
@@ -151,6 +151,13 @@ default-models: $(INSTALLED)  ## train the packaged models (some hours, 20 GB of
 	done
 	cp build/models/output_torque.skops* build/models/input_torque.skops* build/models/motor_current.skops* \
 		cyclofeat/models/default
+
+default-domains: $(INSTALLED)  ## learn what the packaged models take to be like their training data (10 minutes)
+	for one in output_torque input_torque; do \
+		OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/cyclofeat train --domain-of cyclofeat/models/default/$$one.skops \
+			--speeds 100:1500 --loads 3:40 --assemblies 200 --windows 1 --seed 1 --jobs 2 --force \
+			--out cyclofeat/models/default/$$one.skops || exit 1; \
+	done
 
 # Their libraries need a torch of some gigabytes: an environment of its own.
 bench-posterior-peers: $(INSTALLED)  ## the gap's posterior beside sbi, BayesFlow, forests; writes benchmarks/posterior_peers.md

@@ -15,6 +15,7 @@ from cyclofeat._base import checks
 from cyclofeat._base.quantities import QUANTITIES, from_1
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import LobeDefects, Rig, Solver, motor_effects
+from cyclofeat.simulators.effects.library import child_seed
 from cyclofeat.simulators.sampling import (
     Sample,
     SampledRun,
@@ -23,10 +24,13 @@ from cyclofeat.simulators.sampling import (
     recording_seed,
     sample_each,
 )
+from cyclofeat.simulators.variation import vary_errors
 
 _PRESETS = ("R0", "R1", "R2", "published")
 # Machines that are drawn for one recording while none of them can run.
 _MOST_DRAWS = 4
+# Child of a recording's seed for what varies; those of its rig and conditions are below.
+_VARIATION = 20
 # Recordings that are simulated at once where not all of them are kept whole.
 _AT_ONCE = 400
 
@@ -52,6 +56,7 @@ def make_rig_recordings(
     kernel: str = "exact",
     solver: Solver | None = None,
     quantity: str = "output_torque",
+    varied_errors: bool = False,
     first_assembly: int = 0,
     keep: Callable[[Recording], Recording] | None = None,
 ) -> list[Recording]:
@@ -104,6 +109,10 @@ def make_rig_recordings(
     quantity : {"output_torque", "input_torque", "motor_current"}, default "output_torque"
         Quantity to record (:meth:`cyclofeat.simulators.Rig.simulate`). For a motor current, a rig without a
         motor is given that of :func:`cyclofeat.simulators.motor_effects`, of the size that the gearbox needs.
+    varied_errors : bool, default False
+        If True, each assembly has errors, drift and noise from none to 1.5 times what the rig states, and
+        some have hum, offsets and the like that spoil no count: machines of any quality, to train on
+        (:func:`cyclofeat.simulators.variation.vary_errors`).
     first_assembly : int, default 0
         Assemblies per defect count to leave out before the first: a set may be made in parts.
     keep : callable, optional
@@ -144,7 +153,7 @@ def make_rig_recordings(
     settings = _RecordingSettings(
         _rig_of(rig), duration, output_turns, sampling_rate,
         checks.seed_number(random_state), with_angle, solver, _positive_range("speed_rpm", speed_rpm, "RPM"),
-        _positive_range("load_nm", load_nm, "Nm"), quantity,
+        _positive_range("load_nm", load_nm, "Nm"), quantity, varied_errors,
     )  # fmt: skip
     counts = checks.defect_counts(defect_counts, settings.rig.gearbox.n_lobes)
     checks.n_jobs(n_jobs)
@@ -229,6 +238,7 @@ class _RecordingSettings:
     speed_rpm: tuple[float, float] | None = None
     load_nm: tuple[float, float] | None = None
     quantity: str = "output_torque"
+    varied_errors: bool = False
 
     def __post_init__(self) -> None:
         checks.one_of("quantity", self.quantity, QUANTITIES)
@@ -261,7 +271,10 @@ class _RecordingSettings:
         """Return a recording to simulate: the rig at its speed and load, with a motor where one is needed."""
         name = f"{self.rig.name}-{self.random_state}-{index:04d}"
         try:
-            rig = draw_conditions(self.rig, self.speed_rpm, self.load_nm, self.seed_of(index))
+            rig = self.rig
+            if self.varied_errors:
+                rig = vary_errors(rig, np.random.default_rng(child_seed(self.seed_of(index), _VARIATION)))
+            rig = draw_conditions(rig, self.speed_rpm, self.load_nm, self.seed_of(index))
         except ValueError as error:
             raise ValueError(f"assembly {name}: {error}") from None
         if self.quantity == "motor_current" and rig.simulator is None and not rig.has_motor:

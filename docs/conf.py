@@ -96,6 +96,7 @@ RESULTS = {
     "wear": "Depth and count of early radial wear, rig R1",
     "wear_r2": "Depth and count of early radial wear, rig R2",
     "spoiled": "Spoiled recordings",
+    "sound_discs": "Sound and worn discs of independent rigs",
     "gap": "Hidden effects: names, sizes and proof",
     "drawn_rigs": "Counters trained on corrected models",
     "posterior_peers": "The joint posterior beside other methods",

@@ -36,9 +36,9 @@ def recording(lobes, seed=0, turns=1, slowing=0.0, height=1.0, n_lobes=15, **lab
 
 
 def unlike_training(seed=0):
-    """What no lobe does: the torque jumps twice in each input turn."""
+    """What no row of worn lobes does: the torque jumps at every third lobe."""
     time = np.arange(SAMPLES) / RATE
-    torque = 22 + np.sign(np.sin(2 * np.pi * SPEED * time + 0.1))
+    torque = 22 + np.sign(np.sin(2 * np.pi * SPEED * 16 / 15 * 5 * time + 0.1))
     torque += np.random.default_rng(seed).normal(0, 0.01, SAMPLES)
     return Recording(torque, RATE, speed_rpm=500, source="measured")
 

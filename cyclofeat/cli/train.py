@@ -33,6 +33,10 @@ _SIMULATION = (
     "--assemblies", "--windows", "--speeds", "--loads", "--max-count", "--lobes", "--mixed-wear", "--kernel",
     "--jobs", "--rig",
 )  # fmt: skip
+_OF_COUNTER = (
+    "--counter", "--samples-per-turn", "--epochs", "--wear", "--mixed-wear", "--coarser", "--max-count",
+    "--lobes",
+)  # fmt: skip
 # The rig states the rest.
 _OF_FILES = tuple(option for option in READING if option not in ("--quantity", "--sampling-rate"))
 
@@ -88,11 +92,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="about a third of the simulated worn assemblies have radial wear, such as 60:200 um, the others "
         "the papers' chord; both are counted, no depth is learned",
     )  # fmt: skip
-    parser.add_argument(
-        "--coarser", metavar="MODEL",
-        help="model with fewer samples per turn, which the file is to hold too: it counts the recordings "
-        "that do not hold as many",
-    )  # fmt: skip
+    _add_models(parser)
     parser.add_argument(
         "--sampling-rate", type=positive_number, metavar="HZ",
         help="sampling rate in Hz (default for simulated recordings: 25600). The model counts recordings "
@@ -109,6 +109,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_options(parser, sampling_rate=False)
     add_idle(parser, *_SIMULATION, beside=["recordings"])
     add_idle(parser, *_OF_FILES, without=["recordings"])
+    add_idle(parser, *_OF_COUNTER, beside=["--domain-of"])
+
+
+def _add_models(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--coarser", metavar="MODEL",
+        help="model with fewer samples per turn, which the file is to hold too: it counts the recordings "
+        "that do not hold as many",
+    )  # fmt: skip
+    parser.add_argument(
+        "--domain-of", metavar="MODEL",
+        help="keep the counter of this model, and learn only which recordings are like its training data",
+    )  # fmt: skip
 
 
 def add_counter_options(parser: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGroup:
@@ -164,7 +177,11 @@ def run(arguments: argparse.Namespace) -> Printed:
     from cyclofeat.models import load_model, save_model
 
     coarser = None if arguments.coarser is None else load_model(arguments.coarser)
-    model = untrained_model(arguments)
+    trained = None if arguments.domain_of is None else load_model(arguments.domain_of)
+    if trained is not None:
+        arguments.samples_per_turn = trained.samples_per_turn_
+        arguments.quantity = arguments.quantity or trained.card_["quantity"]
+    model = untrained_model(arguments) if trained is None else trained
     if arguments.recordings:
         recordings = read_all(arguments.recordings, arguments)
         origin = f"{number_of(len(recordings), 'recording')} from files"
@@ -176,8 +193,12 @@ def run(arguments: argparse.Namespace) -> Printed:
             low, high = arguments.mixed_wear
             origin += f", {n_radial} of them with radial wear of {low:g} to {high:g} um"
     with Steps() as step:
-        step(f"training on {origin}")
-        model.set_params(description=origin).fit(recordings)
+        if trained is None:
+            step(f"training on {origin}")
+            model.set_params(description=origin).fit(recordings)
+        else:
+            step(f"learning the domain from {origin}")
+            model = trained.learn_domain(recordings)
     save_model(arguments.out, model)  # what was learned is kept where the other does not match
     if coarser is not None:
         model = model.with_coarser(coarser)
@@ -205,6 +226,8 @@ def _print_training(file: str, model: LobeModel) -> Printed:
             accuracy += f"\n  median error of depths that show, on assemblies held out: {percent:.0f} %"
         if learned["accuracy"] is not None:
             accuracy += f"\n  counts right with all windows at once, of all depths: {learned['accuracy']:.3f}"
+    if "domain" in card:
+        accuracy += f"\ndomain learned from {card['domain']}"
     text = (
         f"{file}: counts {card['classes']}, trained on {card['description']}\n"
         f"for recordings {model.made_for()}; {located}\n"
@@ -253,6 +276,7 @@ def _simulated_recordings(arguments: argparse.Namespace) -> tuple[list[Recording
             random_state=arguments.random_state,
             n_jobs=arguments.n_jobs,
             with_angle=True,
+            varied_errors=True,
             quantity=quantity,
             kernel=arguments.kernel,
             # Half the time of the midpoint rule; its error is far below the noise of any torque meter.

@@ -15,6 +15,9 @@ from cyclofeat.features.registry import HALF_TURN, REGISTRY
 from cyclofeat.signal import lobes
 from cyclofeat.signal.windows import Float
 
+# Contrast of a line that is absent between its neighbours, in dB (assumption).
+_NO_CONTRAST_DB = -5.0
+
 
 @dataclass(eq=False, repr=False)
 class LobeMap(WindowTransformer):
@@ -106,6 +109,17 @@ class LobeMap(WindowTransformer):
             for name in ("lobe_line_prominence", "lobe_line_contrast")
             for line in range(1, self.n_lines + 1)
         ]
+
+    def lowest_visible(self) -> Float:
+        """Return the value of each feature below which a line does not stand out: lower, it is as absent.
+
+        Returns
+        -------
+        ndarray, shape (n_features,)
+            0 dB of prominence, -5 dB of contrast (*assumption*), and minus infinity for slots.
+        """
+        slots = np.full(2 * self.n_lobes, -np.inf)
+        return np.concatenate([slots, np.full(self.n_lines, 0.0), np.full(self.n_lines, _NO_CONTRAST_DB)])
 
     def _compute_features(self, X: NDArray[Any]) -> Float:
         return self.from_lines(self.lines(X))

@@ -28,7 +28,9 @@ ALLOWED = (*_COMPARED, "joblib", "sklearn", FEATURES)
 # What may hold an estimator.
 _HOLDERS = (BaseEstimator, RadialWear, dict, list, tuple, np.ndarray)
 # Entries of a model's own card that are repeated.
-_OF_TRAINING = ("n_recordings", "n_windows", "sources", "quantity", "speeds_rpm", "loads_nm", "wear")
+_OF_TRAINING = (
+    "n_recordings", "n_windows", "sources", "quantity", "speeds_rpm", "loads_nm", "wear", "domain",
+)  # fmt: skip
 # Types of the entries that every card has.
 _CARD: dict[str, tuple[type, ...]] = {
     "format": (int,),

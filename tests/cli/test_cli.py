@@ -487,7 +487,8 @@ def test_a_refused_run_up_is_named_with_the_option_that_leaves_it_out(capsys, tm
     (counted,) = json.loads(out)
     assert not any("run-up" in warning for warning in counted["warnings"])
     # The bare gearbox, without brake and noise, is none of the training: it stays refused, for that alone.
-    assert (counted["reason"], counted["refused_defect_count"]) == ("outside the training data", 4)
+    assert counted["reason"].startswith("outside the training data: ")
+    assert counted["refused_defect_count"] == 4
     assert not any("--skip" in warning for warning in counted["warnings"])
 
 

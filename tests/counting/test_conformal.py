@@ -73,6 +73,22 @@ def test_distances_and_thresholds_of_the_domain_by_hand():
     assert_allclose(domain.decision_function(X), 1 - domain.distance(X))
 
 
+def test_features_lower_than_the_lowest_that_counts_are_no_reason_to_refuse():
+    random = np.random.default_rng(5)
+    X = random.normal(size=(400, 3))
+    lowest = np.array([0.0, 0.0, -np.inf])
+    domain = TrainingDomain(lowest).fit(X)
+    raised = TrainingDomain().fit(np.maximum(X, lowest))
+    quiet, loud = np.array([[-50.0, -50.0, 0.0]]), np.array([[50.0, 0.0, 0.0]])
+    assert_allclose(domain.distance(quiet), raised.distance([[0.0, 0.0, 0.0]]))
+    assert domain.predict(np.vstack([quiet, loud, [[0.0, 0.0, -50.0]]])).tolist() == [1, -1, -1]
+    assert domain.rank_unlike(np.vstack([loud, [[0.0, 0.0, -50.0]]]))[:, 0].tolist() == [0, 2]
+    with pytest.raises(
+        ValueError, match=r"lowest must hold one value per feature, shape \(3,\), got shape \(2,\)"
+    ):
+        TrainingDomain([0.0, 0.0]).fit(X)
+
+
 def test_a_class_that_scatters_more_is_refused_no_more_often():
     random = np.random.default_rng(8)
     scatter = np.array([3.0, 1.0, 1.0, 1.0])

@@ -1,5 +1,7 @@
 """Models of whole recordings as scikit-learn sees them."""
 
+import copy
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -12,6 +14,7 @@ from small_model import labelled, recording, shaft_model, small_model, unlike_tr
 
 from cyclofeat.counting import GroupCalibratedCounter, LobeModel, Protocol, evaluate
 from cyclofeat.counting.estimators.trees import CountingTrees
+from cyclofeat.counting.model.lobe_count import AnsweredWindows
 from cyclofeat.features import LobeMap
 from cyclofeat.recordings.windower import lobe_windower
 
@@ -59,11 +62,47 @@ def test_predictions_are_those_of_count(some):
     assert model.predict([]).shape == (0,)
 
 
+@pytest.mark.slow
+def test_a_domain_learned_from_other_machines_leaves_the_counts_as_they_are(some):
+    """Every fifth lobe worn is unlike the training of the model, and like that of its new domain."""
+    model = small_model()
+    apart = [recording(tuple((seed + k) % 15 for k in (0, 5, 10)), seed=900 + seed) for seed in range(24)]
+    others = labelled() + apart
+    learned = model.learn_domain(others)
+    assert all(model.count(one).reason.startswith("outside the training data: ") for one in apart[:5])
+    assert not any("outside" in learned.count(one).reason for one in apart[:5])
+    assert learned.predict_proba(some).tolist() == model.predict_proba(some).tolist()
+    assert learned.card_["domain"].startswith("48 recordings, ")
+    with pytest.raises(ValueError, match="at least 2 assemblies, got 1"):
+        model.learn_domain([recording((1,), seed=5, turns=2)])
+
+
+def test_a_window_a_hair_outside_does_not_silence_the_others():
+    def reasons(*distances):
+        n = len(distances)
+        answered = AnsweredWindows(
+            np.arange(n),
+            np.arange(n) + 1,
+            np.ones((n, 1)),
+            np.array(distances),
+            ("",) * n,
+            ("unlike",) * n,
+            None,
+        )
+        return answered.window_reasons()
+
+    assert reasons(0.9, 1.1, 0.8) == ["", "", ""]
+    assert reasons(0.9, 1.4, 0.8) == ["", "unlike", ""]
+    assert reasons(0.9, 1.1, 1.2) == ["", "unlike", "unlike"]
+
+
 def test_a_count_less_probable_than_all_others_together_is_refused():
-    count = shaft_model().count(recording((2, 3, 4), seed=80))
+    model = copy.copy(shaft_model())
+    model.domain_ = None
+    count = model.count(recording((2, 3, 4), seed=80))
     assert 0.3 < max(count.probability.values()) < 0.5
     assert count.refused
-    assert count.reason.startswith("no count is more probable than all others together: 3 has 0.4")
+    assert count.reason.startswith("no count reaches a probability of one half: 3 has 0.4")
 
 
 def test_bad_recordings_are_named(some):

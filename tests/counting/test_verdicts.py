@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -258,3 +259,22 @@ def test_a_jump_with_nothing_counted_on_one_side_asks_for_nearly_all_windows(jum
 def test_the_most_frequent_reason_leaves_numbers_aside():
     assert most_frequent(["", "", ""]) == ""
     assert most_frequent(["spikes", "2% lost", "", "3% lost"]) == "2% lost"
+
+
+def test_every_reason_is_explained_on_its_page():
+    """The fixed words of each reason stand on the page that says what to do."""
+    root = Path(__file__).parents[2]
+    page = " ".join((root / "docs" / "howto" / "refused.rst").read_text(encoding="utf-8").split())
+    sources = [root / "cyclofeat" / "counting" / "model" / name for name in ("_verdicts.py", "turning.py")]
+    text = "".join(source.read_text(encoding="utf-8") for source in sources)
+    for words in (
+        "of the samples are lost", "of the samples are clipped", "the torque changes only", "are too coarse",
+        "a low-pass filter has removed what lobe lines", "the torque jumps", "the noise changes by a factor",
+        "hides worn lobes", "the lobes pause within the window", "the speed changes",
+        "the angle jumps or stands still within the window", "the angle jitters by", "its angle turns at",
+        "its windows have another count from some time on", "its windows disagree about the count",
+        "windows have its count", "no lobe, mesh or shaft lines stand out within",
+        "its lines could as well be those of a disc at another speed than the stated",
+    ):  # fmt: skip
+        assert words in text, words
+        assert words in page, words

@@ -153,7 +153,7 @@ def test_windows_are_answered_one_by_one(model):
     spans = window_spans(answers)
     assert [span.label for span in spans] == ["0 worn", "refused", "3 worn"]
     assert [span.amiss for span in spans] == [False, True, False]
-    assert spans[1].text.startswith("window 2: refused, outside the training data; would be ")
+    assert spans[1].text.startswith("window 2: refused, outside the training data: ")
 
 
 def test_several_recordings_have_a_table_first(model, counted, drawn, tmp_path):

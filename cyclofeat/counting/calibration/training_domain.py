@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from numbers import Integral, Real
 from typing import Any, ClassVar, Self
 
@@ -21,6 +22,10 @@ from cyclofeat.counting.evaluation.assembly_folds import (
     grouped_folds,
     of_windows,
 )
+from cyclofeat.features import LobeMap
+
+# Line or slot in the name of a feature of the lobe map.
+_NUMBERED = re.compile(r"\((k|slot)(\d+)")
 
 
 class TrainingDomain(OutlierMixin, BaseEstimator):
@@ -32,6 +37,9 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
 
     Parameters
     ----------
+    lowest : array-like, shape (n_features,), optional
+        Lower values of the features count as these, so that a machine that is quieter than those in training
+        is not outside for that. Default: all values count.
     false_refusal : float, default=0.03
         Share of assemblies like those in training of which at least one window is called outside.
     n_splits : int, default=5
@@ -67,12 +75,23 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        "lowest": ["array-like", None],
         "false_refusal": [Interval(Real, 0, 1, closed="neither")],
         "n_splits": [Interval(Integral, 2, None, closed="left")],
         "random_state": ["random_state"],
     }
 
-    def __init__(self, false_refusal: float = 0.03, n_splits: int = 5, random_state: int | None = 0) -> None:
+    lowest: ArrayLike | None = None  # of models saved before there was one, too
+
+    def __init__(
+        self,
+        lowest: ArrayLike | None = None,
+        *,
+        false_refusal: float = 0.03,
+        n_splits: int = 5,
+        random_state: int | None = 0,
+    ) -> None:
+        self.lowest = lowest
         self.false_refusal = false_refusal
         self.n_splits = n_splits
         self.random_state = random_state
@@ -95,6 +114,12 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         self
         """
         features: Float = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
+        if self.lowest is not None and np.shape(self.lowest) != (features.shape[1],):
+            raise ValueError(
+                f"lowest must hold one value per feature, shape ({features.shape[1]},), got shape "
+                f"{np.shape(self.lowest)}"
+            )
+        features = self._raise_lowest(features)
         n_windows = len(features)
         member = assemblies_of(groups, n_windows)
         n_assemblies = int(member.max()) + 1
@@ -142,6 +167,9 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
             self.precision_ = np.asarray(LedoitWolf(assume_centered=True).fit(residual).precision_)
         return np.asarray(present)
 
+    def _raise_lowest(self, X: Float) -> Float:
+        return X if self.lowest is None else np.maximum(X, self.lowest)
+
     def _mahalanobis(self, X: Float) -> Float:
         offset = ((X - self.location_) / self.scale_)[:, np.newaxis] - self.means_
         squared = np.einsum("nci,ij,ncj->nc", offset, self.precision_, offset, optimize=True)
@@ -161,7 +189,23 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         """
         check_is_fitted(self)
         features: Float = validate_data(self, X, reset=False, dtype=np.float64)
-        return np.asarray(self._mahalanobis(features) / self.thresholds_)
+        return np.asarray(self._mahalanobis(self._raise_lowest(features)) / self.thresholds_)
+
+    def rank_unlike(self, X: ArrayLike) -> Int:
+        """Return the features of each window by their shares in its squared distance, the largest first.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_features)
+
+        Returns
+        -------
+        ndarray of int, shape (n_windows, n_features)
+            Numbers of the features.
+        """
+        nearest = self.means_[self.class_distances(X).argmin(axis=1)]
+        offset = (self._raise_lowest(np.asarray(X)) - self.location_) / self.scale_ - nearest
+        return np.asarray(np.argsort(-offset * (offset @ self.precision_), axis=1))
 
     def distance(self, X: ArrayLike) -> Float:
         """Return the distance to the nearest class, in the units of :meth:`class_distances`.
@@ -214,6 +258,32 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         ndarray of int, shape (n_windows,)
         """
         return np.where(self.decision_function(X) >= 0, 1, -1)
+
+
+def lowest_seen(counter: Any) -> Float | None:
+    """Return the values below which lobe lines are absent, of a fitted counter of a lobe map; else None."""
+    lobe_map = _lobe_map_of(counter)
+    return None if lobe_map is None else lobe_map.lowest_visible()
+
+
+def feature_words(counter: Any, n_features: int) -> list[str]:
+    """Return each feature that a fitted counter sees in words."""
+    lobe_map = _lobe_map_of(counter)
+    if lobe_map is None:
+        return [f"feature {number}" for number in range(n_features)]
+    found = (_NUMBERED.search(name) for name in lobe_map.get_feature_names_out())
+    numbers = [(one[1], int(one[2])) for one in found if one]
+    return [f"lobe line {at}" if kind == "k" else f"lobe slot {at + 1}" for kind, at in numbers]
+
+
+def _lobe_map_of(counter: Any) -> LobeMap | None:
+    """Return the lobe map whose features a fitted counter sees as they are."""
+    inner = getattr(counter, "counter_", None)
+    if inner is not None:
+        return _lobe_map_of(inner)
+    if isinstance(counter, Pipeline) and len(counter) == 2 and isinstance(counter[0], LobeMap):
+        return counter[0]
+    return getattr(counter, "lobe_map_", None)
 
 
 def features_seen(counter: Any, X: NDArray[Any]) -> Float:

@@ -88,16 +88,28 @@ def windows_to_learn(
 ) -> WindowSet:
     """Return the windows of recordings, then those of some of them ``again``, as if without tachometer."""
     assert windower.reduction is not None
-    index = list(range(len(recordings)))
-    angles = [turning.angle for turning in turnings]
+    return windows_at(recordings, angles_to_learn(recordings, turnings, again, windower.reduction), windower)
+
+
+def angles_to_learn(
+    recordings: Sequence[Recording], turnings: Sequence[Turning], again: Sequence[int], n_lobes: int
+) -> list[tuple[int, Float]]:
+    """Return numbers of recordings with their angles, then those of ``again`` with what their lines tell."""
+    angles = [(k, turning.angle) for k, turning in enumerate(turnings)]
     for k in again:
         if recordings[k].angle is not None:
-            by_lines = angle_by_lines(recordings[k], turnings[k], windower.reduction)
+            by_lines = angle_by_lines(recordings[k], turnings[k], n_lobes)
             if by_lines is not None:
-                index.append(k)
-                angles.append(by_lines)
-    windows = windower.windows([recordings[k] for k in index], angles)
-    return replace(windows, recording=np.array(index)[windows.recording])
+                angles.append((k, by_lines))
+    return angles
+
+
+def windows_at(
+    recordings: Sequence[Recording], angles: Sequence[tuple[int, Float]], windower: Windower
+) -> WindowSet:
+    """Return the windows of recordings over angles; their ``recording`` is the number that comes with it."""
+    windows = windower.windows([recordings[k] for k, _ in angles], [angle for _, angle in angles])
+    return replace(windows, recording=np.array([k for k, _ in angles])[windows.recording])
 
 
 def make_counter(

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 OUTSIDE = "outside the training data"
+# Distance from which a window is left out although most of its recording is inside.
+_FAR_OUTSIDE = 1.25
 
 
 @dataclass(frozen=True)
@@ -230,6 +232,7 @@ class AnsweredWindows:
     proba: Float  # (n_windows, n_classes)
     distance: Float  # from the training windows, in units of the largest inside; NaN without a domain
     faults: tuple[str, ...]
+    unlike: tuple[str, ...]  # in which features each window lies outside the training, where it does
     # Probability of each lobe of being worn, (n_places, n_windows, n_lobes), for each place at which the
     # recording may begin between two lobes; None where positions are not known.
     lobe_proba: Float | None
@@ -255,6 +258,7 @@ class AnsweredWindows:
         return cls(
             column("start_s"), column("stop_s"), column("proba"), column("distance"),
             faults=tuple(fault for part in parts for fault in part.faults),
+            unlike=tuple(one for part in parts for one in part.unlike),
             lobe_proba=np.concatenate(located, axis=1) if len(located) == len(parts) else None,
             runs=np.concatenate(runs) if runs else None,
         )  # fmt: skip
@@ -268,8 +272,12 @@ class AnsweredWindows:
         return most_frequent(reasons) if sum(map(bool, reasons)) > len(self) / 2 else "", reasons
 
     def window_reasons(self) -> list[str]:
-        """Return why each window is left out; empty where it is not."""
-        outside = np.where(self.distance > 1, OUTSIDE, "").tolist()
+        """Return why each window is left out; empty where it is not.
+
+        Of a recording that lies within the training by its median, only windows far outside are.
+        """
+        limit = 1.0 if np.median(self.distance) > 1 else _FAR_OUTSIDE
+        outside = np.where(self.distance > limit, self.unlike, "").tolist()
         return [fault or reason for fault, reason in zip(self.faults, outside, strict=True)]
 
     def window_counts(self, classes: NDArray[np.int64], reasons: Sequence[str]) -> tuple[WindowCount, ...]:

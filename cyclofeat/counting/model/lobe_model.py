@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from itertools import pairwise
 from typing import Any, Self
@@ -21,7 +21,12 @@ from cyclofeat._base.displays import html_card
 from cyclofeat._base.files import MODEL_PACKAGES, package_versions
 from cyclofeat._base.quantities import TORQUES, factor_to_output, number_of
 from cyclofeat.counting.calibration.pooling import combine_proba
-from cyclofeat.counting.calibration.training_domain import TrainingDomain, features_seen
+from cyclofeat.counting.calibration.training_domain import (
+    TrainingDomain,
+    feature_words,
+    features_seen,
+    lowest_seen,
+)
 from cyclofeat.counting.estimators._counter import PoorOnArbitraryData
 from cyclofeat.counting.estimators.lobe_counter import LobeCounter
 from cyclofeat.counting.estimators.lobe_positions import passage_of_lobe_zero
@@ -29,11 +34,13 @@ from cyclofeat.counting.evaluation.evaluate import Protocol
 from cyclofeat.counting.evaluation.evaluation import score_text
 from cyclofeat.counting.model._training import (
     SPEED_MARGIN,
+    angles_to_learn,
     common_samples_per_turn,
     draw_per_count,
     fit_counter,
     is_network,
     make_counter,
+    windows_at,
     windows_to_learn,
 )
 from cyclofeat.counting.model._verdicts import (
@@ -220,7 +227,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         assemblies = windows.recording if windows.groups is None else windows.groups
         self.domain_: TrainingDomain | None = None
         if np.unique(assemblies).size > 1:
-            domain = TrainingDomain(random_state=self.random_state)
+            domain = TrainingDomain(lowest_seen(self.counter_), random_state=self.random_state)
             self.domain_ = domain.fit(features, windows.y, groups=assemblies)
         names = [] if windows.groups is None else np.unique(windows.groups).tolist()
         self.card_: dict[str, Any] = {
@@ -249,6 +256,42 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         self.coarser_: LobeModel | None = None
         self.classes_: NDArray[Any] = np.array([label_of[c] for c in self.counter_.classes_.tolist()])
         return self
+
+    def learn_domain(self, recordings: Sequence[Recording]) -> LobeModel:
+        """Return the model with a domain learned from other recordings; its counter stays as it is.
+
+        Its coarser models learn theirs from the same recordings. A recording with an angle gives windows with
+        it, and over the angle that its lines tell.
+
+        Parameters
+        ----------
+        recordings : sequence of Recording
+            Of the model's quantity and disc, of at least two assemblies, with their ``defect_count``; as many
+            as there are features, and better ten times as many.
+
+        Returns
+        -------
+        LobeModel
+        """
+        check_is_fitted(self)
+        known, _ = _label_recordings(recordings, None, None)
+        for recording in known:
+            self.check_recording(recording)
+        turnings = [turning_of(recording, self.n_lobes_, by_faint_lines=False) for recording in known]
+        angles = angles_to_learn(known, turnings, range(len(known)), self.n_lobes_)
+        return self._with_domain(known, angles)
+
+    def _with_domain(self, recordings: Sequence[Recording], angles: Sequence[tuple[int, Float]]) -> LobeModel:
+        """Return the model and its coarser ones with domains of the windows over these angles."""
+        windows = windows_at(recordings, angles, self.windower_)
+        features = np.concatenate([features_seen(self.counter_, part) for part in _parts(windows.X)])
+        domain = TrainingDomain(lowest_seen(self.counter_), random_state=self.random_state)
+        assemblies = windows.recording if windows.groups is None else windows.groups
+        model = copy.copy(self)
+        model.domain_ = domain.fit(features, windows.y, groups=assemblies)
+        model.coarser_ = None if self.coarser_ is None else self.coarser_._with_domain(recordings, angles)
+        model.card_ = self.card_ | {"domain": f"{len(recordings)} recordings, {len(windows)} windows"}
+        return model
 
     @property
     def locator_(self) -> LobeCounter | None:
@@ -527,10 +570,11 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
 
         The probabilities of the windows are combined by the dependence learned in training; a counter
         without one is taken to be no surer of many windows than of one. Windows whose signal has a fault, or
-        that lie outside the training domain, are left out. The recording is refused where more than half of
-        its windows are, where some are and not more than half of all have its count, where the windows
-        disagree, where its speed lies outside those of training, or where, without a tachometer, its lines
-        are those of another speed or show none; it still has a count.
+        that lie far outside the training domain, are left out. The recording is refused where more than half
+        of its windows are, where their median lies outside the domain, where some are left out and at most
+        half of all have its count, where the windows disagree, where its speed lies outside those of
+        training, or where, without a tachometer, its lines are those of another speed or show none; it still
+        has a count.
 
         Parameters
         ----------
@@ -651,7 +695,8 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         if n_outside:
             notes.append(
                 f"{n_outside} of {n_windows} window{'s' if n_windows > 1 else ''} {OUTSIDE}: "
-                f"{distance:.2f} times the largest distance inside{' (median)' if n_windows > 1 else ''}"
+                f"{distance:.2f} times the largest distance inside{' (median)' if n_windows > 1 else ''}; "
+                "a model trained on your own rig knows it"
             )
         share = answered.mean_lobe_proba(used)
         lobes = sorted(np.argsort(-share, kind="stable")[:count].tolist())
@@ -661,7 +706,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
                 "the first sample counted"
             )
         if probability.max() < 0.5 and not reason:
-            alone = f"no count is more probable than all others together: {count} has {probability.max():.2f}"
+            alone = f"no count reaches a probability of one half: {count} has {probability.max():.2f}"
             # Where a depth is stated, wear is seen although its lobes are hard to count.
             if runs is None:
                 reason = alone
@@ -703,9 +748,11 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         else:
             proba = np.asarray(counter.predict_proba(X))
             features = None if self.domain_ is None else features_seen(counter, X)
-        distances = np.full(len(X), np.nan)
+        distances, unlike = np.full(len(X), np.nan), [OUTSIDE] * len(X)
         if self.domain_ is not None and features is not None:
             distances = self.domain_.distance(features)
+            for place in np.flatnonzero(distances > 1):
+                unlike[place] = self._words_of_unlike(features[place : place + 1], float(distances[place]))
         ends = [0, *np.cumsum([len(prepared.windows) for prepared in batch]).tolist()]
         rows = [slice(start, stop) for start, stop in pairwise(ends)]
         located: Sequence[Float | None] = [None] * len(batch)
@@ -719,6 +766,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
                 proba[row],
                 distances[row],
                 prepared.faults,
+                tuple(unlike[row]),
                 lobes,
                 None
                 if wear is None
@@ -726,6 +774,13 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             )
             for prepared, row, lobes in zip(batch, rows, located, strict=True)
         ]
+
+    def _words_of_unlike(self, features: Float, distance: float) -> str:
+        """Return why a window outside the domain is so."""
+        assert self.domain_ is not None
+        names = feature_words(self.counter_, features.shape[1])
+        words = dict.fromkeys(names[at] for at in self.domain_.rank_unlike(features)[0].tolist())
+        return f"{OUTSIDE}: {distance:.2f} times the limit, most by {' and '.join([*words][:2])}"
 
     @property
     def _deciding_part(self) -> Any:
@@ -813,6 +868,12 @@ def _label_recordings(
     if stored != labels or len({*stored}) < len(label_of):
         raise ValueError("y contradicts the defect_count of recordings: leave one of them out")
     return known, label_of
+
+
+def _parts(X: Float) -> Iterator[Float]:
+    """Yield windows in parts of moderate size."""
+    n_at_once = max(1, _BATCH_SAMPLES // X.shape[1])
+    return (X[first : first + n_at_once] for first in range(0, len(X), n_at_once))
 
 
 def _value_range(values: Sequence[float]) -> list[float] | None:
