@@ -235,7 +235,16 @@ def test_windows_that_disagree(counts, reasons, said):
 def test_windows_left_out_must_not_outvote_the_count(counts, left_out, said):
     """The count is 1; windows left out do not vote, but are of the number that a majority is of."""
     reasons = ["spikes" if window in left_out else "" for window in range(len(counts))]
-    assert outvoted_reason(np.eye(3)[counts], reasons, 1) == said
+    assert outvoted_reason(np.eye(3)[counts], reasons, reasons, 1) == said
+
+
+def test_a_window_unlike_the_training_votes():
+    """With the count it does not outvote the others; with another one it does."""
+    reasons, faults = ["", "outside the training data"], ["", ""]
+    assert outvoted_reason(np.eye(3)[[1, 1]], faults, reasons, 1) == ""
+    said = "only 1 of its 2 windows have its count, 1 left out: outside the training data"
+    assert outvoted_reason(np.eye(3)[[1, 2]], faults, reasons, 1) == said
+    assert outvoted_reason(np.eye(3)[[1, 1]], ["", "spikes"], ["", "spikes"], 1).startswith("only 1 of its 2")
 
 
 @pytest.mark.parametrize(
@@ -251,7 +260,7 @@ def test_windows_left_out_must_not_outvote_the_count(counts, left_out, said):
 )
 def test_a_jump_with_nothing_counted_on_one_side_asks_for_nearly_all_windows(jumps, n, is_refused):
     reasons = ["the torque jumps, first 1 s after the window's start" if k in jumps else "" for k in range(n)]
-    reason = outvoted_reason(np.eye(3)[[1] * n], reasons, 1)
+    reason = outvoted_reason(np.eye(3)[[1] * n], reasons, reasons, 1)
     assert bool(reason) == is_refused
     assert not reason or "left out: the torque jumps" in reason
 

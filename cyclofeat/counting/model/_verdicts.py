@@ -178,16 +178,20 @@ def disagreement_reason(proba: Float, faults_of_windows: Sequence[str]) -> str:
     return "its windows disagree about the count"
 
 
-def outvoted_reason(proba: Float, reasons: Sequence[str], column: int) -> str:
+def outvoted_reason(
+    proba: Float, faults_of_windows: Sequence[str], reasons: Sequence[str], column: int
+) -> str:
     """Return why a count from a part of the windows is not to be trusted; empty where it is.
 
     What spoils one window is often in the others too, too weak to be seen: where any is left out, more than
-    half of all windows must have the count, so that those left out cannot outvote it. After a jump the torque
-    may be that of another disc: if no window before it is used, or none after it, nine tenths must have the
-    count. ``reasons`` say why each window is left out; ``column`` of ``proba`` is the count's.
+    half of all windows must have the count, so that those left out cannot outvote it. A window that is left
+    out as unlike the training, without a fault, votes too. After a jump the torque may be that of another
+    disc: if no window before it is used, or none after it, nine tenths must have the count. ``reasons`` say
+    why each window is left out; ``column`` of ``proba`` is the count's.
     """
     used = np.array([not one for one in reasons])
-    n_votes = int(np.sum(proba[used].argmax(axis=1) == column))
+    faultless = np.array([not fault for fault in faults_of_windows])
+    n_votes = int(np.sum(proba[faultless].argmax(axis=1) == column))
     jumps = [at for at, one in enumerate(reasons) if one.startswith(_JUMP_TEXT)]
     one_sided = any(not used[:at].any() or not used[at:].any() for at in jumps)
     if used.all() or n_votes > (_NEARLY_ALL if one_sided else _MAJORITY) * used.size:

@@ -678,7 +678,7 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         member = np.zeros(used.sum(), dtype=int)
         probability = combine_proba(answered.proba[used], member, 1.0 if learned is None else learned)[0]
         if self.wear_ is None and not reason:
-            reason = outvoted_reason(answered.proba, reasons, int(probability.argmax()))
+            reason = outvoted_reason(answered.proba, answered.faults, reasons, int(probability.argmax()))
         runs = None if self.wear_ is None or reason else answered.runs
         if self.wear_ is not None and runs is not None:
             probability = self.wear_.probability(runs)
