@@ -34,7 +34,7 @@ _SIMULATION = (
     "--jobs", "--rig",
 )  # fmt: skip
 _OF_COUNTER = (
-    "--counter", "--samples-per-turn", "--epochs", "--wear", "--mixed-wear", "--coarser", "--max-count",
+    "--counter", "--samples-per-turn", "--wear", "--mixed-wear", "--coarser", "--max-count",
     "--lobes",
 )  # fmt: skip
 # The rig states the rest.

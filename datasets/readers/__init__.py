@@ -1,5 +1,7 @@
 """Torque records from and to files: a source for each kind of file lists channels, `_read` chooses one."""
 
+from cyclofeat.datasets.readers._columns import Channel as Channel
+from cyclofeat.datasets.readers._columns import Source as Source
 from cyclofeat.datasets.readers._describe import describe as describe
 from cyclofeat.datasets.readers._describe import one_line as one_line
 from cyclofeat.datasets.readers._describe import record_warnings as record_warnings

@@ -44,7 +44,7 @@ from cyclofeat.simulators.batch._vectors import (
 
 # Of all modules whose functions and constants are compiled here: numba's cache on disk notices changes of
 # this file only.
-SOURCES_CHECKSUM = 0x3ED10C2
+SOURCES_CHECKSUM = 0x93F49D0B
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)

@@ -38,7 +38,7 @@ CARDS = {
         Recording([1.0, 3.0, 2.0, 2.0], 2.0, run=HOSTILE, worn_lobes=(0, 4), speed_rpm=500),
         ["2 s: 4 samples at 2 Hz", "1 to 3 Nm, mean 2 Nm", "500 RPM", "2: 1, 5, counted from 1", HOSTILE],
     ),
-    "count": (ANSWER, ["2 worn lobes", "0.875", "4, 5 (numbered from 1, the lobe under load", "3 windows"]),
+    "count": (ANSWER, ["2 worn lobes", "0.88", "4, 5 (numbered from 1, the lobe under load", "3 windows"]),
     "refused": (
         LobeCount(0, {0: 1.0}, (), (), False, 1, refused=True, reason="no lobe lines", distance=2.0),
         ["Refused, not reliable: No worn lobe", "no lobe lines", "2.00 (1: edge of the training)"],

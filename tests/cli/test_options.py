@@ -14,7 +14,8 @@ ACTIONS = {
 NO_TARGETS = {
     "--channel", "--time-channel", "--angle-channel",  # names of channels
     "--worn-lobes", "--removed-lobes", "--effects", "--allow", "--scheduler", "--hold-out",  # words
-    "--model", "--coarser", "--rig", "--simulator", "--simulated", "--effects-from", "--posterior",  # read
+    "--model", "--coarser", "--domain-of",
+    "--rig", "--simulator", "--simulated", "--effects-from", "--posterior",  # read
     "--verify",  # read
     "--done", "--features", "--cache", "--history",  # gone on with
     "--gearbox",  # names

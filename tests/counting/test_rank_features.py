@@ -52,5 +52,5 @@ def test_page_holds_table_histograms_and_code(tmp_path):
         table, FEATURES, COUNT, ASSEMBLY, tmp_path / "p.html", transformer=TorqueFeatures(25_600)
     ).read_text()
     assert all(name in page for name in FEATURES)
-    assert page.count("data:image/svg") == 8  # light and dark
+    assert page.count("data:image/svg") == 4  # once for light and dark
     assert "features = TorqueFeatures(sampling_rate=25600)" in page
