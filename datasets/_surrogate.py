@@ -273,7 +273,11 @@ class _RecordingSettings:
         try:
             rig = self.rig
             if self.varied_errors:
-                rig = vary_errors(rig, np.random.default_rng(child_seed(self.seed_of(index), _VARIATION)))
+                rig = vary_errors(
+                    rig,
+                    np.random.default_rng(child_seed(self.seed_of(index), _VARIATION)),
+                    self.sampling_rate,
+                )
             rig = draw_conditions(rig, self.speed_rpm, self.load_nm, self.seed_of(index))
         except ValueError as error:
             raise ValueError(f"assembly {name}: {error}") from None

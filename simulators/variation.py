@@ -14,11 +14,12 @@ from cyclofeat.simulators.rig import Rig
 _ERRORS, _NOISE = (0.0, 1.5), (0.1, 1.5)
 # Largest hum, drift and offset of a torque meter as shares of the load, its gain, its lowest cut-off in Hz.
 _HUM, _DRIFT, _OFFSET, _GAIN, _CUTOFF_HZ = 0.014, 0.14, 0.09, 0.05, 300.0
+_BELOW_NYQUIST = 0.9
 # Probability of each of these five.
 _HARMLESS = 1 / 8
 
 
-def vary_errors(rig: Rig, random: np.random.Generator) -> Rig:
+def vary_errors(rig: Rig, random: np.random.Generator, sampling_rate: float) -> Rig:
     """Return the rig of one assembly with as much of its errors as a better or a poorer bench has.
 
     Errors of the geometry, all by one factor, and drift are uniform from none to 1.5 times what the rig
@@ -30,6 +31,8 @@ def vary_errors(rig: Rig, random: np.random.Generator) -> Rig:
     ----------
     rig : Rig
     random : numpy.random.Generator
+    sampling_rate : float
+        In Hz, which limits the cut-off of the low-pass.
 
     Returns
     -------
@@ -37,7 +40,7 @@ def vary_errors(rig: Rig, random: np.random.Generator) -> Rig:
 
     Examples
     --------
-    >>> vary_errors(Rig.r1(), np.random.default_rng(0)).effects[0]
+    >>> vary_errors(Rig.r1(), np.random.default_rng(0), 25_600).effects[0]
     PinErrors(rms=9.554425309821816e-06)
     """
     geometry, drift = random.uniform(*_ERRORS, 2).tolist()
@@ -53,7 +56,8 @@ def vary_errors(rig: Rig, random: np.random.Generator) -> Rig:
     load, share, side = abs(rig.gearbox.load_torque), random.random(), float(random.uniform(-1, 1))
     harmless: tuple[Effect, ...] = (
         Hum(_HUM * load * 15 ** (share - 1)), Drift(_DRIFT * load * share, 1.5, of="sensor"),
-        Offset(_OFFSET * load * side), Gain(1 + _GAIN * side), TorqueMeterLowPass(_CUTOFF_HZ * 7**share),
+        Offset(_OFFSET * load * side), Gain(1 + _GAIN * side),
+        TorqueMeterLowPass(min(_CUTOFF_HZ * 7**share, _BELOW_NYQUIST * sampling_rate / 2)),
     )  # fmt: skip
     chosen = int(random.random() / _HARMLESS)
     return rig.replace(

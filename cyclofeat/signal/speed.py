@@ -352,9 +352,11 @@ def _fit_discs(torque: Float, sampling_rate: float, angle: Float, lines: _Lines)
         return min(worn - other - _WORN, worn - like - _THAN_ALIKE), reaches
     # Lines of the shaft alone may be lobe lines of a worn disc at another speed. With little noise they reach
     # as far as those: the mesh line then tells which disc it is.
-    richer = -math.inf if _mesh_margin_db(windows, n_lobes) > _MESH_DB else like_sound.worn - _RICHER
-    other = max(max(one.worn, one.quiet) for one in others)
-    return min(this.quiet - other - _SOUND, sound - richer, this.mesh - _MESH), reaches
+    richer = like_sound.worn - _RICHER
+    margin = sound - max(other + _SOUND, richer)
+    if sound >= richer or _mesh_margin_db(windows, n_lobes) > _MESH_DB:
+        margin = max(margin, this.quiet - max(max(one.worn, one.quiet) for one in others) - _SOUND)
+    return min(margin, this.mesh - _MESH), reaches
 
 
 def _mesh_margin_db(windows: Float, n_lobes: int) -> float:

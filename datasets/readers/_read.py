@@ -20,8 +20,9 @@ from cyclofeat.datasets.readers._times import time_base, time_channels
 from cyclofeat.recordings import Recording
 from cyclofeat.signal.tachometer import angle_from_pulses, continuous_angle
 
-# Function that returns the channels of each kind of file, by its module, which is imported when needed.
-SOURCES = {
+# Function of the path that returns the channels of each kind of file, or its name in a module of this folder,
+# which is then imported when needed.
+SOURCES: dict[str, Any] = {
     ".csv": "_csv.open_text", ".csv.gz": "_csv.open_text", ".npz": "_binary.open_npz",
     ".tdms": "_tdms.open_tdms", ".mat": "_matlab.open_matlab", ".h5": "_matlab.open_hdf5",
     ".hdf5": "_matlab.open_hdf5", ".mf4": "_binary.open_mdf", ".unv": "_binary.open_universal",
@@ -274,8 +275,11 @@ def _open_source(path: Path, reading: ReadingOptions) -> Source:
             f"{path.name} is no {suffix} file: it begins like a {kinds} file"
             + (f"; rename it to end in {kinds}" if looks[0] in SOURCES else "")
         )
-    module, function = SOURCES[suffix].split(".")
-    open_file = getattr(import_module(f"cyclofeat.datasets.readers.{module}"), function)
+    listed = SOURCES[suffix]
+    module, function = listed.split(".") if isinstance(listed, str) else ("", listed)
+    open_file = (
+        getattr(import_module(f"cyclofeat.datasets.readers.{module}"), function) if module else function
+    )
     for name in ("delimiter", "decimal", "table_line"):
         if module != "_csv" and (value := getattr(reading, name)) is not None:
             raise ValueError(f"{name} is for CSV files, got {value!r} for {path.name}")

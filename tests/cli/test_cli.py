@@ -486,9 +486,8 @@ def test_a_refused_run_up_is_named_with_the_option_that_leaves_it_out(capsys, tm
     _, out, _ = run(capsys, "count", file, "--skip", seconds, "--json")
     (counted,) = json.loads(out)
     assert not any("run-up" in warning for warning in counted["warnings"])
-    # The bare gearbox, without brake and noise, is none of the training: it stays refused, for that alone.
-    assert counted["reason"].startswith("outside the training data: ")
-    assert counted["refused_defect_count"] == 4
+    # The bare gearbox, without brake and noise, is quieter than the training, which is no reason to refuse.
+    assert (counted["reason"], counted["defect_count"]) == ("", 4)
     assert not any("--skip" in warning for warning in counted["warnings"])
 
 

@@ -7,7 +7,7 @@ import sqlite3
 import pytest
 from command import call
 from pages import parse, without_pictures, words
-from small_model import recording, shaft_model
+from small_model import recording, shaft_model, unlike_training
 
 from cyclofeat.cli import main
 from cyclofeat.datasets import write_recording
@@ -33,7 +33,10 @@ def files(tmp_path_factory):
     for k in range(18):
         worn = (2, 3, 4) if k >= 11 else ()
         path = folder / f"{k:02}.npz"
-        write_recording(path, recording(worn, seed=200 + k, assembly=None))
+        one = recording(worn, seed=250 + k, assembly=None)
+        if k == 8:
+            one = one.replace(torque=unlike_training().torque)
+        write_recording(path, one)
         os.utime(path, (START + k * HOUR,) * 2)
         paths.append(str(path))
     return paths

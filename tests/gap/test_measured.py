@@ -292,7 +292,7 @@ def test_one_condition_that_disagrees_is_found_at_the_adjusted_p(simulations: Pa
     assert [one.where.verdict for one in found] == ["disagree", "unresolved"]
     assert [round(one.comparison.kinematics.input_speed_hz * 60) for one in found] == [1400, 1500]
     assert all(one.where.alpha == 0.025 and one.where.n_permutations == 998 for one in found)
-    result = GapResult(where=found, rig=WORLD.rig)
+    result = GapResult(where=[one.where for one in found], rig=WORLD.rig)
     assert result.verdict == "disagree"
     assert result.p == 2 * found[0].where.p <= settings.alpha
     # As of each condition by itself.

@@ -13,7 +13,7 @@ def test_errors_reach_from_none_to_half_as_much_again_and_the_rest_stays() -> No
     brake, load = BrakeRotor(0.02, 1e4, 0.02), Scale("load", (0.97, 1.03))
     rig = Rig(effects=[PinErrors(10e-6), Clearance((1e-5, 2e-5)), Drift(3.0, 1.5), Noise(0.2), brake, load])
     random = np.random.default_rng(0)
-    of = [{one.effect_id: one for one in vary_errors(rig, random).effects} for _ in range(400)]
+    of = [{one.effect_id: one for one in vary_errors(rig, random, 25_600).effects} for _ in range(400)]
     pins = np.array([effects["pin_errors"].rms for effects in of])
     noise = np.array([effects["noise"].rms_nm for effects in of])
     drift = np.array([effects["load_drift"].rms_nm for effects in of])
@@ -34,12 +34,13 @@ def test_distributions_and_variants_are_scaled_and_sizes_follow_the_load() -> No
     rig = Rig.r0().replace(gearbox=gearbox, variants=[[Noise(0.1)], [PinErrors(1e-6)]])
     hums, ratios = [], []
     for seed in range(200):
-        varied = vary_errors(rig, np.random.default_rng(seed))
+        varied = vary_errors(rig, np.random.default_rng(seed), 1000)
         of = {one.effect_id: one for one in varied.effects}
         factor = of["pin_errors"].rms / 10e-6
         assert of["run_out"].runout.mean() == pytest.approx(5e-6 * factor * np.sqrt(np.pi / 2))
         assert varied.variants[1][0].rms == pytest.approx(factor * 1e-6)
         ratios.append(varied.variants[0][0].rms_nm / of["noise"].rms_nm)
         hums += [of["hum"].amplitude_nm] if "hum" in of else []
+        assert "torque_meter_low_pass" not in of or of["torque_meter_low_pass"].cutoff_hz <= 450
     np.testing.assert_allclose(ratios, 0.5)
     assert 0.014 * 44 / 15 <= min(hums) < max(hums) <= 0.014 * 44
