@@ -188,7 +188,7 @@ class Wear:
         if self.wear_um is None:
             return defects
         share = random.random()
-        wear_um = self.wear_um[1] * share if self.wear_um[0] == 0 else _log_uniform(self.wear_um, share)
+        wear_um = self.wear_um[1] * share if self.wear_um[0] == 0 else log_uniform(self.wear_um, share)
         radial = random.random() < self.radial_share
         return replace(defects, depth=0.0, wear_um=wear_um) if radial else defects
 
@@ -203,8 +203,8 @@ def draw_conditions(
     shares = np.random.default_rng(child_seed(random_state, _CONDITIONS)).random(2)
     if speed_rpm is None and load_nm is None:
         return rig
-    speed = None if speed_rpm is None else _log_uniform(speed_rpm, shares[0])
-    load = rig.gearbox.load_torque if load_nm is None else _log_uniform(load_nm, shares[1])
+    speed = None if speed_rpm is None else log_uniform(speed_rpm, shares[0])
+    load = rig.gearbox.load_torque if load_nm is None else log_uniform(load_nm, shares[1])
     # A brake drifts with its load, but the rig states no more than this drift.
     factor = min(1.0, load / rig.gearbox.load_torque)
     effects = list(rig.effects)
@@ -222,6 +222,7 @@ def draw_conditions(
     return rig.replace(effects=effects).at(speed, load)
 
 
-def _log_uniform(ends: tuple[float, float], share: float) -> float:
+def log_uniform(ends: tuple[float, float], share: float) -> float:
+    """Return the quantile at a share of a log-uniform distribution between two ends."""
     low, high = ends
     return float(min(low * (high / low) ** share, high))  # rounding must not leave the range

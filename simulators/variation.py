@@ -9,6 +9,7 @@ import numpy as np
 from cyclofeat.simulators.effects import Drift, Effect, Gain, Hum, Noise, Offset, TorqueMeterLowPass
 from cyclofeat.simulators.effects._parameter import from_plain, is_distribution, to_plain
 from cyclofeat.simulators.rig import Rig
+from cyclofeat.simulators.sampling import log_uniform
 
 # Assumptions: errors and drift as multiples of what the rig states, and noise, log-uniform.
 _ERRORS, _NOISE = (0.0, 1.5), (0.1, 1.5)
@@ -44,7 +45,7 @@ def vary_errors(rig: Rig, random: np.random.Generator, sampling_rate: float) -> 
     PinErrors(rms=9.554425309821816e-06)
     """
     geometry, drift = random.uniform(*_ERRORS, 2).tolist()
-    noise = _NOISE[0] * (_NOISE[1] / _NOISE[0]) ** random.random()
+    noise = log_uniform(_NOISE, random.random())
 
     def varied(effect: Effect) -> Effect:
         if isinstance(effect, Noise):

@@ -346,7 +346,7 @@ def _fit_discs(torque: Float, sampling_rate: float, angle: Float, lines: _Lines)
     reaches = worn > max(sound, like_worn.sound + _THAN_ALIKE)
     if max(worn, sound) <= _THAN_NONE:
         return -math.inf, reaches
-    if worn > max(sound, this.quiet):
+    if worn > this.quiet:  # at least as large as sound
         # The shaft of a sound disc has lines at the lowest n_lobes places: a low rate may hold no others.
         like = like_worn.sound if lines.highest_lobe > n_lobes else -math.inf
         return min(worn - other - _WORN, worn - like - _THAN_ALIKE), reaches
@@ -367,15 +367,15 @@ def _mesh_margin_db(windows: Float, n_lobes: int) -> float:
     """
     length = windows.shape[1]
     spectrum = np.abs(np.fft.rfft(np.hanning(length) * (windows - windows.mean(axis=1, keepdims=True)))) ** 2
-    at = [
-        np.round(order * length / _SAMPLES_PER_TURN).astype(int)
-        for mesh in (n_lobes + 1, 2 * n_lobes)
-        for order in (np.array([mesh - 2, mesh, mesh + 2]),)
-    ]
     mean = spectrum.mean(axis=0)
-    levels = [10 * np.log10(mean[bins - 1] + mean[bins] + mean[bins + 1]) for bins in at]
-    of_sound, of_worn = (level[1] - (level[0] + level[2]) / 2 for level in levels)
-    return float(of_sound - of_worn)
+
+    def stands_out(order: int) -> float:
+        orders = np.array([order - 2, order, order + 2])
+        bins = np.round(orders * length / _SAMPLES_PER_TURN).astype(int)
+        before, line, after = 10 * np.log10(mean[bins - 1] + mean[bins] + mean[bins + 1])
+        return float(line - (before + after) / 2)
+
+    return stands_out(n_lobes + 1) - stands_out(2 * n_lobes)
 
 
 def _even_lines(last: int, n_lobes: int) -> Float:

@@ -751,8 +751,9 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         distances, unlike = np.full(len(X), np.nan), [OUTSIDE] * len(X)
         if self.domain_ is not None and features is not None:
             distances = self.domain_.distance(features)
-            for place in np.flatnonzero(distances > 1):
-                unlike[place] = self._words_of_unlike(features[place : place + 1], float(distances[place]))
+            outside = np.flatnonzero(distances > 1)
+            for place, words in zip(outside, self._words_of_unlike(features[outside]), strict=True):
+                unlike[place] = f"{OUTSIDE}: {distances[place]:.2f} times the limit, most by {words}"
         ends = [0, *np.cumsum([len(prepared.windows) for prepared in batch]).tolist()]
         rows = [slice(start, stop) for start, stop in pairwise(ends)]
         located: Sequence[Float | None] = [None] * len(batch)
@@ -775,12 +776,14 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             for prepared, row, lobes in zip(batch, rows, located, strict=True)
         ]
 
-    def _words_of_unlike(self, features: Float, distance: float) -> str:
-        """Return why a window outside the domain is so."""
+    def _words_of_unlike(self, features: Float) -> list[str]:
+        """Return for each window the two lines or slots by which it differs most from the training."""
         assert self.domain_ is not None
+        if not len(features):
+            return []
         names = feature_words(self.counter_, features.shape[1])
-        words = dict.fromkeys(names[at] for at in self.domain_.rank_unlike(features)[0].tolist())
-        return f"{OUTSIDE}: {distance:.2f} times the limit, most by {' and '.join([*words][:2])}"
+        ranks = self.domain_.rank_unlike(features).tolist()
+        return [" and ".join([*dict.fromkeys(names[at] for at in rank)][:2]) for rank in ranks]
 
     @property
     def _deciding_part(self) -> Any:
