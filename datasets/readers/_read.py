@@ -275,11 +275,10 @@ def _open_source(path: Path, reading: ReadingOptions) -> Source:
             f"{path.name} is no {suffix} file: it begins like a {kinds} file"
             + (f"; rename it to end in {kinds}" if looks[0] in SOURCES else "")
         )
-    listed = SOURCES[suffix]
-    module, function = listed.split(".") if isinstance(listed, str) else ("", listed)
-    open_file = (
-        getattr(import_module(f"cyclofeat.datasets.readers.{module}"), function) if module else function
-    )
+    module, open_file = "", SOURCES[suffix]
+    if isinstance(open_file, str):
+        module, function = open_file.split(".")
+        open_file = getattr(import_module(f"cyclofeat.datasets.readers.{module}"), function)
     for name in ("delimiter", "decimal", "table_line"):
         if module != "_csv" and (value := getattr(reading, name)) is not None:
             raise ValueError(f"{name} is for CSV files, got {value!r} for {path.name}")
