@@ -17,7 +17,7 @@ from cyclofeat.gap.posterior.answers import named_effects
 from cyclofeat.gap.posterior.effect_posterior import Guess
 from cyclofeat.gap.world.world import NOISE_AND_DRIFT, Session
 from cyclofeat.recordings import Recording
-from cyclofeat.simulators import Drift, Gain, Hum, Noise, Offset, Rig, Scale
+from cyclofeat.simulators import Clipping, Drift, Gain, Hum, Noise, Offset, Rig, Scale, TorqueMeterLowPass
 from cyclofeat.simulators.effects import ShaftLine, SleeveFriction
 
 RATE, SPEED = 6400.0, 1350.0
@@ -193,6 +193,8 @@ def test_rigs_of_a_pair_share_their_random_numbers_and_none_depends_on_the_other
         (Noise(0.2), Noise(0.4)),
         (Gain(1.1), Gain(1.21)),
         (Scale("contact_stiffness", 1.5), Scale("contact_stiffness", 2.25)),
+        (TorqueMeterLowPass(300.0), TorqueMeterLowPass(300.0)),
+        (Clipping(25.0), Clipping(25.0)),
     ],
 )
 def test_an_effect_that_is_twice_as_strong(effect, twice):

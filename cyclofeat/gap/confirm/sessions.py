@@ -248,11 +248,16 @@ def relative_units(effect: Effect) -> list[float]:
 
 
 def with_strength(effect: Effect, factor: float) -> Effect:
-    """Return an effect that is stronger by a factor, which is held between 0.3 and 2."""
+    """Return an effect that is stronger by a factor, which is held between 0.3 and 2.
+
+    A cutoff or limit keeps its size, because its neutral value is infinite: its response gives no factor.
+    """
     factor = float(np.clip(factor, *_STRENGTHS))
     name = effect.main_parameter
     parameter, value = effect.parameters[name], float(getattr(effect, name))
     neutral = parameter.neutral or 0.0
+    if math.isinf(neutral):
+        return effect
     if parameter.log and neutral:
         changed = neutral * (value / neutral) ** factor
     else:
