@@ -34,7 +34,7 @@ methods = {
 
 # %%
 # Minima overlap and coherence compare windows with references that they learn. Each window's features come
-# from a transformer that has learned from other assemblies, or references would recognise their own recordings.
+# from a transformer that has learned from other assemblies, or references would know their own recordings.
 
 folds = [*StratifiedGroupKFold(3, shuffle=True, random_state=0).split(X, y, assemblies)]
 features, tables = {}, {}
