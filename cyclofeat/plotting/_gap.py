@@ -33,7 +33,7 @@ KINDS: tuple[Kind, ...] = ("families", "spectrum", "orders", "phase")
 # colours are the first two of the cycle and that of the ticks, so that a theme may change them.
 RECORDED, FLAGGED, _SHADE = "C0", "C1", 0.22
 _LEAST_SPREADS = 0.1  # left end of the overview's axis
-_OTHER_SPREAD = "varies more or less than simulated"
+_OTHER_SPREAD = "varies more or less than the model"
 _N_WORDS = 4  # differences that a picture states in words
 
 _PHASES = {
@@ -77,7 +77,7 @@ class GapDisplay(Display):
     """
 
     SIZES: ClassVar[dict[Kind, tuple[float, float]]] = {
-        "families": (8.0, 4.6), "spectrum": (8.0, 5.2), "orders": (8.0, 3.8), "phase": (8.0, 4.8),
+        "families": (4.7, 6.0), "spectrum": (8.0, 5.2), "orders": (8.0, 3.8), "phase": (8.0, 4.8),
     }  # fmt: skip
 
     axes_: list[Axes]
@@ -197,36 +197,33 @@ class GapDisplay(Display):
             if flagged:
                 self.flags_.append(dot)
             ax.plot(max(least, _LEAST_SPREADS), place, "|", color=ink, markersize=9, zorder=4)
-            ax.text(
-                _LEAST_SPREADS * 1.05, place - 0.17, row_words(row), va="bottom", fontsize="small",
-                color=ink, alpha=1.0 if flagged else 0.75,
+            p = p_words(self.where.family_p[family]) if family in self.where.family_p else ""
+            # Words above the bars, not beside them, leave a picture narrow enough for a phone.
+            texts = (
+                (0.0, 0.44, "left", family_name(family)), (1.0, 0.44, "right", p),
+                (0.0, 0.16, "left", row_words(row)),
             )  # fmt: skip
-        ax.set_yticks(range(len(names)), [family_name(name) for name in names])
+            for x, above, align, text in texts:
+                ax.text(
+                    x, place - above, text, va="bottom", ha=align, transform=ax.get_yaxis_transform(),
+                    fontsize="small", fontweight="bold" if flagged and above > 0.3 else "normal",
+                    color=ink, alpha=1.0 if flagged else 0.75,
+                )  # fmt: skip
+        ax.set_yticks([])
         ax.set(
             xscale="log",
             xlim=(_LEAST_SPREADS, max(2.5 * max(ends), 10)),
-            ylim=(len(names) - 0.4, -0.75),
-            xlabel=f"largest difference, {self.label} against simulated (1 = std of one recording)",
+            ylim=(len(names) - 0.7, -0.8),
+            xlabel=f"{self.label} against model (1 = std of one recording)",
         )
         plain_log_ticks(ax)
-        right = ax.secondary_yaxis("right")
-        right.set_yticks(
-            range(len(names)),
-            [p_words(self.where.family_p[name]) if name in self.where.family_p else "" for name in names],
-        )
-        for name, text in zip(names, right.get_yticklabels(), strict=True):
-            if self.where.family_p.get(name, 1.0) <= self.where.alpha:
-                text.set_fontweight("bold")
-        for axes in (ax, right):
-            axes.tick_params(axis="y", length=0)
-            axes.spines[["right"]].set_visible(False)
-        ax.spines[["top", "left"]].set_visible(False)
+        ax.spines[["top", "left", "right"]].set_visible(False)
         draw_mark_legend(
             ax, [
                 ("o", FLAGGED, FLAGGED, f"differs (p at most {self.where.alpha:g})"),
                 ("o", edge, "none", "no difference shown"),
                 ("|", ink, "none", "smallest difference found with a chance of 80 %"),
-            ], loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=3,
+            ], loc="lower left", bbox_to_anchor=(-0.03, 1.0), ncols=1,
         )  # fmt: skip
 
     def _draw_spectrum(self) -> None:
@@ -245,7 +242,7 @@ class GapDisplay(Display):
         self._label_clearest(upper, hz, rows, runs=True)
         plain_log_ticks(lower)
         upper.set_ylabel("level in the third octave\n(dB re 1 Nm²)")
-        lower.set(xlabel="frequency (Hz)", ylabel=f"{self.label} minus\nsimulated (dB)")
+        lower.set(xlabel="frequency (Hz)", ylabel=f"{self.label} minus\nmodel (dB)")
         upper.tick_params(labelbottom=False, which="both")
         self._draw_panel_legend(upper)
 
@@ -271,7 +268,7 @@ class GapDisplay(Display):
         ax.grid(axis="y", alpha=0.3, linewidth=0.6)
         ax.set(
             xlabel="order (multiples of the input speed)",
-            ylabel=f"{self.label} minus simulated:\nline above its surroundings (dB)",
+            ylabel=f"{self.label} minus model:\nline above its surroundings (dB)",
             xlim=(0, orders.max() + 1),
         )
         self._label_clearest(ax, orders, rows, runs=False)
@@ -292,7 +289,7 @@ class GapDisplay(Display):
         name, xlabel = _PHASES[by]
         for ax in (upper, lower):
             ax.set_xlim(phase[0] - half, phase[-1] + half)
-        lower.set(xlabel=xlabel, ylabel=f"{self.label} minus\nsimulated (Nm)", ylim=(-reach, reach))
+        lower.set(xlabel=xlabel, ylabel=f"{self.label} minus\nmodel (Nm)", ylim=(-reach, reach))
         upper.set_ylabel(f"torque averaged\nover {name} (Nm)")
         upper.tick_params(labelbottom=False)
         self._draw_panel_legend(upper)
@@ -310,7 +307,7 @@ class GapDisplay(Display):
         lower = self.ax_.inset_axes((0, 0, 1, 1 - share - 0.05), sharex=upper)
         self.axes_ = [upper, lower]
         ink, edge = theme_colours()
-        looks = (("simulated", ink, "--", 1.3, 0.15), (self.label, RECORDED, "-", 1.8, 0.25))
+        looks = (("model", ink, "--", 1.3, 0.15), (self.label, RECORDED, "-", 1.8, 0.25))
         for (name, colour, style, width, alpha), middle, spread in zip(
             looks, curves[::-1], spreads[::-1], strict=True
         ):

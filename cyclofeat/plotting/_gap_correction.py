@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 OverlayKind = Literal["spectrum", "orders", "distribution"]
 
 _CORRECTED = "C2"
+_LEAST_DENSITY = 1e-3  # of the largest, that a picture shows
 _LABELS = {
     "spectrum": ("frequency (Hz)", "rms in a twelfth octave (Nm)"),
     "orders": ("order (multiples of the input speed)", "amplitude (Nm)"),
@@ -45,6 +46,8 @@ class GapOverlayDisplay(PlainDisplay):
     overlay : cyclofeat.gap.Overlay
     label : str, default="recordings"
         Name of the recordings.
+    ends : tuple of float, optional
+        Ends of the axis of values; default, those of this overlay's :meth:`reach`.
 
     Examples
     --------
@@ -53,9 +56,12 @@ class GapOverlayDisplay(PlainDisplay):
 
     size = (8.0, 3.6)
 
-    def __init__(self, overlay: Overlay, *, label: str = "recordings") -> None:
+    def __init__(
+        self, overlay: Overlay, *, label: str = "recordings", ends: tuple[float, float] | None = None
+    ) -> None:
         self.overlay = overlay
         self.label = str(label)
+        self.ends = ends
 
     @classmethod
     def from_result(
@@ -88,6 +94,16 @@ class GapOverlayDisplay(PlainDisplay):
         overlay = one_of_result(f"overlays of kind={kind!r}", of_kind, condition)
         return cls(overlay, label=label).plot(ax)
 
+    @staticmethod
+    def reach(overlays: Sequence[Overlay]) -> tuple[float, float]:
+        """Return the ends of an axis of values that overlays of one kind share."""
+        bands = [band for one in overlays for band in (one.measured, one.model, one.corrected) if band]
+        values = np.concatenate([ends for band in bands for ends in (band.mean, band.low, band.high)])
+        high = float(values.max())
+        # Single values can fall to any depth of a logarithmic axis; densities fall to zero.
+        least = _LEAST_DENSITY * high if overlays[0].kind == "distribution" else np.quantile(values, 0.01)
+        return 0.8 * float(least), 1.6 * high
+
     def _draw(self, ax: Axes) -> None:
         overlay = self.overlay
         # What fits lies within the wide line of the recordings.
@@ -103,10 +119,8 @@ class GapOverlayDisplay(PlainDisplay):
             ax.plot(overlay.x, band.mean, style, color=colour, linewidth=width, label=name)
         xlabel, ylabel = _LABELS[overlay.kind]
         ax.set(xlabel=xlabel, ylabel=ylabel, xlim=(overlay.x[0], overlay.x[-1]))
-        if overlay.kind == "distribution":
-            ax.set_ylim(bottom=0)
-        else:
-            ax.set_yscale("log")
+        ax.set_yscale("log")
+        ax.set_ylim(self.ends or self.reach([overlay]))
         if overlay.kind == "spectrum":
             ax.set_xscale("log")
             plain_log_ticks(ax)
@@ -144,7 +158,8 @@ class GapReductionDisplay(PlainDisplay):
     def __init__(self, comparison: Sequence[ProofRow]) -> None:
         self.comparison = tuple(comparison)
         n_alternatives = len(dict.fromkeys(row.alternative for row in self.comparison))
-        self.size = (8.0, 1.4 + 0.6 * n_alternatives)
+        n_conditions = len({row.condition for row in self.comparison})
+        self.size = (4.7, 1.2 + 0.5 * n_alternatives + 0.25 * n_conditions)
 
     @classmethod
     def from_result(cls, result: GapResult, ax: Axes | None = None, *, condition: int = 0) -> Self:
@@ -198,10 +213,10 @@ class GapReductionDisplay(PlainDisplay):
         finite = ends[np.isfinite(ends)]
         least, most = min(-12.0, finite.min()), max(105.0, finite.max())
         ax.set(
-            xlabel="share of the gap closed on recordings not used before (%)",
+            xlabel="share of the gap closed, recordings held out (%)",
             xlim=(max(least - 5, _GRR_FLOOR - 8), most + 7),
             ylim=(len(names) - 0.5, -0.5),
         )
         if len(conditions) > 1:
             marks = [(*styles[name][:2], styles[name][1], COUNT_GROUPS[name]) for name in conditions]
-            draw_mark_legend(ax, marks, ncols=len(marks), loc="lower center", bbox_to_anchor=(0.35, 1.0))
+            draw_mark_legend(ax, marks, loc="lower left", bbox_to_anchor=(0.0, 1.0))

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from cyclofeat.counting import Evaluation, LobeCount
 
 
+_LABELLED_ABOVE = 0.93  # share of right answers up to which there is room above a dot
+
+
 class CountDisplay(Display):
     """Probability of each number of worn lobes, and of each lobe of being worn.
 
@@ -145,9 +148,11 @@ class EvaluationDisplay(Display):
             label="answers of similar probability,\nand their share of all windows",
         )  # fmt: skip
         for x, y, share in zip(said, was, weight, strict=True):
+            # Away from the diagonal, where neighbours lie.
+            above = 1 if x < y < _LABELLED_ABOVE else -1
             ax.annotate(
-                f"{100 * share:.0f} %", (x, y), xytext=(0, -17), textcoords="offset points", ha="center",
-                fontsize="small",
+                f"{100 * share:.0f} %", (x, y), xytext=(0, above * 15), textcoords="offset points",
+                ha="center", va="center", fontsize="small",
             )  # fmt: skip
         ax.text(0.03, 0.97, "too careful:\nright more often than stated", va="top", color=faint)
         ax.text(0.97, 0.03, "too sure:\nright less often than stated", ha="right", color=faint)

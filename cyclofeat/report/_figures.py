@@ -36,12 +36,18 @@ _DYNAMIC_RANGE = 1e-8
 
 @dataclass(frozen=True)
 class Axis:
-    """Quantity of an axis, in singular and without unit, its unit, and its scale; whole: of whole numbers."""
+    """Quantity of an axis, in singular and without unit, its unit, and its scale; whole: of whole numbers.
+
+    ``ends`` are shown as long as all of x is; default, the ends of the values. With a ``start``, in s since
+    1970, values are seconds after it, and the axis shows dates.
+    """
 
     quantity: str
     unit: str
     log: bool = False
     whole: bool = False
+    ends: tuple[float, float] | None = None
+    start: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +57,7 @@ class Line:
     name: str
     values: ArrayLike
     colour: str = "accent"  # of the page: accent, second, third, ink, faint or wrong
-    style: Literal["line", "dashed", "wide", "stems", "strokes", "points"] = "line"
+    style: Literal["line", "dashed", "wide", "stems", "strokes", "points", "steps"] = "line"
     band: tuple[ArrayLike, ArrayLike] | None = None  # lower and upper end
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -53,7 +54,7 @@ _OVERLAYS = {
     "orders": (
         "Lines of the output turn", Axis("order of the input shaft", ""), Axis("amplitude", "Nm", log=True)
     ),
-    "distribution": ("Distribution of the torque", Axis("torque", "Nm"), Axis("density", "1/Nm")),
+    "distribution": ("Distribution of the torque", Axis("torque", "Nm"), Axis("density", "1/Nm", log=True)),
 }  # fmt: skip
 _N_CLEAREST = 8
 _SIMULATED_PER_RECORDING = 10  # when the number of recordings that agreement takes is estimated
@@ -182,7 +183,10 @@ def _draw_overlays(result: GapResult, label: str) -> list[dict[str, Any]]:
     kinds = []
     for kind, (heading, *axes) in _OVERLAYS.items():
         of_kind = [overlay for overlay in result.overlays if overlay.kind == kind]
+        across, up = axes
         pictures = []
+        if of_kind:
+            up = replace(up, ends=GapOverlayDisplay.reach(of_kind))
         for overlay in of_kind:
             curves = (
                 ("model", "ink", "dashed", overlay.model),
@@ -195,10 +199,10 @@ def _draw_overlays(result: GapResult, label: str) -> list[dict[str, Any]]:
                 if band is not None
             ]
             picture = _figures.draw_picture(
-                GapOverlayDisplay(overlay, label=label).plot,
+                GapOverlayDisplay(overlay, label=label, ends=up.ends).plot,
                 GapOverlayDisplay.size if len(of_kind) == 1 else _BESIDE_ANOTHER,
                 f"{heading} of recordings, model and corrected model: {overlay.condition.text}",
-                plot=Plot(overlay.x, lines, (axes[0], axes[1])),
+                plot=Plot(overlay.x, lines, (across, up)),
             )
             pictures.append({"condition": overlay.condition.text, "picture": picture})
         if pictures:
@@ -313,9 +317,9 @@ def _summarise_reduction(proof: Proof) -> dict[str, Any]:
     finite = [row for row in rows if math.isfinite(row.grr)]
     drawn = None
     if finite:
-        n = len(dict.fromkeys(row.alternative for row in finite))
         alt = "Share of the gap that the correction closes, with its range"
-        drawn = _figures.draw_picture(GapReductionDisplay(finite).plot, (8.0, 1.5 + 0.55 * n), alt)
+        display = GapReductionDisplay(finite)
+        drawn = _figures.draw_picture(display.plot, display.size, alt)
     cells = {
         (row.alternative, row.condition): {
             "value": percent_text(row.grr), "range": range_text(row.low, row.high),

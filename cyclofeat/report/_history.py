@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cyclofeat.history import GearboxState, History, HistoryRow
 from cyclofeat.history.alarm import time_text
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _N_LAST, _MOST_ROWS = 10, 20_000
-_DAY_S, _HOUR_S = 86_400.0, 3600.0
+_ASIDE_S = 43_200.0  # that are shown on both sides of a single recording
 _SIZE = (11.0, 2.6)
 
 
@@ -135,16 +136,14 @@ def _count_of(row: HistoryRow) -> int:
 
 
 def _draw_history(state: GearboxState, rows: Sequence[HistoryRow]) -> list[Picture]:
-    """Draw counts, wear and deviation over time; nothing of a single moment."""
+    """Draw counts, wear and deviation over time."""
     first, last = rows[0].time, rows[-1].time
-    if first == last:
-        return []
-    unit, name = (_DAY_S, "days") if last - first > 3 * _DAY_S else (_HOUR_S, "hours")
-    at = np.array([row.time - first for row in rows]) / unit
-    time_axis = Axis(f"time since {time_text(first)}", name)
+    at = np.array([row.time - first for row in rows])
+    time_axis = Axis("time, UTC", "", start=first)
+    view = (0.0, last - first) if last > first else (-_ASIDE_S, _ASIDE_S)
     spans = [
         Span(
-            max(0.0, (begin - first) / unit), ((last if end is None else end) - first) / unit, "alarm",
+            max(0.0, begin - first), (last if end is None else end) - first, "alarm",
             f"alarm from {time_text(begin)}{'' if end is None else f' to {time_text(end)}'}", amiss=True,
         )
         for begin, end in state.alarms
@@ -155,7 +154,7 @@ def _draw_history(state: GearboxState, rows: Sequence[HistoryRow]) -> list[Pictu
     of = f"of {state.gearbox} over time"
     shown = [
         (
-            Plot(at, _count_lines(state, rows), axes, spans=spans, note=note),
+            Plot(at, _count_lines(state, rows), axes, view, spans=spans, note=note),
             f"Counts of worn lobes {of}, with the baseline and alarms",
         )
     ]
@@ -168,27 +167,44 @@ def _draw_history(state: GearboxState, rows: Sequence[HistoryRow]) -> list[Pictu
     if np.isfinite(depth).any():
         wear = Line("depth", depth, style="points", band=(low, high))
         axes = time_axis, Axis("depth of wear", "um")
-        shown.append((Plot(at, [wear], axes, spans=spans), f"Depth of wear {of}"))
+        shown.append((Plot(at, [wear], axes, view, spans=spans), f"Depth of wear {of}"))
     deviations = np.array([row.deviation if row.unit == rows[-1].unit else np.nan for row in rows])
     spread = Line("standard deviation of the samples", deviations, style="points")
     axes = time_axis, Axis("deviation", rows[-1].unit)
-    shown.append((Plot(at, [spread], axes, spans=spans), f"Standard deviation of the samples {of}"))
+    shown.append((Plot(at, [spread], axes, view, spans=spans), f"Standard deviation of the samples {of}"))
     return [_figures.draw_picture(partial(_draw_plot, plot), _SIZE, text, plot=plot) for plot, text in shown]
 
 
 def _draw_plot(plot: Plot, ax: Axes) -> None:
     """Draw a plot over time for paper."""
-    for k, line in enumerate(plot.lines):
-        style = "." if line.style == "points" else "--"
-        ax.plot(plot.x, line.values, style, color=f"C{k}", label=line.name)
-        if line.band is not None:
-            ax.fill_between(plot.x, *line.band, color=f"C{k}", alpha=0.2)
-    for span in plot.spans:
-        ax.axvspan(span.start, span.stop, color="r", alpha=0.15, lw=0)
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+
     of_time, of_values = plot.axes
+
+    def moments(seconds: ArrayLike) -> Any:
+        """Return the times of seconds after the first recording."""
+        return (1e3 * (np.asarray(seconds) + (of_time.start or 0.0))).astype("datetime64[ms]")
+
+    styles = {"points": "o", "steps": "o-", "dashed": "--"}
+    for k, line in enumerate(plot.lines):
+        known = np.isfinite(np.asarray(line.values))
+        at, values = moments(plot.x)[known], np.asarray(line.values)[known]
+        ax.plot(
+            at, values, styles[line.style], color=f"C{k}", ms=3, label=line.name,
+            drawstyle="steps-post" if line.style == "steps" else "default",
+        )  # fmt: skip
+        if line.band is not None:
+            ax.fill_between(at, *(np.asarray(end)[known] for end in line.band), color=f"C{k}", alpha=0.2)
+    for span in plot.spans:
+        ax.axvspan(*moments([span.start, span.stop]), color="r", alpha=0.15, lw=0)
+    if plot.view is not None:
+        ax.set_xlim(*moments(plot.view))
+    dates = AutoDateLocator()  # type: ignore[no-untyped-call]
+    ax.xaxis.set_major_locator(dates)
+    ax.xaxis.set_major_formatter(ConciseDateFormatter(dates))  # type: ignore[no-untyped-call]
     if of_values.whole:
         ax.locator_params(axis="y", integer=True)
-    ax.set_xlabel(f"{of_time.quantity} ({of_time.unit})")
+    ax.set_xlabel(of_time.quantity)
     ax.set_ylabel(of_values.quantity + (f" ({of_values.unit})" if of_values.unit else ""))
     if len(plot.lines) > 1:
         ax.legend(loc="upper left", fontsize="small")
@@ -205,7 +221,7 @@ def _count_lines(state: GearboxState, rows: Sequence[HistoryRow]) -> list[Line]:
         ("refused, would be", refused, "wrong"),
     )
     lines = [
-        Line(name, np.where(chosen, counts, np.nan), colour, "points")
+        Line(name, np.where(chosen, counts, np.nan), colour, "points" if colour == "wrong" else "steps")
         for name, chosen, colour in kinds
         if chosen.any()
     ]

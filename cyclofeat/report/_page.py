@@ -77,11 +77,11 @@ def describe_origin(sources: Sequence[str | None]) -> tuple[str, dict[str, str] 
         return "measured", None, f"{number_of(n, 'recording')}, stated to be measured on a machine."
     if n_made == n and n:
         text = "torque made by a simulator. No value in this report was recorded on a machine."
-        return "surrogate", {"heading": "All recordings are SIMULATED:", "text": text}, ""
+        return "simulated recordings", {"heading": "All recordings are SIMULATED:", "text": text}, ""
     if n_made:
         text = "torque made by a simulator; what is said of the recordings holds for both kinds together."
-        return "recorded", {"heading": f"{n_made} of {n} recordings are SIMULATED:", "text": text}, ""
-    return "recorded", None, "The recordings do not state whether they were taken on a machine."
+        return "recordings", {"heading": f"{n_made} of {n} recordings are SIMULATED:", "text": text}, ""
+    return "recordings", None, "The recordings do not state whether they were taken on a machine."
 
 
 def versions_line() -> str:

@@ -79,6 +79,22 @@ def test_the_depth_of_the_wear_is_kept_and_drawn_over_time(tmp_path):
     assert (shown["states_wear"], len(shown["pictures"])) == (False, 2)
 
 
+def test_pictures_have_dates_steps_and_refused_recordings(tmp_path):
+    with History(tmp_path / "a.sqlite") as history:
+        for k, one in enumerate([count(0), count(1, refused=True), count(1)]):
+            history.add("press", f"{k}.csv", HOUR * (100 + k), one, RECORDING, CARD)
+        history.add("lathe", "single.csv", HOUR, count(1), RECORDING, CARD)
+        history.write()
+        lathe, press = summarise_history(history)["gearboxes"]
+    plot = press["pictures"][0]["plot"]
+    assert (plot["axes"][0]["start"], plot["view"]) == (HOUR * 100, [0.0, 2 * HOUR])
+    styles = {line["name"]: line["style"] for line in plot["lines"]}
+    assert styles["count"] == "steps"
+    assert styles["refused, would be"] == "points"
+    low, high = lathe["pictures"][0]["plot"]["view"]
+    assert low < 0 < high
+
+
 def worn(depth):
     """A count of 0 with the depth of wear that may be there, or surely is."""
     return dataclasses.replace(count(0), wear_um=WearDepth(depth, depth - 10.0, depth + 10.0, 0.9, 10.0))

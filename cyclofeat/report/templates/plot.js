@@ -30,6 +30,15 @@
     return found;
   };
 
+  // Seconds of round times, which begin at midnight of 1970, UTC.
+  const TIMES = [1, 5, 15, 60, 300, 900, 3600, 10800, 21600, 43200, 86400, 172800, 604800, 1209600, 2592000, 7776000, 15552000, 31536000];
+  const times = (low, high, most, start) => {
+    const step = TIMES.find(size => size * most >= high - low) || 315360000, found = [];
+    for (let k = Math.ceil((start + low) / step); k * step <= start + high; k++) found.push(k * step - start);
+    return found;
+  };
+  const date = seconds => new Date(1000 * seconds).toISOString().slice(0, 16).replace("T", " ");
+
   const plain = value => {
     const size = Math.abs(value);
     return size && (size < 1e-3 || size >= 1e6) ? value.toExponential().replace("e+", "e") : String(value);
@@ -50,7 +59,7 @@
     const [across, up] = plot.axes;
     const x = numbers(plot.x), n = x.length;
     const whole = [Math.min(x[0], plot.view[0]), Math.max(x[n - 1], plot.view[1])];
-    const least = 4 * (whole[1] - whole[0]) / (n - 1);
+    const least = 4 * (whole[1] - whole[0]) / Math.max(n - 1, 1);
     let u, byKey = false;
 
     const columns = [x], series = [{}], bands = [], owner = [];
@@ -62,6 +71,7 @@
       if (line.style === "dashed") shape.points = {show: false};
       if (line.style === "strokes") Object.assign(shape, {paths: stems, points: {show: false}, alpha: 0.4});
       if (line.style === "stems") Object.assign(shape, {paths: stems, points: {show: true, size: 5, fill: stroke}});
+      if (line.style === "steps") Object.assign(shape, {paths: uPlot.paths.stepped({align: 1}), spanGaps: true, width: 1.5, points: {show: true, size: 6, fill: stroke}});
       if (line.style === "points") Object.assign(shape, {paths: () => null, points: {show: true, size: 6, fill: stroke}});
       columns.push(...line.columns.map(numbers));
       series.push(shape, ...line.columns.slice(1).map(() => ({stroke: null, width: 0, points: {show: false}})));
@@ -88,6 +98,8 @@
 
     // All that is seen; single values can fall to any depth of a logarithmic axis by chance.
     const rangeY = (self, low, high) => {
+      const [i0, i1] = self.series[0].idxs;
+      if (up.ends && i1 - i0 > n - 4) return up.ends;
       if (low == null) return up.log ? [1, 10] : [0, 1];
       const roof = plot.spans.some(span => !span.band) ? 0.16 : 0.05;
       if (up.whole) return [low - 0.5, high + 0.5 + roof * (high - low + 1)];
@@ -95,7 +107,6 @@
         const size = high - low || Math.abs(high) || 1;
         return [low === 0 ? 0 : low - 0.05 * size, high + roof * size];
       }
-      const [i0, i1] = self.series[0].idxs;
       const seen = columns.slice(1).flatMap((column, k) =>
         (self.series[k + 1].show ? Array.from(column.slice(i0, i1 + 1)) : []).filter(v => v != null)).sort((a, b) => a - b);
       const bottom = seen.length ? seen[Math.floor(0.01 * seen.length)] : low;
@@ -107,9 +118,11 @@
       side, label: of.unit ? `${of.quantity} (${of.unit})` : of.quantity,
       stroke: () => colour("faint"), font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif",
       labelSize: 20, gap: 4, grid: {stroke: () => colour("line"), width: 1}, ticks: {stroke: () => colour("line"), width: 1, size: 5},
-      splits: (self, _, low, high) => ticks(low, high, side === 3 ? self.over.clientHeight / 40 : self.over.clientWidth / 70, of.log)
-        .filter(value => !of.whole || Number.isInteger(value)),
-      values: (_, values) => values.map(plain), filter: (_, values) => values,
+      splits: (self, _, low, high) => (of.start == null
+        ? ticks(low, high, side === 3 ? self.over.clientHeight / 40 : self.over.clientWidth / 70, of.log)
+          .filter(value => !of.whole || Number.isInteger(value))
+        : times(low, high, self.over.clientWidth / 110, of.start)),
+      values: (_, values) => values.map(value => (of.start == null ? plain(value) : date(of.start + value).replace(" 00:00", ""))), filter: (_, values) => values,
       size: (_, values) => (side === 3 ? 14 + 7 * Math.max(3, ...(values || []).map(text => text.length)) : 32),
     });
 
@@ -177,6 +190,7 @@
       output.textContent = text;
     };
     const inView = value => {
+      if (across.start != null) return date(across.start + value);
       const {min, max} = u.scales.x;
       return value.toFixed(clamp(Math.ceil(-Math.log10((max - min) / 1000)), 0, 9));
     };
