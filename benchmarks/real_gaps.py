@@ -134,9 +134,11 @@ class Servo:
     floors = np.full(60, 2 * np.pi / 4096 * 3)  # three steps of the encoder
     blocks = np.zeros(60, dtype=np.int64)
 
-    def simulate(
-        self, conditions: Sequence[ServoRecording], rigs: Sequence[Rig], random_state: int = 0
-    ) -> list[list[Array]]:
+    def simulate(self, conditions: Sequence[ServoRecording], rigs: Sequence[Rig]) -> Array:
+        """Return the cells of each recording of each rig."""
+        return np.array([[self.summarise(x) for x in row] for row in self.positions(conditions, rigs)])
+
+    def positions(self, conditions: Sequence[ServoRecording], rigs: Sequence[Rig]) -> list[list[Array]]:
         """Return the position over time of each recording of each rig."""
         neutral = {"motor": {}, "stribeck": {"speed": 1.0}}
         names = [(effect, key) for effect, kind in self.effects.items() for key in kind.parameters]
@@ -169,7 +171,7 @@ class Servo:
 
     def errors(self, recordings: Sequence[ServoRecording], rig: Rig) -> list[float]:
         """Return the mean absolute error of the position in mrad."""
-        rows = zip(self.simulate(recordings, [rig])[0], recordings, strict=True)
+        rows = zip(self.positions(recordings, [rig])[0], recordings, strict=True)
         return [float(np.mean([np.abs(x - r.position).mean() for x, r in rows]) * 1e3)]
 
 
@@ -258,11 +260,9 @@ class Pendulum:
     floors = np.full(2 * 499, 0.02)  # Nm
     blocks = np.repeat([0, 1], 499)
 
-    def simulate(
-        self, conditions: Sequence[PendulumRecording], rigs: Sequence[Rig], random_state: int = 0
-    ) -> list[list[Array]]:
-        """Return the torques of each recording of each rig."""
-        return [[self.torques(recording, rig) for recording in conditions] for rig in rigs]
+    def simulate(self, conditions: Sequence[PendulumRecording], rigs: Sequence[Rig]) -> Array:
+        """Return the cells of each recording of each rig."""
+        return np.array([[self.summarise(self.torques(one, rig)) for one in conditions] for rig in rigs])
 
     def torques(self, recording: PendulumRecording, rig: Rig) -> Array:
         """Return the torques of a recording's motion, shape (2, n)."""

@@ -244,7 +244,7 @@ def measured_turns(
     """Return measured windows of about ``duration``, torque in Nm (n_windows, n_samples), in whole turns.
 
     ``y`` are counts of worn lobes, where they are known; ``groups`` the recording of each window (default: a
-    recording each); ``angle`` is that of the input shaft in rad, of the shape of X, if there is a tachometer.
+    recording each); ``angle`` is that of the input shaft in rad, like X, if there is a tachometer.
     """
     windows, n_samples = np.asarray(X), comparison.n_samples
     names = np.arange(len(windows)) if groups is None else groups

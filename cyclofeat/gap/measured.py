@@ -42,10 +42,9 @@ _LARGEST_RATIO = 50_000  # of rates: a clock's error by rounding it is at most 0
 class MeasuredRig:
     """Recordings of one rig, at one condition or at several, made by :meth:`of`.
 
-    The recordings are at one sampling rate, with the torque referred to the output. ``recording_conditions``
-    has the condition of each. Counts of worn lobes (``has_counts``) and the angle of a shaft
-    (``has_tachometer``) are used if all recordings state them. ``warnings`` name what was not stated or had
-    to be changed.
+    They are at one sampling rate, with the torque referred to the output; ``recording_conditions`` has the
+    condition of each. Counts of worn lobes (``has_counts``) and the angle of a shaft (``has_tachometer``) are
+    used if all recordings state them. ``warnings`` name what was not stated or had to be changed.
     """
 
     recordings: tuple[Recording, ...] = field(repr=False)
@@ -69,14 +68,13 @@ class MeasuredRig:
     ) -> MeasuredRig:
         """Check recordings and sort them by condition.
 
-        Speeds within 0.5 % of each other, and loads within 2 %, are one set-point: their median. A recording
-        whose mean torque is negative ran in reverse.
+        Speeds within 0.5 % of each other, and loads within 2 %, are one set-point: their median, or that of
+        one of the ``conditions`` of other recordings as near. A recording whose mean torque is negative ran
+        in reverse.
 
-        The recordings state ``speed_rpm``, and have discs with as many lobes as ``rig``, the model, whose
-        load is that of recordings without ``load_nm``, with a warning. Those with a higher rate than
-        ``sampling_rate`` in Hz (default: the lowest of them) are resampled, with a warning. They must be of
-        ``quantity``, if it is given. A set-point within the same limits of one of ``conditions``, those of
-        other recordings, is that one.
+        The recordings state ``speed_rpm``, have discs with as many lobes as ``rig``, the model, whose load is
+        that of recordings without ``load_nm``, and are of ``quantity``, if it is given. Those with a higher
+        rate than ``sampling_rate`` in Hz (default: the lowest of them) are resampled.
         """
         given = tuple(recordings)
         if not given:
@@ -195,10 +193,7 @@ class MeasuredRig:
         )
 
     def turns(self, comparison: Comparison) -> MeasuredTurns:
-        """Return the recordings at a comparison's condition, cut to output turns.
-
-        The torque is multiplied by the direction: positive for a load that brakes.
-        """
+        """Return the recordings at a condition, cut to output turns, positive for a load that brakes."""
         condition = comparison.condition
         recordings = self.at(condition)
         cut = Windower(input_speed_hz=condition.speed_rpm / 60, reduction=self.n_lobes).windows(recordings)
@@ -212,10 +207,7 @@ class MeasuredRig:
         return measured_turns(comparison, cut.X * condition.direction, y, cut.recording, angle)
 
     def world(self, world: World) -> World:
-        """Return ``world`` widened to cover the recordings.
-
-        Speeds and loads reach 10 % further than the recordings; a rate above that of ``world`` stays its.
-        """
+        """Return ``world``, at its rate at most, widened to 10 % beyond the recordings' speeds and loads."""
         speeds, loads = (
             np.array([getattr(at, name) for at in self.conditions]) for name in ("speed_rpm", "load_nm")
         )
@@ -230,10 +222,7 @@ class MeasuredRig:
         )
 
     def comparison(self, condition: Condition, world: World, settings: GapSettings) -> Comparison:
-        """Return the comparison with the world's model at a condition.
-
-        What may differ anyway is what the world says, and the noise and drift that all its rigs have.
-        """
+        """Return the comparison with the world's model at a condition; noise and drift may differ anyway."""
         speed_hz = condition.speed_rpm / 60
         return Comparison(
             sampling_rate=self.sampling_rate,

@@ -78,9 +78,8 @@ class Bank:
 class Population:
     """Source of simulated recordings: a rig and the conditions under which it is recorded.
 
-    Start angle and first worn lobe of each recording are random. The rig has the spread between its
-    assemblies; the ``wheels`` that may carry the wear have equal chances; ``direction`` is -1 in reverse
-    (:func:`record`).
+    Start angle and first worn lobe of each recording are random; the ``wheels`` that may carry the wear have
+    equal chances; ``direction`` is -1 in reverse (:func:`record`).
     """
 
     rig: Rig
@@ -106,8 +105,8 @@ class Population:
     ) -> Sample:
         """Draw the worn lobes of one recording.
 
-        ``count`` consecutive lobes are worn, the first and the wheels at random. Recordings with equal
-        ``assembly`` seeds are of one assembly. The run is long enough for records with the ``chains``.
+        ``count`` consecutive lobes are worn, the first and the wheels at random. Equal ``assembly`` seeds are
+        one assembly. The run is long enough for records with the ``chains``.
         """
         random, n_lobes = np.random.default_rng(child_seed(random_state, 0)), self.rig.gearbox.n_lobes
         first = int(random.integers(n_lobes))
@@ -125,10 +124,7 @@ class Population:
         )
 
     def record(self, count: int, random_state: Seed, assembly: Seed | None = None) -> Record:
-        """Simulate one recording; arguments as :meth:`sample`.
-
-        Raises SimulationFailed or ValueError if the rig cannot be simulated or built.
-        """
+        """Simulate one recording; SimulationFailed or ValueError if the rig cannot be simulated or built."""
         return record(self.sample(count, random_state, assembly).plan().simulate(), (), self.direction)
 
 
@@ -136,8 +132,7 @@ def record(run: MachineRun, effects: Sequence[Effect] = (), direction: int = 1) 
     """Record a machine's run through its chain of measurement, with further effects on the torque.
 
     In reverse (``direction=-1``) the mirror image of the gearbox runs: its torque has the other sign before
-    it is measured. The record is the torque times the direction, so positive for a load that brakes; input
-    torque is also multiplied by the reduction.
+    it is measured. The record is positive for a load that brakes, and input torque is referred to the output.
     """
     channel = CHANNELS[run.plan.quantity]
     if direction < 0:
@@ -216,9 +211,9 @@ def remember(
 ) -> T:
     """Return the result of ``call``, from a folder where there is one.
 
-    It is kept in the subfolder ``kind`` for equal ``key`` and equal code, so that an interrupted run can
-    continue; a file that cannot be read is replaced. ``code`` names folders and modules of the package whose
-    code affects the result; the simulators always do.
+    It is kept in the subfolder ``kind`` for equal ``key`` and equal code; a file that cannot be read is
+    replaced. ``code`` names folders and modules of the package, besides the simulators, whose code affects
+    the result.
     """
     if folder is None:
         return call()

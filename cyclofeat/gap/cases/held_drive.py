@@ -65,10 +65,8 @@ class HeldDrive:
     def __init__(self, gearbox: CycloidalGearbox, floor: float) -> None:
         self.gearbox, self.floors = gearbox, np.full(_N_POINTS, floor)
 
-    def simulate(
-        self, conditions: Sequence[Loop], rigs: Sequence[Rig], random_state: int = 0
-    ) -> list[list[Float]]:
-        """Return deflections over the rms of the measured one, (n_points,), of the loops of each rig."""
+    def simulate(self, conditions: Sequence[Loop], rigs: Sequence[Rig]) -> Float:
+        """Return centred deflections of loops over the measured rms, (n_rigs, n_loops, n_points)."""
 
         def sizes(effect: str, key: str, neutral: float = 0.0) -> Float:
             return np.array([rig.get(effect, {}).get(key, neutral) for rig in rigs])[:, None, None]
@@ -80,24 +78,19 @@ class HeldDrive:
         softness = sizes("contact_softness", "factor", 1.0)
         x = contact_deflection(self.gearbox, elastic, sizes("clearance", "clearance"), softness)
         x += elastic * sizes("torsional_compliance", "compliance")[..., None]
-        relative = x.mean(axis=2) / np.array([loop.rms for loop in conditions])[:, None]
-        return [list(rig) for rig in relative]
-
-    def summarise(self, channels: Float) -> Float:
-        """Return the deflection centred between its extremes."""
-        return centre_loop(channels)
+        return centre_loop(x.mean(axis=2) / np.array([loop.rms for loop in conditions])[:, None])
 
 
 def centre_loop(deflection: Float) -> Float:
-    """Return deflections without the middle between their extremes, because their zero is arbitrary."""
-    return np.asarray(deflection - 0.5 * (deflection.max() + deflection.min()))
+    """Return deflections (..., n) less the middle between their extremes, as their zero is arbitrary."""
+    extremes = deflection.max(axis=-1, keepdims=True) + deflection.min(axis=-1, keepdims=True)
+    return np.asarray(deflection - 0.5 * extremes)
 
 
 def loop_session(loops: Sequence[Any], gearbox: CycloidalGearbox | None = None) -> Session:
-    """Return loops at points that are evenly spaced along the path of their torque.
+    """Return loops at points evenly spaced along the path of their torque (:func:`find_loop_gap`).
 
-    Differences of the deflection matter from the largest by which a loop fails to close, at least 2 %, of
-    the rms deflection. See :func:`find_loop_gap` for the arguments.
+    Deflections matter from the largest by which a loop fails to close, at least 2 %, of the rms deflection.
     """
     conditions, cells, openings = [], [], []
     for loop in loops:
@@ -168,10 +161,9 @@ def elastic_torque(torque: ArrayLike, coulomb: ArrayLike, load_share: ArrayLike)
 
     .. math:: |T - E| \le T_c + \mu |E|,
 
-    and E changes only where it has to: a play operator whose half width grows with the load (Coulomb friction
-    T_c of the drive and a share mu of what it carries, as in a mesh of constant efficiency). Rising, E
-    follows T - T_c - mu |E|, falling T + T_c + mu |E|, and it stands still in between. T has shape (..., n),
-    T_c in Nm and mu, from 0 to below 1, have shape (...).
+    and E changes only where it has to: a play operator whose half width grows with the load. Rising, E
+    follows T - T_c - mu |E|, falling T + T_c + mu |E|. T has the shape (..., n), T_c in Nm and mu, from 0 to
+    below 1, (...).
 
     Examples
     --------
@@ -199,14 +191,11 @@ def contact_deflection(
 
     It is an odd function of the torque that the contacts carry, in Nm at the output (..., n): half the play
     where the torque leaves zero, then what the contacts give way. The gearbox has ``clearance`` (...) in m of
-    pins and output rollers, and no friction. ``softness`` (...) is one over a factor on the stiffness of all
-    contacts: the deflection at T is that of the gearbox itself at ``softness`` T, up to 115 Nm.
+    pins and output rollers, and no friction. ``softness`` (...) divides the stiffness of all contacts: the
+    deflection at T is that of the gearbox itself at ``softness`` T, up to 115 Nm.
 
-    Notes
-    -----
-    From :func:`cyclofeat.simulators.torque_deflection` (the branch on which the torque falls),
-    for six clearances, straight between them; below 0.5 Nm Hertz' law a + b T^(2/3) through the values above.
-    The input begins at its angle 0: play and stiffness depend on the angle, which is not known of the loops.
+    It is interpolated between :func:`cyclofeat.simulators.torque_deflection` at six clearances (falling
+    torque, input at its angle 0, as the loops do not state it); below 0.5 Nm Hertz' law a + b T^(2/3) holds.
     """
     t = np.asarray(torque, dtype=np.float64)
     gap, scale = (np.asarray(x, dtype=np.float64)[..., np.newaxis] for x in (clearance, softness))

@@ -40,10 +40,9 @@ _REPLICATES = 2
 class PublishedTable:
     """Statistics of discs on simulated rigs with sets of effects, interpolated between the rigs of each set.
 
-    The cells are :func:`to_statistics`; differences matter from their measured spread over the discs, (4,).
-    A condition is the position of a disc in `counts`. Effects whose torque is the same to these statistics
-    are one effect, named after all of them; one effect at most changes the gearbox's motion, because each set
-    of those needs simulations of its own.
+    The cells are :func:`to_statistics`; differences matter from their measured spread over the discs, (4,). A
+    condition is the position of a disc in `counts`. Effects with the same statistics are one, named after all
+    of them; one effect at most changes the gearbox's motion, because each set of those needs simulations.
     """
 
     blocks = np.arange(4)
@@ -69,10 +68,8 @@ class PublishedTable:
         self._records: dict[Names, tuple[Float, NDArray[np.float32]]] = {}
         self._interpolations: dict[Names, Callable[[Float], Float]] = {}
 
-    def simulate(
-        self, conditions: Sequence[int], rigs: Sequence[Rig], random_state: int = 0
-    ) -> list[list[Float]]:
-        """Return the expected statistics, (4,), of the discs of each rig."""
+    def simulate(self, conditions: Sequence[int], rigs: Sequence[Rig]) -> Float:
+        """Return the expected statistics of the discs of each rig, (n_rigs, n_discs, 4)."""
         sets = [tuple(name for name in self.effects if name in rig) for rig in rigs]
         results = np.zeros((len(rigs), len(conditions), 4))
         for names in set(sets):
@@ -80,11 +77,7 @@ class PublishedTable:
             theta = np.array([[x for name in names for x in rigs[k][name].values()] for k in at])
             key = tuple(name.split(" ")[0] for name in names)
             results[at] = self.interpolate(key)(theta)[:, list(conditions)]
-        return [list(rig) for rig in results]
-
-    def summarise(self, channels: Float) -> Float:
-        """Return the statistics of a disc."""
-        return channels
+        return results
 
     def table(self, key: Names) -> tuple[Float, Float]:
         """Return the parameters of simulated rigs, (n, n_parameters), and their statistics.
@@ -292,8 +285,7 @@ def _simulate_torque(
 def to_statistics(values: Float, set_point: float) -> Float:
     """Return the four statistics by which discs are compared, from minimum, maximum, mean and std, (..., 4).
 
-    Mean minus set-point in Nm, and the natural logarithms of standard deviation, largest excursion upward
-    (maximum minus mean) and downward (mean minus minimum), each in Nm.
+    Mean minus set-point in Nm, and the natural logarithms of std, maximum minus mean, and mean minus minimum.
     """
     low, high, middle, spread = np.moveaxis(values, -1, 0)
     sizes = [np.log(np.maximum(x, 1e-9)) for x in (spread, high - middle, middle - low)]

@@ -63,8 +63,8 @@ class RemainderTest:
     """Test of whether a session differs from simulated ones of the corrected rig.
 
     ``p`` is the share of sessions of the corrected rig that lie as far, ``z`` (n_summaries,) are the
-    differences in standard deviations of a session, ``excess`` is the squared distance over that of a typical
-    session of the corrected rig. ``p_undecided`` is the p if undecided effects may explain the differences.
+    differences in standard deviations of a session, ``excess`` is the squared distance over a typical
+    session's. ``p_undecided`` is the p if undecided effects may explain the differences.
     """
 
     p: float
@@ -74,10 +74,10 @@ class RemainderTest:
 
 
 def judge_remainder(simulated: Float, observed: Float) -> RemainderTest:
-    """Compare what a fit leaves of a session with what it leaves of simulated sessions.
+    """Compare what a fit leaves of a session, (n_summaries,), with what it leaves of simulated sessions.
 
     Squared Mahalanobis distances have their covariance from other sessions, shrunk; the p is that of
-    Student's t in their logarithm. ``simulated`` is (n_sessions, n_summaries), ``observed`` (n_summaries,).
+    Student's t in their logarithm.
     """
     centre, spread = simulated.mean(axis=0), np.hypot(simulated.std(axis=0, ddof=1), _SMALLEST)
     left, z = (simulated - centre) / spread, (observed - centre) / spread
@@ -127,12 +127,11 @@ def confirm_effects(
 ) -> Confirmation:
     """Find the effects and sizes with which simulated sessions are like a measured one.
 
-    Sizes are settled first, because a wrong size looks like another effect. Then undecided effects are added
-    and named ones left out. How much recordings differ anyway is fitted as well, so that a rig that is better
-    made than the world states is not taken for another one.
-
-    ``presence`` holds the posterior's probabilities. At most 12 of the recordings are used; ``n_recordings``
-    are simulated of each rig around which responses are taken.
+    Sizes are settled first, because a wrong size looks like another effect; then undecided effects are added
+    and named ones left out. How much recordings differ anyway is fitted too, so that a rig better made than
+    the world states is not taken for another one. ``presence`` holds the posterior's probabilities. At most
+    12 of the recordings are used; ``n_recordings`` are simulated of each rig around which responses are
+    taken.
     """
     world, shown = posterior.world, limit_recordings(session, MOST_RECORDINGS)
     before = {one.effect_id: p for one in world.effects or () if np.isfinite(p := presence[one.effect_id])}
@@ -251,7 +250,7 @@ def _conclude(
 ) -> Confirmation:
     """Return what a round concludes: its sizes, wider where they leave more than chance does.
 
-    Effects of the point that are no longer named are left out, ``added`` ones have the sizes of their guess.
+    Effects of the point that are no longer named are left out; ``added`` ones have the sizes of their guess.
     """
     remainder = _judge(projection, columns, session)
     accepted = remainder.p >= _REJECTED
@@ -290,10 +289,10 @@ def draw_effects(
 ) -> tuple[tuple[Effect, ...], ...]:
     """Draw ``n_draws`` sets of missing effects, with sizes, from what the recordings leave possible.
 
-    An effect is present with its probability: always from ``PRESENT`` on, never up to ``ABSENT``. Those of
-    different groups of look-alikes are independent; those of a group occur together only as often as their
-    probabilities, where they add up to more than 1, make necessary. Sizes of effects that are ``confirmed``
-    for the session are drawn from their joint distribution, those of others each from its own.
+    An effect is present with its probability: always from ``PRESENT`` on, never up to ``ABSENT``. Look-alikes
+    occur together only as often as their probabilities, where they add up to more than 1, make necessary;
+    others are independent. Sizes of effects that are ``confirmed`` are drawn from their joint distribution,
+    those of others each from its own.
     """
     random = np.random.default_rng(random_state)
     probabilities = {name: p for name, p in confirmed.presence.items() if p > ABSENT}

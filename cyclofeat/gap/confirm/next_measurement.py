@@ -21,12 +21,10 @@ _LEAST = 0.1  # weight that a measurement must decide
 def rank_measurements(
     undecided: Mapping[str, float], session: Session, world: World
 ) -> tuple[NextMeasurement, ...]:
-    """Rank measurements by what they would decide, the most useful first.
+    """Rank measurements by what they would decide, the most useful first, but for those already made.
 
     A measurement decides about an effect whose class names it (``separated_by``), and half as well about one
-    that looks like such an effect. What the recordings of a session have already is not proposed. Longer
-    records decide half as well about effects about which nothing else does.
-
+    that looks like such an effect; longer records half as well about effects about which nothing else does.
     ``undecided`` holds a weight for each effect, such as the bits that are unknown of it.
 
     Examples

@@ -39,10 +39,9 @@ def simulate_pairs(
 ) -> Float:
     """Simulate sessions with the conditions of a template, of rigs that share all random numbers.
 
-    A rig is its effects and a factor on what differs anyway. Those with equal effects on the gearbox share
-    its runs. Session ``k`` of ``numbers`` has the same random numbers whatever other numbers there are;
-    unknown counts are drawn. Returns cells, shape (n_rigs, n_sessions, n_recordings, n_cells), NaN where a
-    simulation failed.
+    A rig is its effects and a factor on what differs anyway; equal effects on the gearbox share its runs.
+    Session ``k`` of ``numbers`` has the same random numbers whatever other numbers there are; unknown counts
+    are drawn. Returns cells (n_rigs, n_sessions, n_recordings, n_cells), NaN where a simulation failed.
     """
     machines: dict[tuple[tuple[Effect, ...], float], list[int]] = {}
     for k, (effects, tolerance) in enumerate(rigs):
@@ -72,9 +71,9 @@ def simulate_prior(
 ) -> Rigs:
     """Simulate sessions with the conditions of a template, of rigs whose effects are drawn from the prior.
 
-    Two rigs at a time share the runs of a machine. Unknown counts are drawn. ``progress`` is called with the
-    number of rigs done and ``n_rigs``. Rigs of which too many recordings failed are left out; raises
-    SimulationFailed if all failed.
+    Two rigs at a time share the runs of a machine; unknown counts are drawn. ``progress`` is called with the
+    number of rigs done and ``n_rigs``. Rigs with too many failed recordings are left out; raises
+    SimulationFailed if all are.
     """
 
     def draw_rigs(random: np.random.Generator) -> DrawnRigs:
@@ -169,8 +168,8 @@ class Point:
     """Rig around which responses are simulated.
 
     Its coordinates are the sizes of its effects on the scale of their fit, then the factor on what differs
-    anyway. ``guesses`` are mean and standard deviation of each coordinate before any simulation, ``steps``
-    the changes of coordinates, both by name, "effect.parameter".
+    anyway. By name, "effect.parameter": ``guesses``, mean and standard deviation of each coordinate before
+    any simulation, and ``steps``, the changes of coordinates.
     """
 
     effects: tuple[Effect, ...]

@@ -1,4 +1,4 @@
-"""What the engine asks of a simulator: effects with priors, simulated channels and their summary."""
+"""What the engine asks of a simulator: effects with priors, and simulated cells of recordings."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Effect:
 
 
 class Problem(Protocol):
-    """Simulator with effects, a summary, and the smallest differences that matter.
+    """Simulator with effects, and the smallest differences of its cells that matter.
 
     `floors`: smallest spread of each cell that matters, shape (n_cells,); `blocks`: number of the quantity
     that each cell belongs to, from 0, shape (n_cells,).
@@ -53,14 +53,8 @@ class Problem(Protocol):
     floors: Array
     blocks: NDArray[np.int64]
 
-    def simulate(
-        self, conditions: Sequence[Any], rigs: Sequence[Rig], random_state: int
-    ) -> Sequence[Sequence[Any]]:
-        """Return the channels of each recording of each rig; equal `random_state`, equal random numbers."""
-        ...
-
-    def summarise(self, channels: Any) -> Array:
-        """Return the cells of a recording, shape (n_cells,)."""
+    def simulate(self, conditions: Sequence[Any], rigs: Sequence[Rig]) -> Array:
+        """Return the cells of each recording of each rig, shape (n_rigs, n_recordings, n_cells)."""
         ...
 
 
@@ -69,14 +63,12 @@ class Session:
     """Measured cells of a session, with what simulates them.
 
     `conditions`: that of each recording, as the simulator takes it; `measured`: cells, (n_recordings,
-    n_cells); `replicates`: simulated sessions whose mean is compared, 1 for a simulator without random parts;
-    `random_state`: seed of the first simulated session, and of the starts of fits.
+    n_cells); `random_state`: seed of the starts of fits.
     """
 
     problem: Problem
     conditions: Sequence[Any]
     measured: Array
-    replicates: int = 1
     random_state: int = 0
 
     def without(self, recording: int) -> Session:
@@ -86,11 +78,7 @@ class Session:
 
     def deviations(self, rigs: Sequence[Rig]) -> Array:
         """Return measured minus simulated cells over the floors, (n_rigs, n_recordings, n_cells)."""
-        total = np.zeros((len(rigs), *self.measured.shape))
-        for seed in range(self.random_state, self.random_state + self.replicates):
-            sessions = self.problem.simulate(self.conditions, rigs, seed)
-            total += [[self.problem.summarise(channels) for channels in session] for session in sessions]
-        return (self.measured - total / self.replicates) / self.problem.floors
+        return (self.measured - self.problem.simulate(self.conditions, rigs)) / self.problem.floors
 
     def mean_squares(self, deviations: Array) -> tuple[Array, Array]:
         """Return mean squares by recording and quantity, (..., n_recordings, n_blocks), and cells of each."""

@@ -42,8 +42,8 @@ class Projection:
     ``measured`` (n_statistics,); ``responses`` (n_statistics, n_statistics) to the change and power of each
     entry of ``terms``; ``covariance`` of one session; ``weights`` (n_statistics, n_recordings, n_cells);
     ``slopes`` (n_changes, n_cells): mean deviation per unit of each change; ``spread_slopes``: the same of
-    :func:`log_spreads`; ``centre``, ``spread`` and ``offset`` of the deviations; ``sessions`` that could be
-    simulated, as deviations.
+    :func:`log_spreads`; ``centre``, ``spread`` and ``offset`` of the deviations; simulated ``sessions``, as
+    deviations.
     """
 
     measured: Float
@@ -84,10 +84,10 @@ def project(measured: Float, base: Float, changes: Sequence[Change], floors: Flo
     """Project measured recordings (n_recordings, n_cells) on the responses of a rig.
 
     ``base`` (n_sessions, n_recordings, n_cells) are simulated sessions of the rig, NaN where a simulation
-    failed; ``changes`` are simulated with the random numbers of the first of them; ``floors`` (n_cells,) are
-    the smallest spreads that matter. Weights of one half of the pairs multiply the responses of the other
-    half, and the covariance is that of sessions other than those which whiten: noise counts neither as
-    response nor as certainty.
+    failed; ``changes`` have the random numbers of the first of them; ``floors`` (n_cells,) are the smallest
+    spreads that matter. Weights of one half of the pairs multiply the responses of the other half, and the
+    covariance is that of sessions other than those which whiten: noise counts neither as response nor as
+    certainty.
     """
     usable = np.asarray(np.isfinite(base).all(axis=(1, 2)))
     centre = base[usable].mean(axis=0)

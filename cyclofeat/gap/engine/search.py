@@ -40,8 +40,8 @@ class Explanation:
 
     `order`: effects in the order of addition, a removal with a minus; `probabilities`: that an effect is
     missing; `ties`: pairs of which one is missing (0.95), though neither is on its own; `rig`: the named
-    effects with sizes; `sizes`: the same with intervals; `remainder`: root mean square of the deviations of
-    each quantity in units of the floor, without and with the effects, (2, n_blocks).
+    effects with sizes; `sizes`: with intervals; `remainder`: root mean square of the deviations of each
+    quantity in floors, without and with the effects, (2, n_blocks).
     """
 
     order: tuple[str, ...]
@@ -118,7 +118,7 @@ class _Search:
     def probability(self, first: Names, second: Names) -> float:
         """Return the probability of one set against another.
 
-        The odds are those of Student's t of the gains over recordings left out, times the prior odds: one to
+        The odds are those of Student's t of the gains over recordings left out, times the prior odds, one to
         the number of effects for each effect. A larger set that fits no better needs no fits to the others.
         """
         more, less = self.fit(first), self.fit(second)
@@ -181,10 +181,8 @@ class _Search:
 def explain(session: Session) -> Explanation:
     """Find which effects a simulator lacks, how large they are, and what stays unexplained.
 
-    Recordings are the independent units: an effect is named if recordings left out of the fit are predicted
-    better with it, by Student's t of their gains. How many cells a recording has does not matter.
-
-    The session has at least three recordings.
+    Recordings, at least three, are the independent units: an effect is named if recordings left out of the
+    fit are predicted better with it, by Student's t of their gains. How many cells they have does not matter.
     """
     if len(session.measured) < 3:
         raise ValueError(f"session must have at least 3 recordings, got {len(session.measured)}")

@@ -32,7 +32,7 @@ class Column(NamedTuple):
     """What a change of a rig does.
 
     ``kind`` is "size" of an effect that the rig has ("" for what no effect is), "without" an effect that it
-    has, or "with" one that it lacks. ``mean`` and ``precision`` are those of the prior of the coefficient.
+    has, or "with" one that it lacks. ``mean`` and ``precision`` are those of the coefficient's prior.
     """
 
     kind: str
@@ -46,8 +46,7 @@ class LinearFit:
     """Sizes and sets that explain a session.
 
     ``sizes`` by column, 0 for columns that are no size, with their ``covariance``; with sets, over those that
-    have all effects of the rig. ``probabilities`` of effects by name; ``strengths`` of added effects by name,
-    each over the sets that have it.
+    have all effects of the rig. ``probabilities`` of effects, and ``strengths`` of added ones, by name.
     """
 
     sizes: Float
@@ -125,9 +124,9 @@ def weigh_sets(
 ) -> LinearFit:
     """Return the posterior over the sets of effects that columns, one for each change, add or leave out.
 
-    Responses are linear around ``sizes`` (n_changes,). ``presence`` is the earlier probability of each effect
-    that is known. Of at most ``most`` effects at once, each number is equally probable before, and each set
-    of it. What the best set leaves widens all errors.
+    Responses are linear around ``sizes`` (n_changes,). ``presence`` is the earlier probability of each known
+    effect. Each number of effects up to ``most`` is equally probable before, and each set of it. What the
+    best set leaves widens all errors.
     """
     shown = np.zeros(len(columns), dtype=bool)
     shown[[change for change, _ in projection.terms]] = True
@@ -187,8 +186,7 @@ def _solve_sets(
 ) -> tuple[Float, Float, Float]:
     """Return log evidence, coefficients and their covariance of sets, the first axis of each.
 
-    ``present`` (n_sets, n_columns) tells whether a set has the effect of a column. Fixed coefficients have no
-    variance.
+    ``present`` (n_sets, n_columns): whether a set has the effect of a column. Fixed ones have no variance.
     """
     kinds = np.array([column.kind for column in columns])
     mean, before = np.array([(column.mean, column.precision) for column in columns]).reshape(-1, 2).T

@@ -82,8 +82,8 @@ def solve_in_box(hessian: Array, gradient: Array, x: Array) -> Array:
 def descend(session: Session, axes: tuple[Axis, ...], x: Array) -> Fit:
     """Fit sizes from one start, until no step gains more than `SMALLEST_GAIN`.
 
-    Each step solves the linear model inside the priors at several dampings and takes the best as simulated.
-    If none gains (the motion sticks and slips), it takes the best of points along each axis.
+    Each step takes the best, as simulated, of solutions of the linear model inside the priors at several
+    dampings, or, if none gains (the motion sticks and slips), of points along each axis.
     """
 
     def simulate(points: Sequence[Array]) -> tuple[Array, Array]:
@@ -118,8 +118,7 @@ def descend(session: Session, axes: tuple[Axis, ...], x: Array) -> Fit:
 def fit_sizes(session: Session, names: Sequence[str], near: Sequence[Fit] = ()) -> Fit:
     """Fit the sizes of a set of effects from several starts, until the best loss recurs.
 
-    The starts are those of the nearby fits, with drawn sizes of other effects, and then the best of drawn
-    sizes.
+    Starts are those of the nearby fits, with drawn sizes of other effects, then the best of drawn sizes.
     """
     axes = effect_axes(session.problem.effects, names)
     if not axes:

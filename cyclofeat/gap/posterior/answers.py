@@ -27,15 +27,13 @@ UNSEEN = 0.02
 def state_of(probability: float, visible: float = math.nan, *, named: bool = False) -> State:
     """Return the word for an effect that is missing in the model with this probability.
 
-    ``visible`` is the probability that it is missing and large enough to be seen (NaN: not known). An effect
-    that stands for its look-alikes is ``named`` although its own probability is below one half.
+    ``visible`` is the probability that it is missing and large enough to be seen (NaN: not known); ``named``
+    effects stand for their look-alikes although their own probability is below one half.
 
     Examples
     --------
-    >>> state_of(0.97), state_of(0.21, named=True), state_of(0.01)
-    ('missing', 'probably missing', 'not missing')
-    >>> state_of(0.21), state_of(0.21, visible=0.01)
-    ('undecided', 'too small to matter')
+    >>> state_of(0.97), state_of(0.21, named=True), state_of(0.21), state_of(0.21, visible=0.01)
+    ('missing', 'probably missing', 'undecided', 'too small to matter')
     """
     if probability >= PRESENT:
         return "missing"
@@ -47,10 +45,9 @@ def state_of(probability: float, visible: float = math.nan, *, named: bool = Fal
 
 
 def named_effects(presence: Mapping[str, float]) -> list[str]:
-    """Return the effects that are at least as probable as not.
+    """Return the effects that are at least as probable as not; NaN stands for one that was not learned.
 
-    If only a group of look-alikes (:func:`look_alikes`) is present, its most probable effect is named. An
-    effect that was not learned has the probability NaN.
+    If only a group of look-alikes (:func:`look_alikes`) is present, its most probable effect is named.
 
     Examples
     --------

@@ -40,13 +40,13 @@ def gain_and_offset(mean_torque: Float, conditions: Float, shown: Flags) -> Floa
 
     A gain grows with the load, an offset keeps its sign when the rig reverses, and a friction changes it.
     Each is fitted alone, then gain and offset together; a Gaussian prior holds these where one load and
-    direction cannot tell them apart.
+    direction cannot tell them apart. Mean torque and ``shown`` have the shape (n_sessions, n_recordings),
+    conditions one axis of 3 more.
 
-    Mean torque and ``shown`` have shape (n_sessions, n_recordings), conditions one axis of 3 more. Returns,
-    shape (n_sessions, 14): the three alone, over their standard errors; gain and offset together, then over
-    their standard errors; the logarithms of these errors; and the logarithms of the mean squares that each of
-    the three leaves alone, that there are without any, and that gain and offset leave together. All but
-    logarithms are on a scale that is linear for small values and logarithmic for large ones.
+    Returns, (n_sessions, 14): the three alone, over their standard errors; gain and offset together, then
+    over their standard errors (all these by arcsinh); the logarithms of these errors; and the logarithms of
+    the mean squares that each of the three leaves alone, that there are without any, and that both leave
+    together.
     """
     n = shown.sum(axis=1, keepdims=True)
     causes, deviation = _mean_causes(mean_torque, conditions, shown)
@@ -74,8 +74,7 @@ def cause_logits(mean_torque: Float, conditions: Float, shown: Flags) -> Float:
     The causes are those of :func:`gain_and_offset`. Each of their eight sets is a linear model with a
     normal-inverse-gamma prior, whose evidence is exact (O'Hagan and Forster 2004, "Kendall's Advanced Theory
     of Statistics 2B: Bayesian Inference", ch. 11): the spread of the errors is uncertain, so that an odd
-    recording does not decide. What else moves the mean, like a warm-up, is taken for one of the causes. The
-    logits, (n_sessions, 3), lie between -8 and 8.
+    recording does not decide. The logits, (n_sessions, 3), lie between -8 and 8.
     """
     causes, deviation = _mean_causes(mean_torque, conditions, shown)
     products = np.swapaxes(causes, 1, 2) @ causes
@@ -115,9 +114,9 @@ def slopes_of(logits: Float, present: NDArray[np.bool_]) -> Float:
 def mean_predictors(logits: Float, causes: Float, names: Sequence[str]) -> Float:
     """Return predictors of effects that only shift the mean torque, shape (n_rigs, n_predictors).
 
-    Noise on its inputs keeps the network from being sure of them even where loads and directions separate
-    them. :func:`cause_logits` is sure, but wrong where something else moves the mean. So both are given, and
-    the latter also times the probability that nothing else does.
+    Noise on its inputs keeps the network from being sure of them; :func:`cause_logits` is sure, but wrong
+    where something else moves the mean. So both are given, the latter also times the probability that nothing
+    else does.
     """
     absent = 1 - expit(logits)
     known = known_effects()
@@ -148,11 +147,10 @@ def mean_coefficients(predictors: Float, present: NDArray[np.bool_], names: Sequ
 
 
 def spread_power(errors: Float, spreads: Float) -> float:
-    """Return the power of the stated spreads to which the errors' spreads are proportional.
+    """Return the power of the stated spreads to which the errors' spreads are proportional, mostly above 1.
 
     By maximum likelihood of normal errors (n_rigs, n_sizes), NaN where an effect is absent, with a factor for
-    each size. Noise on the inputs of the training blurs what is precise more than what is not, so that it is
-    mostly above 1.
+    each size.
     """
     enough = np.isfinite(errors).sum(axis=0) >= FEWEST_LEARNED
     if not enough.any():

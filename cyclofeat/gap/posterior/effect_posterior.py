@@ -457,8 +457,7 @@ def load_posterior(path: str | os.PathLike[str] = DEFAULT) -> EffectPosterior:
 def check_start(start: EffectPosterior, cells: Sequence[str], counts: Sequence[int]) -> None:
     """Raise ValueError unless a posterior can go on learning from rigs with these summaries and counts.
 
-    Summaries are deviations from those of a rig without effects: those of another gearbox or of the other
-    torque mean the same.
+    Another gearbox or torque is no hindrance: summaries are deviations from those of a rig without effects.
     """
     check_is_fitted(start, "networks_")
     wanted, own = ([cell.partition(":")[0] for cell in names] for names in (cells, start.cells_))

@@ -26,10 +26,8 @@ _SMALLEST_SHARE = 0.02  # least spread of a cell, as a share of its spread over 
 class Reference(BaseEstimator):
     """Mean and spread of each summary of recordings without a missing effect, by condition and count.
 
-    Ridge regressions on speed, load and count, once with the count and once without it.
-
-    The matrix ``uncorrelating_`` makes the deviations of such recordings uncorrelated: combinations of
-    summaries that hardly vary show what no summary shows alone.
+    Ridge regressions on speed, load and count, once with the count and once without it. ``uncorrelating_``
+    makes the deviations uncorrelated: combinations of summaries that hardly vary show what none shows alone.
     """
 
     def fit(self, rigs: Rigs) -> Reference:
@@ -76,8 +74,7 @@ class Reference(BaseEstimator):
     def deviations(self, values: Float, conditions: Float, counts: NDArray[np.int64] | None) -> Float:
         """Return summaries less their reference, shape (n_recordings, 2 * n_cells).
 
-        First in units of the reference's spread, on a scale that is linear for small deviations and
-        logarithmic for large ones; then in units of the spread over all rigs, up to 8.
+        First arcsinh of the reference's spreads; then in units of the spread over all rigs, up to 8.
         """
         weights = self.unknown_ if counts is None else self.known_
         deviations = values - self._regression_inputs(conditions, counts) @ weights
@@ -126,13 +123,12 @@ _MEAN_CELL = "amplitudes: mean"
 
 @dataclass(frozen=True)
 class Recordings:
-    """Recordings of several sessions, padded to an equal number.
+    """Recordings of several sessions, padded to an equal number: (n_sessions, n_recordings, ...).
 
-    Arrays of shape (n_sessions, n_recordings, ...). ``known`` and ``unknown`` (2 * n_cells): deviations from
-    the reference with the count and without it; 0 for padding. ``conditions`` (3): speed in RPM, load in Nm,
-    direction. ``speeds`` (2): deviation of the speed by the tachometer, and of that by the mesh lines from
-    it, on a scale that is linear for small ones and logarithmic for large ones. ``mean_torque`` is in Nm,
-    ``is_real`` is False for padding.
+    ``known`` and ``unknown`` (2 * n_cells): deviations from the reference with the count and without it; 0
+    for padding. ``conditions`` (3): speed in RPM, load in Nm, direction. ``speeds`` (2): arcsinh of the
+    deviation of the speed by the tachometer, and of that by the mesh lines from it. ``mean_torque`` is in Nm,
+    ``is_real`` False for padding.
     """
 
     known: Single
@@ -152,10 +148,10 @@ class Recordings:
 class Inputs:
     """Arrays that the network takes, and what the mean torque alone says.
 
-    ``recordings`` (n_sessions, n_recordings, n_columns): deviations, then conditions, count and tachometer of
-    each. ``shown`` and ``many`` (n_sessions, n_recordings): 1 for recordings that are shown, and for those of
-    them with a known count above 2. ``whole`` (n_sessions, n_facts): fit of gain and offset, and what is
-    known of the session. ``causes`` (n_sessions, 3), not for the network: :func:`cause_logits`.
+    ``recordings`` (n_sessions, n_recordings, n_columns): deviations, then conditions, count and tachometer.
+    ``shown`` and ``many`` (n_sessions, n_recordings): 1 for recordings that are shown, and for those with a
+    known count above 2. ``whole`` (n_sessions, n_facts): fit of gain and offset, and what is known of the
+    session. ``causes`` (n_sessions, 3), not for the network: :func:`cause_logits`.
     """
 
     recordings: Single

@@ -58,9 +58,9 @@ def posterior_of_world(
 ) -> EffectPosterior:
     """Return the packaged posterior if it covers a world, or one learned from few of its rigs.
 
-    What is learned goes on from the packaged networks where the summaries allow it. It is kept in ``cache``,
-    by default the user's cache folder, and read from there next time. An interrupted preparation goes on.
-    Raises ImportError, before anything is simulated, if JAX or Optax is not installed.
+    It goes on from the packaged networks where the summaries allow it, and is kept in ``cache``, by default
+    the user's cache folder. An interrupted preparation goes on. Raises ImportError, before anything is
+    simulated, if JAX or Optax is not installed.
     """
     packaged = load_posterior()
     if covers_world(packaged, world):

@@ -58,11 +58,10 @@ def proof_cells(
 ) -> tuple[Float, list[Cell]]:
     """Return the numbers of each window for the distances, (n_windows, n_cells), and the part of each cell.
 
-    A part is described like a cell. Cells of one part have equal weights, as have the parts of one family.
-    They are those of :func:`summarise_windows`, with other amplitudes: the mean in Nm, the level of the
-    ripple in dB and the quantile function of the standardised torque. The squared difference of two averaged
-    quantile functions, averaged over the shares, is the squared Wasserstein distance of second order between
-    the distributions' barycentres.
+    Cells of one part, described like a cell, have equal weights, as have the parts of one family. They are
+    those of :func:`summarise_windows`, but amplitudes are the mean in Nm, the level of the ripple in dB and
+    the quantile function of the standardised torque: the mean squared difference of two averaged quantile
+    functions is the squared Wasserstein distance of second order between the distributions' barycentres.
     """
     summaries, cells = summarise_windows(X, kinematics, speeds)
     kept = [k for k, cell in enumerate(cells) if cell.family != "amplitudes"]
@@ -95,8 +94,7 @@ def families_of(parts: list[Cell]) -> list[str]:
 def number_strata(counts: NDArray[Any], apart: NDArray[Any] | None = None, least: int = 2) -> Int:
     """Number the strata of recordings that can replace each other: of one count, or pooled from rare counts.
 
-    Counts with fewer than ``least`` recordings are pooled; if ``apart`` is given, only within equal values of
-    it.
+    Counts with fewer than ``least`` recordings are pooled, within equal values of ``apart`` if it is given.
     """
     alone = lone_recordings(counts, least)
     pools = np.zeros(len(counts)) if apart is None else np.asarray(apart)
@@ -112,11 +110,11 @@ def lone_recordings(counts: NDArray[Any], least: int = 2) -> NDArray[np.bool_]:
 
 
 def replicate_deviations(measured: Sample, simulated: Sample) -> Deviations:
-    """Return the deviations between replicates.
+    """Return the deviations between replicates, from the mean of their count.
 
-    The deviation of a recording is taken from the mean of its count. For the only recording of a count it is
-    taken from the simulated mean of that count, and the mean of such differences is subtracted: an error of
-    the simulator that is equal in all counts drops out, but one in single counts counts as replication.
+    For the only recording of a count they are taken from the simulated mean, less the mean of such
+    differences: an error of the simulator that is equal in all counts drops out, but one in single counts
+    counts as replication.
     """
     values, counts = measured.values.copy(), measured.counts
     alone = lone_recordings(counts)
@@ -134,10 +132,10 @@ def replicate_deviations(measured: Sample, simulated: Sample) -> Deviations:
 def replicate_spread(measured: Sample, simulated: Sample, parts: list[Cell]) -> Float:
     """Standard deviation of one measured recording around its count, shape (n_cells,).
 
-    s^2 = (n_free v + 4 v_bank) / (n_free + 4), where v is the variance of :func:`replicate_deviations` and
-    v_bank that of the simulated recordings around their counts. All cells of the shape of the amplitudes get
-    their root mean square, so that their distance is a Wasserstein distance. No spread is smaller than 1/20
-    of the median of its part and unit; where that is 0, cells get infinity and are ignored.
+    s^2 = (n_free v + 4 v_bank) / (n_free + 4), with the variances v of :func:`replicate_deviations` and
+    v_bank of simulated recordings around their counts. Cells of the shape of the amplitudes share their root
+    mean square, so that their distance is a Wasserstein distance. No spread is smaller than 1/20 of the
+    median of its part and unit; where that is 0, cells get infinity and are ignored.
     """
     of_measured = replicate_deviations(measured, simulated)
     squares, of_bank = np.sum(of_measured.values**2, axis=0), _variance_around(simulated)
@@ -173,14 +171,11 @@ def family_distances(
 ) -> Float:
     """Distance between measured and simulated recordings in each family, (n_draws, n_families).
 
-    Each recording is compared with the simulated mean of its count. Only the constant and the linear part of
-    the differences over the counts are used: with many counts of few recordings each, the rest is noise.
+    D_f^2 = sum_j sum_k w_fk a_jk^2 / s_k^2, a_jk = (1/n) sum_i q_j(c_i) (x_ik - mean_c_i(simulated)_k),
 
-    D_f^2 = sum_j sum_k w_fk a_jk^2 / s_k^2,  a_jk = (1/n) sum_i q_j(c_i) (x_ik - mean_c_i(simulated)_k).
-
-    For one count and for two this is sum_c (n_c/n) sum_k w_fk (mean_c(measured)_k - mean_c(simulated)_k)^2 /
-    s_k^2. ``chances`` (n_draws, n) are weights of the recordings, each row with sum 1; by default one row of
-    equal weights.
+    with only the constant and the linear part q_j over the counts: with many counts of few recordings each,
+    the rest is noise. ``chances`` (n_draws, n) are weights of the recordings, each row with sum 1; by default
+    one row of equal weights.
     """
     n = len(measured.counts)
     chances = np.full((1, n), 1 / n) if chances is None else chances
@@ -219,16 +214,14 @@ def family_floors(
 
     The recordings of a count are split at random into halves of a and b recordings; the difference of their
     means has the variance s^2 (1/a + 1/b). Recordings that are alone with their count are paired; the
-    difference of their deviations has the variance 2 s^2. A coefficient of n measured recordings relative to
-    the means of a bank has the variance s^2/n plus that of the bank. So each split gives
+    difference of their deviations has the variance 2 s^2. Each split gives
 
     D_f^2 = (J/n) mean_p [ c_p sum_k w_fk d_pk^2 / s_k^2 / v_p ] + bank_f,
 
-    where p runs over pieces (halved counts and pairs, drawn at random), as many as the distance has
-    coefficients J (:func:`count_trends` of ``counts``); v_p is the factor of s^2 above and bank_f is from
-    :func:`bank_error`. The root is taken for each split, as in the distance, and the floor is the mean over
-    splits. c_p (:func:`_studentising_factor`) corrects for s being estimated from the same halves; it is 1
-    for pairs.
+    over as many pieces p (halved counts and pairs, drawn at random) as the distance has coefficients J
+    (:func:`count_trends` of ``counts``); v_p is the factor of s^2 above, bank_f is from :func:`bank_error`.
+    The floor is the mean of the roots. c_p (:func:`_studentising_factor`) corrects for s being estimated from
+    the same halves; it is 1 for pairs.
     """
     groups, alone = number_strata(replicates.counts), lone_recordings(replicates.counts)
     scaled = replicates.values / scale.spread
@@ -256,8 +249,7 @@ def family_floors(
 def _studentising_factor(n_free: int) -> float:
     """Return the ratio of the expected (d/s)^2 for d independent of s to that for d used in s.
 
-    With s^2 = (q + 4) / (n_free + 4) and q chi-squared with n_free degrees of freedom:
-    E[1/s^2] / E[(q/n_free)/s^2] = n_free A / (1 - 4 A), A = E[1/(q + 4)].
+    With s^2 = (q + 4) / (n_free + 4) and q chi-squared: n_free A / (1 - 4 A), A = E[1/(q + 4)].
     """
     if n_free < 1:
         return 1.0
@@ -271,8 +263,7 @@ def bootstrap_chances(groups: Int, n_draws: int, random: np.random.Generator) ->
     Random half-samples within strata (McCarthy 1969; Saigo, Shao and Sitter 2001): of the n_h recordings of a
     stratum a random a = n_h / 2 (rounded up or down) get the weight 1 + sqrt((n_h - a) / a), the others 1 -
     sqrt(a / (n_h - a)), over n. A mean then has the variance s^2 / n_h, and all draws are equally far from
-    the sample. Draws with replacement are not: with few recordings the length of a vector of many cells would
-    vary too much. A stratum of one recording keeps its weight.
+    the sample, as draws with replacement are not. A stratum of one recording keeps its weight.
     """
     n = len(groups)
     chances = np.full((n_draws, n), 1 / n)

@@ -102,7 +102,7 @@ def prove_all(
 ) -> tuple[Proof, ...]:
     """Judge the corrected model (at any speed and load) at each condition held out.
 
-    The ``world`` has the original model. ``others`` returns further alternatives at a condition, given its
+    ``world`` has the original model; ``others`` gives further alternatives at a condition, from its
     comparison and the recordings fitted there (None without any).
     """
     fitted, held_out = fitted.known_as(held_out), held_out.known_as(fitted)
@@ -138,27 +138,17 @@ def prove_condition(
     random numbers, and at least 4 of each count. ``others`` are further alternatives by name: ``"oracle"``
     for the truth.
 
-    Notes
-    -----
-    Recordings are described by :func:`cyclofeat.gap.proof.distance.proof_cells` in five families. In each
-
-    D_f^2 = sum_k w_k (a_0k^2 + a_1k^2) / s_k^2
-
-    over cells k. a_0 and a_1 are the constant and the linear part, over the counts, of the difference between
-    measured recordings and the simulated mean of their count. w_k gives all parts of a family equal weight.
-    s_k is the spread of measured recordings of one count. D is the mean over families, and
-
     GRR = 1 - (D_after - D_floor) / (D_before - D_floor),
 
-    where D_floor is the distance between two halves of the measured recordings, scaled to the numbers of
-    recordings compared (``distance.family_floors`` has the formula, also for counts with one
-    recording each). The ratio is undefined if D_before - D_floor is less than two standard errors, or with
-    fewer than 4 recordings. Errors and intervals come from random half-samples of the recordings of each
-    count (of each condition, for counts with fewer than 3 recordings), the same for all alternatives.
+    with the mean D over families of :func:`~cyclofeat.gap.proof.distance.family_distances`, and D_floor that
+    of two halves of the measured recordings (:func:`~cyclofeat.gap.proof.distance.family_floors`). The ratio
+    is undefined if D_before - D_floor is less than two standard errors, or with fewer than 4 recordings.
+    Errors and intervals come from random half-samples of the recordings of each count (of each condition, for
+    counts with fewer than 3), the same for all alternatives.
 
     In tests with artificial summaries of 4 to 24 recordings, intervals of nominally 90 % contained the ratio
-    in 77 to 97 % of the cases. Of cases without a gap, 0 to 4 % got a ratio; with simulated recordings 3 to
-    8 %, and 20 % with 6 recordings of two counts and a bank of 5 each.
+    in 77 to 97 % of the cases. Of cases without a gap, 0 to 4 % got a ratio; with simulated recordings 3 to 8
+    %, and 20 % with 6 recordings of two counts and a bank of 5 each.
     """
     state = comparison.random_state
     # Other random numbers than in the fit: an alternative must not profit from single simulations.
@@ -201,9 +191,9 @@ def score_alternatives(
 ) -> Proof:
     """Return distances and gap reduction of alternatives, from summaries.
 
-    Counts of ``measured`` are all the same where they are not known. ``alternatives`` hold the records of
-    each, ``"nothing"`` and ``"after"`` among them, ``parts`` the part of each cell. ``seen`` (n,) is True for
-    a count that alternatives were fitted to. All share the draws of the bootstrap.
+    ``alternatives`` hold the records of each, ``"nothing"`` and ``"after"`` among them, ``parts`` the part of
+    each cell. ``seen`` (n,) is True for a count that alternatives were fitted to. All share the bootstrap's
+    draws.
     """
     random, counts = np.random.default_rng([random_state, 3]), measured.counts
     conditions = {"all": np.ones(len(counts), dtype=bool)}

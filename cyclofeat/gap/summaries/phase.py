@@ -22,13 +22,12 @@ _FINE_TOLERANCE = SPEED_TOLERANCE / 2
 
 @dataclass(frozen=True)
 class PhaseMap:
-    """Torque folded over one turn of the input, or over the passage of one lobe.
+    """Torque folded over one turn of the input ("input"), or over the passage of all lobes ("lobe").
 
-    ``"input"`` is one turn of the input, ``"lobe"`` 15/16 of it, in which all 15 lobes pass in turn, once
-    each. Arrays (n_bins,): share of the turn at the middle of each bin; mean ripple in Nm over recordings,
-    each shifted in phase to fit the others best, and the standard deviation of one; and ``flagged`` bins,
-    whose means differ by Welch's t-test at the level alpha, Bonferroni over the bins. These mark a picture
-    and are no part of the verdict: alignment favours agreement.
+    Arrays (n_bins,): share of the turn at the middle of each bin; mean ripple in Nm over recordings, each
+    shifted in phase to fit the others best, and the standard deviation of one; and ``flagged`` bins, whose
+    means differ by Welch's t-test at the level alpha, Bonferroni over the bins. These mark a picture and are
+    no part of the verdict: alignment favours agreement.
     """
 
     name: str
@@ -49,8 +48,7 @@ def phase_maps(
 ) -> dict[str, PhaseMap]:
     """Fold torque (n_windows, n_samples) over the input's turn and over the passage of the lobes.
 
-    ``alpha`` is the level of the marks; ``speeds`` are the mean input speeds in Hz of measured and of
-    simulated windows, by default from their mesh lines. Returns the maps ``"input"`` and ``"lobe"``.
+    ``speeds`` are the mean input speeds in Hz of measured and simulated windows, by default from mesh lines.
     """
     maps = {}
     rate, n_lobes = kinematics.sampling_rate, kinematics.n_lobes

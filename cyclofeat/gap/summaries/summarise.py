@@ -47,11 +47,9 @@ _SMALLEST_SPREAD = {"dB": 0.1, "Nm": 0.01, "%": 0.02, "bit": 0.01, "1": 0.02}
 
 @dataclass(frozen=True)
 class Cell:
-    """Number that is compared.
+    """Number that is compared: name, unique within its family (of ``FAMILIES``), and unit.
 
-    The name is unique within the family, one of ``FAMILIES``; the unit ``"dB"``, ``"Nm"``, ``"bit"`` or
-    ``"1"``. ``low_hz`` and ``high_hz`` limit the band that it describes; NaN where it has none. Orders are
-    stated at the nominal speed.
+    ``low_hz`` and ``high_hz`` limit the band that it describes (NaN: none), orders at the nominal speed.
     """
 
     family: str
@@ -97,24 +95,17 @@ def summarise_windows(
 ) -> tuple[Float, list[Cell]]:
     """Summarise windows of torque in Nm (n_windows, n_samples), of at least one output turn each.
 
-    Lobes and shaft come apart in a turn. ``speeds`` (n_windows,) are mean input speeds in Hz by a tachometer,
-    by default from the mesh lines; orders are multiples of them. Returns values (n_windows, n_cells), and
-    their cells.
+    ``speeds`` (n_windows,) are mean input speeds in Hz by a tachometer, by default from the mesh lines;
+    orders are multiples of them. Returns values (n_windows, n_cells), and their cells, in families: the input
+    speed; the part below 4 Hz; the distribution of amplitudes; third-octave levels; the lobe lines (16/15 of
+    the input speed and its multiples) relative to the floor around them; the lines of the input shaft
+    relative to theirs; that floor; averages synchronous with the input shaft and with the lobes, and the
+    residual without them; and spectral and wavelet features.
 
-    Notes
-    -----
-    The families are: the input speed; the part below 4 Hz (level, trend); the distribution of amplitudes
-    (mean, level, skewness, excess kurtosis, standardised quantiles, share of distinct values, which
-    quantisation lowers); third-octave levels; the lobe lines (16/15 of the input speed and its multiples)
-    relative to the floor around them; the lines of the input shaft relative to theirs; that floor; averages
-    synchronous with the input shaft and with the lobes, and the residual without them; and spectral and
-    wavelet features.
-
-    Some cells are left out: lines above the Nyquist frequency at 3 % above the nominal speed; lines without a
-    floor, because the lines of few lobes lie close together; third octaves without a bin of the spectrum.
-
-    Levels are in dB of Nm^2. The expected value of white noise of 1 mNm rms is added to every level and
-    moment: a smaller difference is no difference on any torque meter (an assumption).
+    Left out are lines above the Nyquist frequency at 3 % above the nominal speed, lines without a floor
+    (those of few lobes lie close together), and third octaves without a bin. Levels are in dB of Nm^2. The
+    expected value of white noise of 1 mNm rms is added to every level and moment: a smaller difference is no
+    difference on any torque meter (an assumption).
     """
     kinematics.whole_turns(np.shape(X)[1])
     given = None if speeds is None else np.asarray(speeds, dtype=float)
@@ -270,8 +261,7 @@ def _order_cells(
 ) -> Columns:
     """Lines of lobes and shaft over their floor, and that floor.
 
-    Every window is cut to one output turn at its own speed (or is a little shorter) and transformed at the
-    exact multiples of the output speed, with a Hann window.
+    Windows are cut to one output turn at their own speed and transformed at multiples of the output speed.
     """
     # Lines below the Nyquist frequency at the highest speed: the same cells for all recordings.
     below_nyquist = int(n_lobes * sampling_rate / 2 / (nominal_hz * (1 + SPEED_TOLERANCE))) + 1

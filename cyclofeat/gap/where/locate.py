@@ -129,11 +129,7 @@ class LocatedGap:
 
     @functools.cached_property
     def global_p(self) -> dict[str, float]:
-        """p of two tests of all cells at once, which do not affect the verdict.
-
-        The tests are the energy distance, and a classifier of measured against simulated recordings that is
-        refitted under each permutation.
-        """
+        """p of the energy distance and of a classifier, over all cells at once; not for the verdict."""
         random = np.random.default_rng([self.comparison.random_state, 2])
         return {
             "energy distance": energy_p(*self._compared, self.where.n_permutations, random),
@@ -151,14 +147,12 @@ class LocatedGap:
 def locate_all(
     measured: MeasuredRig, world: World, settings: GapSettings, *, simulated: MeasuredRig | None = None
 ) -> tuple[LocatedGap, ...]:
-    """Find where recordings differ from the model at each condition.
+    """Find where recordings differ from the model at each condition with at least two of them.
 
-    Each condition is tested at ``settings.alpha`` over their number, with so many times more relabellings, so
-    that the chance of a false "disagree" over all of them is at most ``alpha``.
-
-    Conditions with one recording are left out. ``simulated`` are recordings of another simulator, in the
-    place of simulated ones: of each the first output turn is used. It is part of the same
-    :class:`MeasuredRig`; conditions that it lacks are left out.
+    Each condition is tested at ``settings.alpha`` over their number, with so many times more relabellings:
+    the chance of a false "disagree" over all of them is at most ``alpha``. ``simulated`` are recordings of
+    another simulator, part of the same :class:`MeasuredRig`: of each the first output turn is used, in the
+    place of simulated ones.
     """
     parts = (measured,) if simulated is None else (measured, simulated)
     compared = [
@@ -197,7 +191,7 @@ def locate_all(
 def where_of(located: LocatedGap, *, pictures: bool = True) -> Where:
     """Return the comparison of a located gap, without its recordings.
 
-    For ``pictures`` torque is folded over the turn and all numbers are tested at once, which takes seconds.
+    ``pictures`` add torque folded over the turn and tests of all numbers at once, which takes seconds.
     """
     if not pictures:
         return located.where
@@ -215,26 +209,21 @@ def locate(
     """Find where measured recordings differ from simulated ones.
 
     Means over recordings and spreads of single recordings are compared, of some 180 numbers in nine families.
-    Labels are permuted among recordings, never among windows of one, which are no replicates (taken as such
-    they raise false alarms in 99.8 % of cases without a difference). The measured recordings may share a
-    speed or a load that may differ anyway: the part of each cell that follows a recording's own speed and
-    mean torque is taken out on both sides, as far as simulated recordings reach.
+    Labels are permuted among recordings: windows of one are no replicates (taken as such they raise false
+    alarms in 99.8 % of cases without a difference). What follows a recording's own speed and mean torque is
+    taken out on both sides, as far as simulated recordings reach, since those may differ anyway. Where counts
+    are known, simulated recordings have the same, and the mean of each count is taken out.
 
-    With ``comparison.one_assembly`` the recordings count as fewer: 128 more simulated recordings, four of
-    each assembly, tell by how many. Where counts are known, the simulated recordings have the same, and the
-    mean of each count is taken out. ``alpha`` is the chance of a false "disagree" over all families. A p is
-    at least 11 / (n_permutations + 1), as 11 families are adjusted for: too few relabellings are refused. A
-    ``bank`` has recordings of every measured count, in the place of ``comparison.n_bank`` simulated ones.
+    ``alpha`` is the chance of a false "disagree" over all families. With ``comparison.one_assembly`` the
+    recordings count as fewer: 128 more simulated ones, four of each assembly, tell by how many. A ``bank``
+    has recordings of every measured count, in the place of ``comparison.n_bank`` simulated ones.
 
-    Notes
-    -----
-    The statistic of a mean is the difference of the means over its standard error with the pooled variance.
-    The statistic of a spread is the logarithm of the ratio of variances over its standard deviation under
-    permuted labels. The family "together" has one statistic: the root mean square of all differences of
-    means, decorrelated with a shrunk covariance of all recordings that ignores the labels. p is (b + 1) / (m
-    + 1) if b of m permutations reach the statistic, so it is never 0. A spread of 0.1 dB, 0.01 Nm, 0.02 % or
-    0.02 (assumptions) is added to that of each cell in quadrature, because smaller differences have no
-    consequence.
+    The statistic of a mean is the difference over its standard error with the pooled variance; that of a
+    spread is the logarithm of the ratio of variances over its standard deviation under permuted labels. The
+    family "together" has one: the root mean square of all differences of means, decorrelated with a shrunk
+    covariance of all recordings that ignores the labels. p is (b + 1) / (m + 1) if b of m permutations reach
+    the statistic. A spread of 0.1 dB, 0.01 Nm, 0.02 % or 0.02 (assumptions) is added in quadrature: smaller
+    differences have no consequence.
     """
     fewest = math.ceil(_N_FAMILIES / alpha) - 1
     if whole("n_permutations", n_permutations, 19) < fewest:
@@ -281,7 +270,7 @@ def locate(
 def _test_cells(
     statistics: Permuted, cells: list[Cell], alpha: float, levels: Float
 ) -> tuple[list[WhereRow], dict[str, float]]:
-    """Test all cells: return their rows, that of all together last, and the adjusted p of each family.
+    """Return rows of all cells, that of all together last, and the adjusted p of each family.
 
     ``levels`` (3, n_cells) are the means, and the spreads of measured and simulated recordings.
     """
@@ -337,10 +326,9 @@ _SPEEDS = ("input speed by the tachometer", "input speed by the mesh lines")  # 
 class SpeedAndLoadTrend:
     """Linear trend of summaries with a recording's own speed and mean torque.
 
-    A linear regression of the ``simulated`` summaries (n_bank, n_cells), less the mean of their count, gives
-    the change of each cell with speed and mean torque. It is applied within the range of the simulated
-    recordings, widened by twice the ``smallest`` difference of consequence: all recordings of a session may
-    lie at one end of the allowed range, but not beyond it.
+    The slopes are those of the ``simulated`` summaries (n_bank, n_cells), less the mean of their count. They
+    are applied within the simulated range, widened by twice the ``smallest`` difference of consequence: all
+    recordings of a session may lie at one end of the allowed range, but not beyond it.
     """
 
     def __init__(self, simulated: Float, cells: list[Cell], smallest: Float) -> None:

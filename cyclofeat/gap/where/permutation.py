@@ -98,8 +98,7 @@ class Permuted:
 def statistics_by_family(cells: list[Cell]) -> dict[str, NDArray[np.intp]]:
     """Indices of each family's statistics: means by family, then all spreads, then all means together.
 
-    Spreads are a family of their own: with few recordings their distributions have long tails, which would
-    raise the threshold for means.
+    Spreads, whose distributions have long tails for few recordings, would raise the threshold for means.
     """
     names = np.array([cell.family for cell in cells])
     of_means = {family: np.flatnonzero(names == family) for family in FAMILIES if np.any(names == family)}

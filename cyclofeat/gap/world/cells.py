@@ -49,9 +49,9 @@ def recording_cells(X: NDArray[np.float32], kinematics: Kinematics) -> tuple[Flo
     """Summarise recordings of one output turn (n_recordings, n_samples) in Nm, positive for a braking load.
 
     Returns values (n_recordings, n_cells) and their cells: those of :func:`summarise_windows`, and modulation
-    of the mesh lines' amplitudes and phases and how far it follows the slow torque, which a drift of the load
-    causes and one of the sensor does not; mains lines and slow part in Hz; signed trend and curvature;
-    exponential decays, and the torque that they settle to; repeated, equal and extreme values.
+    of the mesh lines' amplitudes and phases and how far it follows the slow torque (a drift of the load does,
+    one of the sensor does not); mains lines and slow part in Hz; signed trend and curvature; exponential
+    decays, and the torque that they settle to; repeated, equal and extreme values.
     """
     values, cells = summarise_windows(X, kinematics)
     mean = X.mean(axis=1, dtype=np.float64)

@@ -50,8 +50,8 @@ class Rigs:
     """Simulated rigs of a :class:`World`; arrays of shape (n_rigs, ...).
 
     ``values``, ``conditions``, ``counts`` and ``speeds`` (n_rigs, n_recordings, ...) are those of recordings:
-    summaries, NaN where the simulation failed; speed in RPM, load in Nm and direction; worn lobes; mean speed
-    in RPM, as a tachometer has it.
+    summaries, NaN where the simulation failed; speed in RPM, load in Nm and direction; worn lobes; RPM by a
+    tachometer.
     """
 
     names: tuple[str, ...]  # of the effects
@@ -106,10 +106,9 @@ class Rigs:
 class EffectPrior:
     """Random sets of effects that a model may lack.
 
-    The number of effects has equal probabilities from 0 to ``most``; each set of that number is equally
-    probable, and sizes follow the priors of the effects' parameters. Several rigs share a machine: first the
-    effects that the gearbox answers are drawn, then, for each rig, those on the torque signal alone, with
-    the probabilities that they have given the first.
+    Numbers of effects from 0 to ``most`` are equally probable, as are the sets of each number; sizes follow
+    the parameters' priors. As rigs share a machine, the effects that the gearbox answers are drawn first,
+    then, for each rig, those on the torque signal, with the probabilities that they have given the first.
     """
 
     effects: tuple[Effect, ...]
@@ -176,10 +175,7 @@ def with_noise_and_drift(rig: Rig, may_differ: Sequence[Effect], tolerance: floa
 
 
 def draw_session(world: World, n_recordings: int, random: np.random.Generator) -> tuple[Session, float]:
-    """Draw one or three conditions, which the recordings take in turn, and what differs between them.
-
-    Returns a session without summaries, and the factor on all that differs anyway.
-    """
+    """Draw a session without summaries, at one or three conditions, and the factor on what differs anyway."""
     speeds, loads = random.uniform(*world.speeds_rpm, 3), random.uniform(*world.loads_nm, 3)
     directions = np.where(random.random(3) < _REVERSED, -1, 1)
     n_conditions = 3 if random.random() < 0.5 else 1
