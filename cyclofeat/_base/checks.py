@@ -140,13 +140,7 @@ def one_of(name: str, value: Any, options: Iterable[str]) -> str:
 
 
 def different_names(given: Iterable[str], known: Iterable[str], argument: str) -> tuple[str, ...]:
-    """Return the given names; raise ValueError unless they are different ones of the known names.
-
-    Examples
-    --------
-    >>> different_names(["hum"], ["gain", "hum"], "library")
-    ('hum',)
-    """
+    """Return the given names; raise ValueError unless they are different ones of the known names."""
     names, existing = tuple(given), tuple(known)
     if not names or not set(names) <= set(existing) or len(set(names)) < len(names):
         got = ", ".join(map(str, names)) or "none"

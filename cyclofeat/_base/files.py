@@ -70,13 +70,7 @@ MODEL_PACKAGES = ("cyclofeat", "python", "numpy", "scipy", "scikit-learn", "jobl
 
 
 def package_versions(*names: str) -> dict[str, str]:
-    """Return installed versions by the name of the distribution; ``"python"`` is the interpreter's.
-
-    Examples
-    --------
-    >>> list(package_versions("python", "numpy"))
-    ['python', 'numpy']
-    """
+    """Return installed versions by the name of the distribution; ``"python"`` is the interpreter's."""
     return {
         name: platform.python_version() if name == "python" else _installed_version(name) for name in names
     }

@@ -48,13 +48,11 @@ def erase_progress() -> None:
 class Progress:
     """Callable ``progress(done, total)`` that stays silent for the first two seconds.
 
-    On a terminal it rewrites one line; elsewhere it prints a line every ten seconds. The default stream is
-    standard error. As a context manager it also keeps the time of the line going between reports, and of work
-    that reports nothing.
+    On a terminal it rewrites one line; elsewhere it prints a line every ten seconds. As a context manager it
+    also keeps the time of the line going between reports, and of work that reports nothing.
 
-    The time left follows from the pace since the first report: what comes before it, such as compilation or
-    what an earlier run finished, does not repeat. It is stated once that pace spans three seconds, and the
-    end that it predicts is smoothed.
+    The time left follows from the pace since the first report (compilation and earlier runs do not repeat),
+    once that spans three seconds; the end that it predicts is smoothed.
     """
 
     def __init__(

@@ -25,8 +25,7 @@ def first_weights(
 ) -> dict[str, NDArray[np.float32]]:
     """Draw weights of dense layers, with biases of zero (He et al. 2015).
 
-    ``layers`` maps the name of each to its number of inputs, its number of outputs, and the variance of its
-    weights times its number of inputs.
+    ``layers``: name to number of inputs, of outputs, and variance of weights times number of inputs.
     """
     weights = {}
     for name, (n_in, n_out, power) in layers.items():

@@ -54,8 +54,7 @@ class WaveletTransformer(WindowTransformer):
     def _from_coefficients(self, X: NDArray[Any], coefficients: Sequence[Float]) -> Float:
         """Features, shape (n_windows, n_features), of windows and their transform.
 
-        ``coefficients`` are those of ``cyclofeat.signal.wavelets.dwt``, details of level 1 first, of at
-        least ``_deepest_level()`` levels; what follows these is ignored.
+        ``coefficients`` are those of ``signal.wavelets.dwt``, of at least ``_deepest_level()`` levels.
         """
 
     def _compute_features(self, X: NDArray[Any]) -> Float:

@@ -85,10 +85,7 @@ def read_card(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def feature_definitions(counter: Any) -> dict[str, Any]:
-    """Return the ``columns`` of features that a fitted counter or model uses, and their ``definitions``.
-
-    ``columns`` are names in order, ``definitions`` the version of each feature's definition.
-    """
+    """Return the names, in order, of a fitted counter's ``columns``, and the versions of ``definitions``."""
     columns: list[str] = []
     for part in estimators_in(counter):
         if isinstance(part, WindowTransformer) and hasattr(part, "n_features_in_"):

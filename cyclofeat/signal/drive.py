@@ -56,12 +56,10 @@ _GAINED, _CLEARLY = 0.2, 1.2
 def controlled_lag(current: Float, sampling_rate: float, integral_s: float) -> Float:
     """Return by how much a shaft lags behind its set speed, from the current of its motor.
 
-    A proportional-integral controller of the speed sets the current i = P (e + a / T), with the speed's
-    deviation e = da/dt, the lag a and the integral time T. The lag is therefore the current behind a low-pass
-    of the first order: da/dt + a / T = i / P.
-
-    ``current`` is without its mean, which the friction and the load need; ``integral_s`` is T. The result is
-    P a, in the unit of the current times s; 0 before the first sample.
+    A proportional-integral controller sets the current i = P (e + a / T), with the speed's deviation e =
+    da/dt, the lag a and the integral time T (``integral_s``). The lag is the current behind a low-pass of the
+    first order: da/dt + a / T = i / P. ``current`` is without its mean, which the friction and the load need.
+    The result is P a, in the unit of the current times s; 0 before the first sample.
     """
     kept = np.exp(-1 / (sampling_rate * integral_s))
     return np.asarray(lfilter([(1 - kept) * integral_s], [1, -kept], current))
@@ -71,18 +69,14 @@ def follow_motor(current: Float, sampling_rate: float, nominal_hz: float, n_lobe
     """Follow the input shaft in the current of the motor that turns it.
 
     Worn lobes brake a motor by some per cent of its speed for a part of a turn, too briefly for
-    ``cyclofeat.signal.speed.follow_speed``, which takes the speed to change slowly. The current tells
-    these changes, because the control of the speed sets it in answer to them (:func:`controlled_lag`). Gain
-    and integral time of the control are those with which the lines of the current have the most evidence.
-    What is slow is then followed as in a torque, in longer blocks. Where no control makes the lines clearly
-    more evident, there is none.
+    :func:`~cyclofeat.signal.speed.follow_speed`, whose arguments and errors it has. The current tells these
+    changes, because the control of the speed sets it in answer to them (:func:`controlled_lag`). Gain and
+    integral time are those with which the lines have the most evidence; where none makes them clearly more
+    evident, there is no control. What is slow is then followed as in a torque, in longer blocks.
 
     Where the lobe lines do not reach beyond those of a sound disc (``reaches``), multiples of the speed are
     followed as well, and the lines do not fit (``fits``) if they are more evident there: a motor's strongest
     line may pass for that of the mesh at another speed.
-
-    The mean of the current drives the shaft. Arguments and errors are those of
-    ``cyclofeat.signal.speed.follow_speed``.
     """
     followed = _follow_current(current, sampling_rate, nominal_hz, n_lobes, _ATTEMPTS)
     if not followed.fits or followed.reaches:
@@ -149,8 +143,7 @@ def _controlled_turns(
 ) -> Float | None:
     """Return the turns of a shaft at the stated speed under a control; None where it would all but stop.
 
-    ``driving`` is the current less its mean, in standard deviations; its sign is turned where a negative
-    current drives.
+    ``driving`` is the current less its mean, in standard deviations, positive for one that drives.
     """
     lag = controlled_lag(driving, sampling_rate, integral_s)
     turned = nominal_hz * (np.arange(driving.size) / sampling_rate - gain * lag)

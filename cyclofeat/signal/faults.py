@@ -31,11 +31,7 @@ _QUARTERS, _SEARCHED, _FIRST_LINE, _LAST_LINE, _STRONGEST = 4, 0.1, 3, 30, 6.0
 
 
 def clipped_share(torque: Float) -> float:
-    """Share of samples at the largest or smallest value, where samples pile up there.
-
-    A converter or amplifier at its end repeats one value, far more often than the next one; the crest of a
-    quantised wave does not.
-    """
+    """Share of samples at the largest or smallest value, where samples pile up: a converter is at its end."""
     return sum((np.count_nonzero(at_end) / torque.size for at_end in mark_clipped(torque)), 0.0)
 
 
@@ -163,9 +159,8 @@ def spectral_falls(
 ) -> tuple[float, float]:
     """Return how far the spectrum falls above the lobe lines of a count, in dB.
 
-    First from lobe lines 3 to 9 to lines 44 to 88, then from the lines just below the latter. White noise of
-    the sensor bounds the first and flattens the second; a low-pass filter behind the sensor lowers both. NaN
-    where the sampling rate does not reach that far.
+    First from lobe lines 3 to 9 to lines 44 to 88, then from the lines just below the latter. White noise
+    bounds the first and flattens the second; a low-pass behind the sensor lowers both. NaN at too low a rate.
     """
     lobe = lobe_frequency(input_speed_hz, n_lobes)
     if _HIGH_LINES[1] * lobe > 0.4 * sampling_rate:
@@ -210,12 +205,11 @@ def weakest_part(
 
 
 def angle_jitter(angle: Float) -> float:
-    """Standard deviation in degrees by which angles of a shaft err from turn to turn.
+    """Standard deviation in degrees by which angles of a shaft, in rad, err from turn to turn.
 
     Third differences over one mean turn are next to zero where the speed changes evenly; of independent
-    errors they have 20 times the variance. Their median ignores the moments where a run-up begins and ends.
-    For angles from one pulse a turn the largest of four places is taken, since the interpolation between two
-    pulses averages their errors. Zero for angles, in rad, of fewer than six turns, which are too few to tell.
+    errors they have 20 times the variance. Their median ignores the begin and end of a run-up. The largest of
+    four places is taken, since the interpolation between pulses averages errors. 0 for fewer than six turns.
     """
     per_turn = max(_PLACES, round(2 * np.pi * angle.size / float(np.ptp(angle))))
     n_turns = angle.size // per_turn

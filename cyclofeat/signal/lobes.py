@@ -59,7 +59,7 @@ class LobeLines:
     ``lines``, shape (n_windows, n_lines), are the complex amplitudes c_k of lobe lines k = 1, 2, ...: the
     whitened torque, in units of its standard deviation, holds Re(c_k exp(2 pi i k f t)) with the lobe
     frequency f and t = 0 at the first sample. ``floor`` is the mean power of the spectrum within three lobe
-    frequencies around each line, same units squared.
+    frequencies around each line.
     """
 
     input_speed_hz: Float
@@ -100,10 +100,7 @@ def lines_held(
 
 
 def reduce_rate(X: Float, sampling_rate: float, wanted_rate: float) -> tuple[Float, float]:
-    """Remove the mean, reduce the rate by a whole number with an anti-alias filter; windows and rate in Hz.
-
-    The mean goes first: the filter pads with zeros.
-    """
+    """Remove the mean, as the filter pads with zeros, and reduce the rate; return windows and rate in Hz."""
     factor = max(1, int(sampling_rate // wanted_rate))
     if factor < 2:
         return X - X.mean(axis=1, keepdims=True), sampling_rate
@@ -140,9 +137,9 @@ def prewhiten(X: Float, sampling_rate: float, order: int, lowest_hz: float) -> F
     """Residual of an autoregressive model of each window without mean, scaled to unit standard deviation.
 
     The model of the given order (0 scales only) is fitted by Yule-Walker's equations to the spectrum above
-    ``lowest_hz``; the level just above replaces the spectrum below, so that drift of the brake does not use
-    up the model. The resonances of a linear rig have minimum phase, so the residual is free of their ringing
-    in phase as in amplitude. Constant windows become zero.
+    ``lowest_hz``; the level just above replaces the spectrum below, so that drift does not use up the model.
+    A linear rig's resonances have minimum phase: the residual is free of their ringing in phase as in
+    amplitude. Constant windows become zero.
     """
     n_samples = X.shape[1]
     if order > 0:
@@ -168,10 +165,10 @@ def prewhiten(X: Float, sampling_rate: float, order: int, lowest_hz: float) -> F
 class LobeComb:
     """Comb of lobe lines that is fitted to the spectrum of windows.
 
-    ``ar_order`` is that of the autoregressive model that takes out torsional resonances, at about
-    ``6 n_lines`` lobe frequencies of sampling rate; 0 for none. ``speed_tolerance`` is the largest relative
-    deviation of the speed that is searched; 0 takes the nominal speed. ``searched`` are the numbers of the
-    lobe lines that the search looks at: by default all from the fifth on, because the brake drifts below.
+    ``ar_order`` is that of the autoregressive model that takes out torsional resonances; 0 for none.
+    ``speed_tolerance`` is the largest relative deviation of the speed that is searched. ``searched`` are the
+    numbers of the lobe lines that the search looks at: by default all from the fifth on, because the brake
+    drifts below.
     """
 
     n_lobes: int = 15
@@ -187,11 +184,10 @@ def lobe_lines(
     """Fit the lobe lines of each window, at the input speed that suits them best.
 
     The sampling rate is in Hz (samples per input turn for windows on equal steps of the angle, with
-    ``input_speed_hz=1``), the nominal input speed in turns per second.
-
-    The speed maximises the sum over lobe lines of power over local floor, by an exhaustive search. The power
-    of a comb is its likelihood in white noise; the floor keeps a single strong line, such as the mains', from
-    outvoting it. Windows too short for a spectrum line (under two lobe periods) have lines and floor zero.
+    ``input_speed_hz=1``), the nominal input speed in turns per second. The speed maximises the sum over lobe
+    lines of power over local floor, by an exhaustive search: the power of a comb is its likelihood in white
+    noise, and the floor keeps a single strong line, such as the mains', from outvoting it. Windows of under
+    two lobe periods have lines and floor zero.
     """
     comb = comb or LobeComb()
     n_windows = X.shape[0]
@@ -240,8 +236,7 @@ def comb_prominence(
     """Return the power of lobe lines over the spectrum around each, shape (n_windows, n_factors, n_lines).
 
     ``factors`` are input speeds as multiples of ``input_speed_hz``, ``numbers`` the lobe lines, counted from
-    1, or places between them; other arguments are those of :func:`lobe_lines`. The ratio is 1 on average
-    where there are no lines.
+    1, or places between them; other arguments as in :func:`lobe_lines`. Without lines the mean is 1.
     """
     nominal = lobe_frequency(input_speed_hz, n_lobes)
     white = _whitened_spectra(X, sampling_rate, nominal, int(numbers.max()), _AR_ORDER)
@@ -293,8 +288,8 @@ def _between_bins(values: NDArray[Any], bins: Float) -> NDArray[Any]:
 def fold(lines: Complex, n_lobes: int = 15, points: int = 16, lowest_line: int = 3) -> Float:
     """Torque folded at the lobe frequency from its lobe lines, shape (n_windows, n_lobes, points).
 
-    Slot 0 begins at the window's first sample, or where :func:`shift` moved it. Lobe lines below
-    ``lowest_line`` are not used: there the brake drifts.
+    Slot 0 begins at the window's first sample, or where :func:`shift` moved it. Lines below ``lowest_line``,
+    where the brake drifts, are not used.
     """
     waves = _fold_waves(lowest_line, lines.shape[1], n_lobes * points)
     folded = lines[:, lowest_line - 1 :] @ waves

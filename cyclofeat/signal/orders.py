@@ -85,11 +85,11 @@ def resample_by_angle(
     ``torque`` in Nm and ``angle`` of the shaft in rad, strictly increasing, have the shape (n,) and are
     sampled at ``sampling_rate`` Hz. The result lies on whole multiples of ``2 pi / samples_per_turn`` from
     the angle's zero, so records of one absolute angle share one grid. Torque is interpolated by a cubic
-    spline in time. Where a turn of the record holds more samples than ``samples_per_turn``, the torque is
-    first low-passed on a finer grid: the filter cuts at a fixed *order*, however the speed varies. Orders up
-    to ``0.4 * samples_per_turn`` pass unchanged and orders from ``0.5 * samples_per_turn`` on are 80 dB down;
-    the result is then 26 samples shorter at either end than the angle's range. The spline is accurate to 1 %
-    up to a fifth of the sampling rate, to 0.1 % up to a tenth.
+    spline in time, accurate to 1 % up to a fifth of the sampling rate, to 0.1 % up to a tenth. Where a turn
+    of the record holds more samples than ``samples_per_turn``, the torque is first low-passed on a finer
+    grid, at a fixed *order*: orders up to ``0.4 * samples_per_turn`` pass unchanged and orders from ``0.5 *
+    samples_per_turn`` on are 80 dB down; the result is then 26 samples shorter at either end than the angle's
+    range.
 
     ``ValueError`` if shapes differ, values are not finite, the angle does not increase, the record is too
     short for the filter, or the shaft nearly stands still (below 1/16 of its median speed) where a low-pass
@@ -196,14 +196,14 @@ def estimate_input_speed(
 
     The lobe lines are the multiples of (z_s + 1)/z_s of the input speed; every z_s-th of them is a mesh line
     (order z_s + 1). The speed is the one, of 301 within the relative ``tolerance`` of ``nominal_hz`` (0
-    returns that), whose comb stands out most from the spectrum around it, in power over the local floor; see
-    ``cyclofeat.signal.lobes.lobe_lines``, whose search this is. ``comb="lobe"`` takes all lobe lines from the
-    fifth to the 44th, as :class:`cyclofeat.features.LobeMap` does; ``"mesh"`` the mesh lines among them
-    alone, for torque in which the lobes do not differ. Other arguments are those of :func:`order_lines`.
+    returns that), whose comb stands out most over the local floor
+    (:func:`cyclofeat.signal.lobes.lobe_lines`). ``comb="lobe"`` takes all lobe lines from the fifth to the
+    44th; ``"mesh"`` the mesh lines among them alone, for torque in which the lobes do not differ. Other
+    arguments are those of :func:`order_lines`.
 
-    The steps of the search are ``tolerance / 150`` (0.01 % at 1.5 %). In windows of one output turn (1.8 s at
-    500 RPM) whose comb stands 10 dB out of the noise the estimate is within 0.03 % of the truth. For torque
-    without lobe or mesh lines and for windows of few turns the result is any speed within the tolerance.
+    In windows of one output turn (1.8 s at 500 RPM) whose comb stands 10 dB out of the noise the estimate is
+    within 0.03 % of the truth. For torque without such lines and for windows of few turns it is any speed
+    within the tolerance.
     """
     if not 0 <= tolerance <= 0.2:
         raise ValueError(f"tolerance must be from 0 to 0.2 (a share of the speed), got {tolerance!r}")

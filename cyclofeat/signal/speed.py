@@ -55,7 +55,7 @@ _SEARCHED_TURNS, _OVERLAPPING, _SAME, _LEAST, _POSSIBLE, _MORE = 2.0, 0.8, 0.01,
 
 @dataclass(frozen=True)
 class _Pass:
-    """One pass of the search: blocks, their hop, and the factors of the speed that are tried.
+    """One pass of the search: turns of its blocks, their hop, and the factors of the speed that are tried.
 
     A change of the speed from block to block costs its square, in units of ``change``. Lobe lines within
     ``apart`` orders of one of the shaft are not used, unless they are those of the mesh.
@@ -103,14 +103,14 @@ class FollowedSpeed:
     """Angle of the input shaft as the lines of the torque have it, in rad at the samples, from 0 on.
 
     ``evidence`` is the logarithm of how much more probable the lines are at this speed than noise, per input
-    turn. Only speeds followed by the same lobe lines can be compared. ``margin`` is the difference of log
+    turn; it compares speeds followed by the same lobe lines. ``margin`` is the difference of log
     probabilities, for one output turn, between a disc at this speed and the most probable one at another (a
     quarter, a third, a half, 2 to 12 times it, and where the lines look alike), less the least difference
-    that counts. It is also negative where the lines are the shaft's alone, as a disc has mesh or lobe lines
-    too, and for a current where another speed has clearly more evidence. It is minus infinity where the
-    torque holds no lines, or the speed lies at the end of the range. ``reaches`` is true for the lines of a
-    worn disc: they reach beyond what the shaft of a sound disc has at (n_lobes + 1) / (2 n_lobes) of the
-    speed, where its even lines are in the places of the lobe lines.
+    that counts. It is also negative where the lines are the shaft's alone, and for a current where another
+    speed has clearly more evidence; minus infinity where the torque holds no lines, or the speed lies at the
+    end of the range. ``reaches`` is true for the lines of a worn disc: they reach beyond what the shaft of a
+    sound disc has at (n_lobes + 1) / (2 n_lobes) of the speed, where its even lines are in the places of the
+    lobe lines.
     """
 
     angle: Float
@@ -129,12 +129,12 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
     """Follow the speed of the input shaft by the lobe, mesh and shaft lines of the torque.
 
     Blocks of the record vote for the factor by which the speed differs from the nominal one; the course of
-    the speed is the path through the blocks' votes that is most probable if the speed changes slowly. Two
-    further passes repeat this on the torque over the angle found so far, with longer blocks and finer steps.
-    If the lines found are not those of a disc (``fits``), the search is repeated with lobe lines up to the
-    88th, in blocks of six turns, then of 14. The first attempt that fits is returned, or else the one with
-    the largest margin, or the last where none has any lines. Each attempt also tries whether its lines are
-    the even shaft lines of a sound disc that turns faster (16/15 of the speed for 15 lobes).
+    the speed is the most probable path through the votes if it changes slowly. Two further passes repeat this
+    on the torque over the angle found so far, with longer blocks and finer steps. If the lines found are not
+    those of a disc (``fits``), the search is repeated with lobe lines up to the 88th, in blocks of six turns,
+    then of 14. The first attempt that fits is returned, or else the one with the largest margin, or the last
+    where none has any lines. Each attempt also tries whether its lines are the even shaft lines of a sound
+    disc that turns faster (16/15 of the speed for 15 lobes).
 
     ``nominal_hz`` is the stated speed in turns per second; the true one may lie up to 5.5 % beside it, and
     wander. ``ValueError`` if the record is shorter than six turns of the input, or the sampling rate in Hz
@@ -184,17 +184,15 @@ def _at_samples(followed: FollowedSpeed, rate: float, n_samples: int, sampling_r
 
 
 def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list[FollowedSpeed]:
-    """Follow the input shaft at the speeds from 100 to 1,500 RPM that the torque allows.
+    """Follow the input shaft at the speeds from 100 to 1,500 RPM that the torque allows, the likeliest first.
 
     :func:`follow_speed` starts at speeds whose tolerances overlap, in the middle of the record. Of those
     where the lines are those of a disc (``fits``), the one with the most evidence is meant, if it also fits
     the whole record. Others with at least half as much are possible too: those that fit, and some that look
     alike. For 15 lobes these are 15/8 of the speed, where a worn disc's lobe lines would be taken for the
     even lines of a sound one's shaft; 8/15, the other way round, unless the lobe lines reach further
-    (``reaches``); and 16/15, where all lines of a motor's shaft would be taken for lobe lines.
-
-    The most probable speed comes first. None fits where the record does not hold an output turn or the
-    sampling rate does not hold the first line of the mesh.
+    (``reaches``); and 16/15, where all lines of a motor's shaft would be taken for lobe lines. None fits
+    where the record does not hold an output turn or the sampling rate not the first line of the mesh.
     """
     duration, tolerance = torque.size / sampling_rate, FOLLOWED_TOLERANCE
     mesh = highest_frequency(1.0, n_lobes, min(n_lobes, _LAST_LOBE_LINE), tolerance)
@@ -300,9 +298,8 @@ def _followed_speed(
 def _fit_discs(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> tuple[float, bool]:
     """Return margin and reach of the lines over an angle, as of :class:`FollowedSpeed`.
 
-    A worn disc has lobe lines, and a sound one those of the mesh, both with even lines of the shaft. At a
-    wrong speed, lines lie between those expected (a half, a third or a quarter is true), or only every second
-    or further one is there (a multiple is true), so that discs at these speeds explain more or waste less.
+    At a wrong speed, lines lie between those expected (a half, a third or a quarter is true), or only every
+    second or further one is there (a multiple is true): discs at these speeds explain more or waste less.
     """
     turned, _ = resample_by_angle(torque, angle, _SAMPLES_PER_TURN, sampling_rate)
     n_lobes = lines.n_lobes

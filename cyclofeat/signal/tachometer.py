@@ -26,16 +26,16 @@ _SPIKES, _TURN_BEGINS, _SMOOTHER = 3, 1.5 * np.pi, 4
 
 
 def angle_from_pulses(signal: ArrayLike, pulses_per_turn: int) -> Float:
-    """Angle of a shaft from a train of pulses.
+    """Angle of a shaft in rad from a train of pulses, 0 at the first edge, strictly increasing.
 
-    Rising edges are the instants at which the signal, read between samples, passes the middle of its range;
-    noise smaller than a tenth of the range makes no edges. Between edges the angle follows a monotone cubic
-    curve (PCHIP; Fritsch and Carlson, "Monotone piecewise cubic interpolation", SIAM Journal on Numerical
-    Analysis 17, 1980), before the first and after the last one a straight line, of less than one pulse.
+    Rising edges are the instants at which the ``signal``, a voltage or logic level, passes the middle of its
+    range; noise smaller than a tenth of the range makes no edges. Between edges the angle follows a monotone
+    cubic curve (PCHIP; Fritsch and Carlson, "Monotone piecewise cubic interpolation", SIAM Journal on
+    Numerical Analysis 17, 1980), before the first and after the last one a straight line, of less than one
+    pulse.
 
-    The ``signal`` is a voltage or logic level; one pulse per turn is an index. The angle is in rad, strictly
-    increasing, 0 at the first edge. ``ValueError`` if the signal is constant, not finite or has fewer than
-    three pulses, if one is missing or double, or if there are fewer than four samples per pulse.
+    ``ValueError`` if the signal is constant, not finite or has fewer than three pulses, if one is missing or
+    double, or if there are fewer than four samples per pulse.
     """
     per_turn = checks.whole("pulses_per_turn", pulses_per_turn, 1)
     values = checks.number_series("signal", signal, kinds="biuf")
@@ -82,8 +82,7 @@ def angle_from_pulses(signal: ArrayLike, pulses_per_turn: int) -> Float:
 def _extend_lines(angle: Float, known: NDArray[Any], rising: NDArray[Any]) -> None:
     """Write straight lines before the first and after the last known value of a rising angle.
 
-    They rise by less than the step to the next known value: a shaft that went on would have made it, so it
-    stood or was slower.
+    They rise by less than the step to the next known value: a shaft that went on would have made it.
     """
     place = np.arange(angle.size)
     for outside, end, other in ((place < known[0], 0, 1), (place > known[-1], -1, -2)):
@@ -97,12 +96,11 @@ def _extend_lines(angle: Float, known: NDArray[Any], rising: NDArray[Any]) -> No
 def continuous_angle(angle: ArrayLike) -> Float:
     """Angle in rad without the falls to its start once per turn, and without the steps of a coarse encoder.
 
-    The angle rises, or falls, and may start again after each turn. Of a value that is held for several
-    samples the first one counts; the others lie on a straight line to the next value, and after the last step
-    within one more step. So do up to three samples on the way down. An angle with noise is averaged over as
-    many samples as make it rise. The result is strictly monotone; an angle that is that already comes back
-    unchanged. ``ValueError`` if the angle is not finite, does neither, or steps by more than a quarter of a
-    turn.
+    Of a value that is held for several samples the first one counts; the others, and up to three samples on
+    the way down, lie on a straight line to the next value, and after the last step within one more step. An
+    angle with noise is averaged over as many samples as make it rise. The result is strictly monotone; an
+    angle that is that already comes back unchanged. ``ValueError`` if the angle is not finite, neither rises
+    nor falls, or steps by more than a quarter of a turn.
     """
     values = checks.number_series("angle", angle)
     steps = np.diff(values)

@@ -50,13 +50,12 @@ def morris_names() -> tuple[str, ...]:
 
 
 def morris(name: str) -> pywt.Wavelet:
-    """Wavelet of the Morris minimum-bandwidth family.
+    """Wavelet of the Morris minimum-bandwidth family; ``ValueError`` for another name.
 
-    ``name`` is ``"mbN.L"``: N is the filter's length, L the level of the transform used in its design (not a
-    number of vanishing moments; every member has one). The wavelet is orthogonal to rounding, and within 8e-8
-    of MATLAB's ``wfilters`` for all but mb14.3 (5e-6) and mb18.3 (2e-7), whose printed tables have misprints
-    (J. M. Morris and R. Peravali, "Minimum-bandwidth discrete-time wavelets", Signal Processing 76 (1999)
-    181-193). ``ValueError`` for another name.
+    ``name`` is ``"mbN.L"``: N is the filter's length, L the level of the transform used in its design (every
+    member has one vanishing moment). The wavelet is orthogonal to rounding, and within 8e-8 of MATLAB's
+    ``wfilters`` for all but mb14.3 (5e-6) and mb18.3 (2e-7), whose printed tables have misprints (J. M.
+    Morris and R. Peravali, "Minimum-bandwidth discrete-time wavelets", Signal Processing 76 (1999) 181-193).
     """
     if name not in _filter_table():
         raise ValueError(f"name must be one of {', '.join(morris_names())}, got {name!r}")
@@ -67,11 +66,7 @@ def morris(name: str) -> pywt.Wavelet:
 
 
 def as_wavelet(wavelet: AnyWavelet) -> pywt.Wavelet:
-    """A discrete wavelet from whatever names it.
-
-    A name of PyWavelets or of the Morris family, a wavelet, or a bank of the four filters
-    ``(dec_lo, dec_hi, rec_lo, rec_hi)``.
-    """
+    """Wavelet of a name (of PyWavelets or Morris) or of four filters (dec_lo, dec_hi, rec_lo, rec_hi)."""
     if isinstance(wavelet, pywt.Wavelet):
         return wavelet
     if isinstance(wavelet, str):
@@ -133,10 +128,9 @@ def dwt(X: ArrayLike, wavelet: AnyWavelet = "mb32.3", levels: int = 12) -> list[
     details of level 1 (highest frequencies) to the last of 1 to 30 ``levels``, then the approximation of the
     last, each of shape (..., n_coefficients), in Nm times the wavelet's 2^(k/2).
 
-    These are MATLAB's ``wavedec`` coefficients in its default mode ``'sym'``: level k has
-    ``(n + n_taps - 1) // 2`` of them, n being those of level k - 1. Beyond ``pywt.dwt_max_level`` (10 for
-    46,080 samples and mb32.3) every coefficient feels an end of the window. The papers show 12 all the same,
-    so there is no warning.
+    These are MATLAB's ``wavedec`` coefficients in its default mode ``'sym'``: level k has ``(n + n_taps - 1)
+    // 2`` of them, n being those of level k - 1. Beyond ``pywt.dwt_max_level`` (10 for 46,080 samples and
+    mb32.3) every coefficient feels an end of the window; the papers show 12 all the same.
     """
     whole("levels", levels, least=1, most=30)
     bank = as_wavelet(wavelet)
@@ -151,9 +145,8 @@ def dwt(X: ArrayLike, wavelet: AnyWavelet = "mb32.3", levels: int = 12) -> list[
 def visible(detail: Float, level: int, n_samples: int) -> tuple[Float, NDArray[np.int64]]:
     """Return the coefficients of level k that a scalogram shows, and the number of cells of each.
 
-    ``detail``, shape (..., n_coefficients), is from :func:`dwt` of windows of ``n_samples``. Shown are the
-    coefficients with at least one cell inside the central cut, as a view of shape (..., n_shown). They have
-    2^k cells, the first and last fewer; together ``n_samples``.
+    ``detail``, shape (..., n_coefficients), is from :func:`dwt` of windows of ``n_samples``. Shown, as a
+    view, are coefficients with at least one cell inside the central cut: 2^k cells, the first and last fewer.
     """
     # The first cell that MATLAB's wkeep(row, n_samples, 'c') keeps, counted from 0.
     start = ((detail.shape[-1] << level) - n_samples) // 2
@@ -181,8 +174,7 @@ def _colour_positions(size: Float, colours: int) -> Float:
 def lowest_colour(shown: Float, colours: int = 64) -> NDArray[np.bool_]:
     """Mark the coefficients of a level, from :func:`visible`, that have the lowest colour of their row.
 
-    True where ``colours * (|c| - min) / (max - min) < 1``, with minimum and maximum of the row, and in rows
-    whose coefficients have one size.
+    True where ``colours * (|c| - min) / (max - min) < 1``, with the row's extremes, and in rows of one size.
     """
     return np.asarray(_colour_positions(_coefficient_sizes(shown), colours) < 1)
 
@@ -192,14 +184,14 @@ def scalogram(
 ) -> NDArray[np.int64]:
     """Scalogram of windows by MATLAB's recipe, "Discrete Wavelet Transform, Absolute Coefficients".
 
-    Returns the colour of each cell, 1 (smallest coefficient of the row) to ``colours`` (largest), shape
-    (..., levels, n_samples); row 0 is level 1, the highest frequencies. Other arguments are those of
-    :func:`dwt`. Paper B section 5 and figs. 10-12 have 12 levels, 64 colours, mb32.3.
+    Returns the colour of each cell, 1 (smallest coefficient of the row) to ``colours`` (largest), shape (...,
+    levels, n_samples); row 0 is level 1, the highest frequencies. Other arguments are those of :func:`dwt`.
+    Paper B section 5 and figs. 10-12 have 12 levels, 64 colours, mb32.3.
 
     The colour is ``1 + fix(colours * (|c| - min) / (max - min))``, the maximum itself having the highest; it
     is 1 in rows of one size of coefficient, so everywhere in constant windows. Where sizes differ by rounding
-    alone (windows of two or three samples), so do colours, as in MATLAB. Scaling the torque does not change a
-    colour, as long as coefficients stay above sqrt(eps).
+    alone (windows of two or three samples), so do colours, as in MATLAB. It does not depend on the torque's
+    scale.
     """
     whole("colours", colours, least=2)
     n_samples = np.shape(X)[-1] if np.ndim(X) else 0
@@ -277,11 +269,10 @@ def level_envelope(detail: Float, level: int, wavelet: AnyWavelet, n_samples: in
     magnitude of the analytic signal in Nm, shape (..., n_envelope), and the samples of the window between two
     of the envelope: 2^(j-3), at least 1.
 
-    With all coefficients but the level's set to zero, the inverse transform stops at level j - 3 (at the
-    window itself for j up to 3). That approximation, over 2^((j-3)/2) for its unit and cut centrally to the
-    window, is the level's torque at the sampling rate over 2^(j-3). The other steps would only interpolate:
-    for mb32.3 and level 7 the envelope's lines differ from those at the full rate by less than 0.2 % of its
-    mean (more for the shortest filters, such as haar).
+    With all coefficients but the level's set to zero, the inverse transform stops at level j - 3. That
+    approximation, over 2^((j-3)/2) for its unit and cut centrally to the window, is the level's torque at the
+    sampling rate over 2^(j-3). The other steps would only interpolate: for mb32.3 and level 7 the envelope's
+    lines differ by less than 0.2 % of its mean (more for the shortest filters, such as haar).
     """
     bank = as_wavelet(wavelet)
     left = max(level - _SYNTHESIS_STEPS, 0)
@@ -302,8 +293,8 @@ def envelope_lines(
     """Amplitudes of an envelope near given frequencies in Hz, up to half of its sampling ``rate``.
 
     For each frequency, shape (..., n_lines): the largest amplitude in Nm among the bins within the relative
-    tolerance and half a bin, of the envelope without its mean under a periodic Hann window. A sine of
-    amplitude 1 on a bin gives 1.
+    tolerance and half a bin, of the envelope without its mean under a periodic Hann window (1 for a sine of
+    1).
     """
     n = envelope.shape[-1]
     taper = hann(n, sym=False)
