@@ -82,7 +82,7 @@ class Curve(NamedTuple):
 
 
 def thin_samples(time: Float, values: Float, max_points: int) -> tuple[Float, Float]:
-    """Return first and last sample, and smallest and largest of equal parts: ``max_points`` at most, or all."""
+    """Return first and last sample, and the extremes of equal parts: ``max_points`` at most, or all."""
     if max_points < 4:
         raise ValueError(f"max_points must be at least 4, got {max_points!r}")
     if values.size <= max_points:

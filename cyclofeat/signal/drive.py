@@ -20,8 +20,8 @@ from cyclofeat.signal.speed import (
     _at_samples,
     _Attempt,
     _follow_until_fit,
-    _Lines,
     _Pass,
+    _Record,
     _reduce_record,
     _speed_course,
     follow_speed,
@@ -98,7 +98,8 @@ def _follow_current(
     current: Float, sampling_rate: float, nominal_hz: float, n_lobes: int, attempts: Sequence[_Attempt]
 ) -> FollowedSpeed:
     """Follow the shaft under the most probable control, or, where none is probable, without any."""
-    lines, thinned, rate = _reduce_record(current, sampling_rate, nominal_hz, n_lobes)
+    record = _reduce_record(current, sampling_rate, nominal_hz, n_lobes)
+    thinned, rate = record.torque, record.rate
     length = min(thinned.size, round(_SEARCHED_TURNS * n_lobes / nominal_hz * rate))
     first = (thinned.size - length) // 2
     middle = thinned[first : first + length]
@@ -106,29 +107,27 @@ def _follow_current(
     unit = float(np.copysign(middle.std(), current.mean()))
     if unit == 0:
         return follow_speed(current, sampling_rate, nominal_hz, n_lobes)
-    control = _likeliest_control(middle, unit, rate, nominal_hz, lines)
+    control = _likeliest_control(dataclasses.replace(record, torque=middle), unit)
     steady: Float = nominal_hz / rate * np.arange(thinned.size, dtype=float)
-    best, start = _followed_from(steady, thinned, rate, lines, attempts[:1]), steady
+    best, start = _followed_from(steady, record, attempts[:1]), steady
     turned = None
     if control is not None:
         turned = _controlled_turns((thinned - middle.mean()) / unit, rate, nominal_hz, *control)
     if turned is not None:
-        controlled = _followed_from(turned, thinned, rate, lines, attempts[:1])
+        controlled = _followed_from(turned, record, attempts[:1])
         if controlled.evidence > best.evidence + _GAINED:
             best, start = controlled, turned
     if attempts[1:] and not best.fits:
-        again = _followed_from(start, thinned, rate, lines, attempts[1:])
+        again = _followed_from(start, record, attempts[1:])
         best = max(best, again, key=attrgetter("margin"))
     return _at_samples(best, rate, current.size, sampling_rate)
 
 
-def _followed_from(
-    turned: Float, current: Float, rate: float, lines: _Lines, attempts: Sequence[_Attempt]
-) -> FollowedSpeed:
+def _followed_from(turned: Float, record: _Record, attempts: Sequence[_Attempt]) -> FollowedSpeed:
     """Return what ``cyclofeat.signal.speed._follow_until_fit`` finds, beginning with turns that are known."""
     angle = 2 * np.pi * turned
-    even, grid = resample_by_angle(current, angle, _SAMPLES_PER_TURN, rate)
-    followed = _follow_until_fit(even, _SAMPLES_PER_TURN, 1.0, lines, attempts)
+    even, grid = resample_by_angle(record.torque, angle, _SAMPLES_PER_TURN, record.rate)
+    followed = _follow_until_fit(record.over_turns(even, _SAMPLES_PER_TURN), attempts)
     slow = followed.angle
     # Beyond the grid it goes on at its mean rate.
     slope = (slow[-1] - slow[0]) / (grid[-1] - grid[0])
@@ -150,23 +149,21 @@ def _controlled_turns(
     return turned if np.diff(turned).min() > _SLOWEST * nominal_hz / sampling_rate else None
 
 
-def _likeliest_control(
-    current: Float, unit: float, rate: float, nominal_hz: float, lines: _Lines
-) -> tuple[float, float] | None:
+def _likeliest_control(record: _Record, unit: float) -> tuple[float, float] | None:
     """Return gain and integral time of the control that the lines make most probable, None for no control."""
-    driving = (current - current.mean()) / unit
+    driving = (record.torque - record.torque.mean()) / unit
 
     @functools.cache
     def evidence(gain: float, integral_s: float) -> float:
         if not (0 <= gain <= _HIGHEST_GAIN and _SHORTEST <= integral_s <= _LONGEST):
             return -np.inf
-        turned = _controlled_turns(driving, rate, nominal_hz, gain, integral_s)
+        turned = _controlled_turns(driving, record.rate, record.speed, gain, integral_s)
         if turned is None:
             return -np.inf
         # Straight lines suffice to compare controls.
         grid = np.arange(turned[0], turned[-1], 1 / _COMPARED_PER_TURN)
-        even = np.interp(grid, turned, current)
-        return _speed_course(even, _COMPARED_PER_TURN, 1.0, _COARSE, lines)[1]
+        even = np.interp(grid, turned, record.torque)
+        return _speed_course(record.over_turns(even, _COMPARED_PER_TURN), _COARSE)[1]
 
     pairs = [(float(gain), integral_s) for gain in _GAINS for integral_s in _TIMES]
     gain, integral_s = max(pairs, key=lambda pair: evidence(*pair))

@@ -89,13 +89,27 @@ _ATTEMPTS = (
 
 
 @dataclass(frozen=True)
-class _Lines:
-    """Last lobe line and last line of the shaft that are followed, and the highest lobe line that is held."""
+class _Record:
+    """Torque at a rate, around a speed in turns per unit of time, and the last lines that are followed.
 
+    ``highest_lobe`` is the highest lobe line that the record holds.
+    """
+
+    torque: Float
+    rate: float
+    speed: float
     n_lobes: int
     last_lobe: int
     last_shaft: int
     highest_lobe: int
+
+    @property
+    def turns(self) -> float:
+        return self.torque.size / self.rate * self.speed
+
+    def over_turns(self, torque: Float, per_turn: int) -> _Record:
+        """Return the record on equal steps of the shaft's angle."""
+        return replace(self, torque=torque, rate=per_turn, speed=1.0)
 
 
 @dataclass(frozen=True)
@@ -146,15 +160,12 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
 def _follow_attempts(
     torque: Float, sampling_rate: float, nominal_hz: float, n_lobes: int, attempts: Sequence[_Attempt]
 ) -> FollowedSpeed:
-    lines, thinned, rate = _reduce_record(torque, sampling_rate, nominal_hz, n_lobes)
-    followed = _follow_until_fit(thinned, rate, nominal_hz, lines, attempts)
-    return _at_samples(followed, rate, torque.size, sampling_rate)
+    record = _reduce_record(torque, sampling_rate, nominal_hz, n_lobes)
+    return _at_samples(_follow_until_fit(record, attempts), record.rate, torque.size, sampling_rate)
 
 
-def _reduce_record(
-    torque: Float, sampling_rate: float, nominal_hz: float, n_lobes: int
-) -> tuple[_Lines, Float, float]:
-    """Return the lines that a record holds, and the record at the rate in Hz that they need; or raise."""
+def _reduce_record(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes: int) -> _Record:
+    """Return the record at the rate in Hz that the lines need which it holds; or raise."""
     turns = torque.size / sampling_rate * nominal_hz
     if turns < _COARSE.turns:
         raise ValueError(
@@ -169,9 +180,9 @@ def _reduce_record(
         )
     orders = min(sampling_rate / 2 / (nominal_hz * (1 + FOLLOWED_TOLERANCE)), _SAMPLES_PER_TURN / 2)
     held = min(_HIGHEST_LOBE_LINE, int(orders / lobe_frequency(1.0, n_lobes)))
-    lines = _Lines(n_lobes, min(_LAST_LOBE_LINE, held), min(_LAST_SHAFT_LINE, int(orders)), held)
     (thinned,), rate = reduce_rate(torque[np.newaxis], sampling_rate, _DENSE * nominal_hz)
-    return lines, thinned, rate
+    last = min(_LAST_LOBE_LINE, held), min(_LAST_SHAFT_LINE, int(orders))
+    return _Record(thinned, rate, nominal_hz, n_lobes, *last, held)
 
 
 def _at_samples(followed: FollowedSpeed, rate: float, n_samples: int, sampling_rate: float) -> FollowedSpeed:
@@ -230,79 +241,66 @@ def _is_same_speed(speed: float, other: float) -> bool:
     return abs(speed / other - 1) <= _SAME
 
 
-def _follow_until_fit(
-    torque: Float, sampling_rate: float, nominal_hz: float, lines: _Lines, attempts: Sequence[_Attempt]
-) -> FollowedSpeed:
+def _follow_until_fit(record: _Record, attempts: Sequence[_Attempt]) -> FollowedSpeed:
     """Follow the speed in a record with no more samples than needed: by the first attempt that fits."""
-    turns = torque.size / sampling_rate * nominal_hz
-    long_enough = [one for one in attempts if turns >= one.passes[0].turns] or attempts[:1]
+    long_enough = [one for one in attempts if record.turns >= one.passes[0].turns] or attempts[:1]
     tried: list[FollowedSpeed] = []
-    every_line = replace(lines, last_lobe=lines.highest_lobe)
-    attempted = [(one.passes, every_line if one.every_line else lines) for one in long_enough]
-    for passes, held in dict.fromkeys(attempted):
-        tried.append(_follow_passes(torque, sampling_rate, nominal_hz, held, passes))
+    last = {True: record.highest_lobe, False: record.last_lobe}
+    for passes, last_lobe in dict.fromkeys((one.passes, last[one.every_line]) for one in long_enough):
+        tried.append(_follow_passes(replace(record, last_lobe=last_lobe), passes))
         if tried[-1].fits:
             break
     # Where no lines stand out, the last attempt, by the longest blocks, errs least.
     return max(reversed(tried), key=attrgetter("margin"))
 
 
-def _follow_passes(
-    torque: Float, sampling_rate: float, nominal_hz: float, lines: _Lines, passes: Sequence[_Pass]
-) -> FollowedSpeed:
+def _follow_passes(record: _Record, passes: Sequence[_Pass]) -> FollowedSpeed:
     """Follow the speed by one attempt's passes, as far as the record is long enough for their blocks.
 
     A speed at the end of the range does not fit. If the one found does not, the speed is tried at which its
     lobe lines would be lines of the shaft.
     """
-    turns = torque.size / sampling_rate * nominal_hz
-    finer = [one for one in passes[1:] if one.turns <= turns]
-    course, evidence = _speed_course(torque, sampling_rate, nominal_hz, passes[0], lines)
-    at = np.interp(np.arange(torque.size) / sampling_rate, *course) * nominal_hz
-    angle = 2 * np.pi * cumulative_trapezoid(at, dx=1 / sampling_rate, initial=0)
+    finer = [one for one in passes[1:] if one.turns <= record.turns]
+    course, evidence = _speed_course(record, passes[0])
+    at = np.interp(np.arange(record.torque.size) / record.rate, *course) * record.speed
+    angle = 2 * np.pi * cumulative_trapezoid(at, dx=1 / record.rate, initial=0)
     for one in finer:
-        angle, evidence = _refine_angle(torque, sampling_rate, angle, one, lines)
-    followed = _followed_speed(torque, sampling_rate, angle, evidence, lines)
+        angle, evidence = _refine_angle(record, angle, one)
+    followed = _followed_speed(record, angle, evidence)
     beside = passes[0].tolerance - passes[0].step
-    if abs(followed.speed_hz / nominal_hz - 1) > beside:
+    if abs(followed.speed_hz / record.speed - 1) > beside:
         followed = replace(followed, margin=-math.inf)  # the lines may be those of a speed beyond
     # A sound disc's shaft lines may be followed as lobe lines, at 15/16 of the speed for 15 lobes.
-    shaft = (lines.n_lobes + 1) / lines.n_lobes
-    if followed.fits or not finer or shaft * followed.speed_hz > (1 + beside) * nominal_hz:
+    shaft = (record.n_lobes + 1) / record.n_lobes
+    if followed.fits or not finer or shaft * followed.speed_hz > (1 + beside) * record.speed:
         return followed
-    other = _followed_speed(
-        torque, sampling_rate, *_refine_angle(torque, sampling_rate, shaft * angle, finer[-1], lines), lines
-    )
+    other = _followed_speed(record, *_refine_angle(record, shaft * angle, finer[-1]))
     return other if other.margin > _SECOND else followed
 
 
-def _refine_angle(
-    torque: Float, sampling_rate: float, angle: Float, refining: _Pass, lines: _Lines
-) -> tuple[Float, float]:
+def _refine_angle(record: _Record, angle: Float, refining: _Pass) -> tuple[Float, float]:
     """Return the angle by a pass on the torque over one that is nearly right, and the evidence per turn."""
-    even, grid = resample_by_angle(torque, angle, _SAMPLES_PER_TURN, sampling_rate)
-    (position, factor), evidence = _speed_course(even, _SAMPLES_PER_TURN, 1.0, refining, lines)
+    even, grid = resample_by_angle(record.torque, angle, _SAMPLES_PER_TURN, record.rate)
+    (position, factor), evidence = _speed_course(record.over_turns(even, _SAMPLES_PER_TURN), refining)
     smooth = PchipInterpolator(position + grid[0] / (2 * np.pi), factor, extrapolate=False)
     low, high = smooth.x[0], smooth.x[-1]
     factors = smooth(np.clip(angle / (2 * np.pi), low, high))
     return cumulative_trapezoid(factors, angle, initial=0), evidence
 
 
-def _followed_speed(
-    torque: Float, sampling_rate: float, angle: Float, evidence: float, lines: _Lines
-) -> FollowedSpeed:
-    margin, reaches = _fit_discs(torque, sampling_rate, angle, lines)
-    return FollowedSpeed(angle, float(mean_speed(angle, sampling_rate)), evidence, margin, reaches)
+def _followed_speed(record: _Record, angle: Float, evidence: float) -> FollowedSpeed:
+    margin, reaches = _fit_discs(record, angle)
+    return FollowedSpeed(angle, float(mean_speed(angle, record.rate)), evidence, margin, reaches)
 
 
-def _fit_discs(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> tuple[float, bool]:
+def _fit_discs(record: _Record, angle: Float) -> tuple[float, bool]:
     """Return margin and reach of the lines over an angle, as of :class:`FollowedSpeed`.
 
     At a wrong speed, lines lie between those expected (a half, a third or a quarter is true), or only every
     second or further one is there (a multiple is true): discs at these speeds explain more or waste less.
     """
-    turned, _ = resample_by_angle(torque, angle, _SAMPLES_PER_TURN, sampling_rate)
-    n_lobes = lines.n_lobes
+    turned, _ = resample_by_angle(record.torque, angle, _SAMPLES_PER_TURN, record.rate)
+    n_lobes = record.n_lobes
     length = min(turned.size, n_lobes * _SAMPLES_PER_TURN)
     windows = turned[: turned.size // length * length].reshape(-1, length)
     at_lines = (n_lobes + 1) / (2 * n_lobes)
@@ -311,10 +309,10 @@ def _fit_discs(torque: Float, sampling_rate: float, angle: Float, lines: _Lines)
     # Lobe lines of a disc at each multiple, then even lines of its shaft, as numbers of lobe lines at 1.
     numbers: list[Float] = []
     for multiple in multiples:
-        last = math.ceil(lines.highest_lobe / multiple) + 1
+        last = math.ceil(record.highest_lobe / multiple) + 1
         for part in (np.arange(1.0, last), _even_lines(2 * last, n_lobes)):
             held = multiple * part
-            numbers.append(held[(held >= _FIRST_LOBE_LINE) & (held <= lines.highest_lobe)])
+            numbers.append(held[(held >= _FIRST_LOBE_LINE) & (held <= record.highest_lobe)])
     one, every = np.ones(1), np.concatenate(numbers)
     power = np.concatenate(
         [
@@ -345,7 +343,7 @@ def _fit_discs(torque: Float, sampling_rate: float, angle: Float, lines: _Lines)
         return -math.inf, reaches
     if worn > this.quiet:  # at least as large as sound
         # The shaft of a sound disc has lines at the lowest n_lobes places: a low rate may hold no others.
-        like = like_worn.sound if lines.highest_lobe > n_lobes else -math.inf
+        like = like_worn.sound if record.highest_lobe > n_lobes else -math.inf
         return min(worn - other - _WORN, worn - like - _THAN_ALIKE), reaches
     # Lines of the shaft alone may be lobe lines of a worn disc at another speed. With little noise they reach
     # as far as those: the mesh line then tells which disc it is.
@@ -408,10 +406,9 @@ def _sum_to_last_line(ratios: Float) -> float:
     return float(np.logaddexp.reduce(np.append(0.0, np.cumsum(ratios))) - np.log(ratios.size + 1))
 
 
-def _speed_course(
-    torque: Float, rate: float, speed: float, search: _Pass, lines: _Lines
-) -> tuple[tuple[Float, Float], float]:
-    """Return times (in 1/rate samples per unit) and factors of the speed, and the evidence per turn."""
+def _speed_course(record: _Record, search: _Pass) -> tuple[tuple[Float, Float], float]:
+    """Return times and factors of the speed, and the evidence per turn."""
+    torque, rate, speed = record.torque, record.rate, record.speed
     length = min(round(search.turns / speed * rate), torque.size)
     hop = search.hop / speed * rate
     n_blocks = max(1, math.floor((torque.size - length) / hop) + 1)
@@ -419,10 +416,7 @@ def _speed_course(
     factors = np.arange(1 - search.tolerance, 1 + search.tolerance + search.step / 2, search.step)
     every = np.lib.stride_tricks.sliding_window_view(torque, length)
     votes = np.concatenate(
-        [
-            _speed_votes(every[batch], rate, speed, factors, lines, search.apart)
-            for batch in _in_batches(starts, length)
-        ]
+        [_speed_votes(record, every[batch], factors, search.apart) for batch in _in_batches(starts, length)]
     )
     # Overlapping blocks repeat the same evidence.
     votes *= min(1.0, search.hop / search.turns)
@@ -458,18 +452,15 @@ def _in_batches(rows: NDArray[Any], length: int) -> Iterator[NDArray[Any]]:
     return (rows[first : first + size] for first in range(0, len(rows), size))
 
 
-def _speed_votes(
-    blocks: Float, rate: float, speed: float, factors: Float, lines: _Lines, apart: float
-) -> Float:
-    """Log-likelihood ratio of the lines over noise, shape (n_blocks, n_factors)."""
-    n_lobes = lines.n_lobes
-    lobe = np.arange(_FIRST_LOBE_LINE, lines.last_lobe + 1)
+def _speed_votes(record: _Record, blocks: Float, factors: Float, apart: float) -> Float:
+    """Log-likelihood ratio of the lines over noise in blocks of a record, shape (n_blocks, n_factors)."""
+    n_lobes = record.n_lobes
+    lobe = np.arange(_FIRST_LOBE_LINE, record.last_lobe + 1)
     mesh = lobe % n_lobes == 0
     beside = np.abs((lobe + n_lobes // 2) % n_lobes - n_lobes // 2) / n_lobes
     lobe, mesh = lobe[mesh | (beside > apart)], mesh[mesh | (beside > apart)]
-    shaft = _even_lines(lines.last_shaft, n_lobes)
-    numbers = np.concatenate([lobe, shaft])
-    power = np.minimum(comb_prominence(blocks, rate, speed, factors, numbers, n_lobes), _MOST)
+    numbers = np.concatenate([lobe, _even_lines(record.last_shaft, n_lobes)])
+    power = np.minimum(comb_prominence(blocks, record.rate, record.speed, factors, numbers, n_lobes), _MOST)
     n = lobe.size
     ratios = _log_ratio(power[..., :n][..., ~mesh], _LOBE_LINE).sum(axis=-1)
     ratios += _log_ratio(power[..., :n][..., mesh], _MESH_LINE).sum(axis=-1)
