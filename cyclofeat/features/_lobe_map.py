@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.sklearn_private import Interval, StrOptions
-from cyclofeat.features.base import SPEED_CONSTRAINTS, WindowTransformer, half_turn
+from cyclofeat.features.base import SPEED_CONSTRAINTS, WindowTransformer, check_reach, half_turn
 from cyclofeat.features.registry import HALF_TURN, REGISTRY
 from cyclofeat.signal import lobes
 from cyclofeat.signal.windows import Float
@@ -91,12 +91,8 @@ class LobeMap(WindowTransformer):
         highest = lobes.highest_frequency(
             self.input_speed_hz, self.n_lobes, self.n_lines, self.speed_tolerance
         )
-        if highest > self.sampling_rate / 2:
-            raise ValueError(
-                f"sampling_rate={self.sampling_rate:g} holds frequencies up to "
-                f"{self.sampling_rate / 2:g}, but n_lines={self.n_lines} lobe lines at "
-                f"input_speed_hz={self.input_speed_hz:g} reach {highest:g}: use fewer lines or a higher rate"
-            )
+        what = f"n_lines={self.n_lines} lobe lines"
+        check_reach(self, highest, what, "reach", "use fewer lines or a higher rate")
 
     def _feature_names(self) -> list[str]:
         names = [

@@ -16,7 +16,7 @@ from sklearn.utils import check_consistent_length, column_or_1d
 
 from cyclofeat._base.sklearn_private import Interval, StrOptions
 from cyclofeat.features._wavelets import WaveletTransformer
-from cyclofeat.features.base import SPEED_CONSTRAINTS, half_turn
+from cyclofeat.features.base import SPEED_CONSTRAINTS, check_reach, half_turn
 from cyclofeat.features.registry import DEEPEST_LEVEL, HALF_TURN, REGISTRY
 from cyclofeat.signal import lobes
 from cyclofeat.signal.wavelets import dwt, lowest_colour, visible, wavelet_qualifier
@@ -122,12 +122,8 @@ class WaveletMinimaOverlap(WaveletTransformer):
             highest = lobes.highest_frequency(
                 self.input_speed_hz, self.n_lobes, self.n_lobes, self.speed_tolerance
             )
-            if highest > self.sampling_rate / 2:
-                raise ValueError(
-                    f"sampling_rate={self.sampling_rate:g} holds frequencies up to "
-                    f"{self.sampling_rate / 2:g}, but placing {self.n_lobes} lobes at input_speed_hz="
-                    f"{self.input_speed_hz:g} takes {highest:g}: use a higher rate or align='none'"
-                )
+            what = f"placing {self.n_lobes} lobes"
+            check_reach(self, highest, what, "takes", "use a higher rate or align='none'")
         if y is None and self.reference != "worst":
             raise ValueError(f"reference={self.reference!r} is a label of y, but fit was given no y")
         self.reference_class_: Any = None

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.sklearn_private import Interval, StrOptions
-from cyclofeat.features.base import SPEED_CONSTRAINTS, WindowTransformer, half_turn
+from cyclofeat.features.base import SPEED_CONSTRAINTS, WindowTransformer, check_reach, half_turn
 from cyclofeat.features.registry import HALF_TURN, REGISTRY
 from cyclofeat.signal.orders import COMBS, comb_lines, estimate_input_speed, order_lines
 from cyclofeat.signal.windows import Float
@@ -92,12 +92,7 @@ class OrderSpectrum(WindowTransformer):
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         last = int(self._line_numbers()[-1])
         highest = last / self.n_lobes * self.input_speed_hz * (1 + self.speed_tolerance)
-        if highest > self.sampling_rate / 2:
-            raise ValueError(
-                f"sampling_rate={self.sampling_rate:g} holds frequencies up to {self.sampling_rate / 2:g}, "
-                f"but line {last} at input_speed_hz={self.input_speed_hz:g} reaches {highest:g}: "
-                "use fewer lines or a higher rate"
-            )
+        check_reach(self, highest, f"line {last}", "reaches", "use fewer lines or a higher rate")
         if self.speed_tolerance > 0:  # raises where the rate is too low
             comb_lines(self.sampling_rate, self.input_speed_hz, self.speed_tolerance, self.comb, self.n_lobes)
 

@@ -53,6 +53,16 @@ def reject_short_windows() -> Iterator[None]:
         yield
 
 
+def check_reach(transformer: Any, highest: float, what: str, verb: str, advice: str) -> None:
+    """Raise ValueError if what a transformer needs reaches beyond half of the sampling rate."""
+    if highest > transformer.sampling_rate / 2:
+        raise ValueError(
+            f"sampling_rate={transformer.sampling_rate:g} holds frequencies up to "
+            f"{transformer.sampling_rate / 2:g}, but {what} at "
+            f"input_speed_hz={transformer.input_speed_hz:g} {verb} {highest:g}: {advice}"
+        )
+
+
 def half_turn(sampling_rate: float, input_speed_hz: float, n_lobes: int) -> int:
     """Return the samples of half an output turn, without which no lobe differs from run-out."""
     return int(sampling_rate * n_lobes / input_speed_hz / 2)

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from short_records import GEARBOX, SPEED, Recorder, short
+from short_records import BASE, GEARBOX, SPEED, Recorder, short
 
+from cyclofeat.gap import Comparison
 from cyclofeat.gap.simulations import Bank
 from cyclofeat.simulators import CycloidalGearbox, Effect, Rig
 
@@ -20,6 +21,11 @@ def simulations(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "simulations"
     folder.mkdir(exist_ok=True)
     return folder
+
+
+@pytest.fixture
+def comparison(simulations: Path) -> Comparison:
+    return short(rig=BASE, n_bank=40, cache=simulations)
 
 
 @pytest.fixture(scope="session")

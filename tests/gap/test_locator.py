@@ -14,7 +14,7 @@ from short_records import BASE, N_SAMPLES, RATE, short
 
 from cyclofeat.gap import Comparison
 from cyclofeat.gap.comparison import measured_turns
-from cyclofeat.gap.simulations import Bank, remember
+from cyclofeat.gap.simulations import Bank
 from cyclofeat.gap.summaries.summarise import FAMILIES, Cell, Kinematics, summarise_windows
 from cyclofeat.gap.summaries.turns import class_means, less_class_means
 from cyclofeat.gap.where.locate import LocatedGap, locate
@@ -29,11 +29,6 @@ def recordings(effects: list[Effect], n: int, seed: int, cache: Path) -> Bank:
     """Recordings of the same rig with effects in it, from other seeds."""
     rig = BASE.with_added(*effects)
     return short(rig=rig, cache=cache).bank(n, COUNTS, random_state=seed)
-
-
-@pytest.fixture
-def comparison(simulations: Path) -> Comparison:
-    return short(rig=BASE, n_bank=40, cache=simulations)
 
 
 def compared(comparison: Comparison, bank: Bank, **options: Any) -> LocatedGap:
@@ -230,18 +225,6 @@ def test_a_bank_is_the_same_from_the_cache_and_for_every_worker(tmp_path: Path) 
 
 def kept(folder: Path) -> list[Path]:
     return list(folder.rglob("*.joblib"))
-
-
-def test_a_damaged_file_of_the_cache_is_made_anew(tmp_path: Path) -> None:
-    values = [remember(tmp_path, lambda: [1.5], "x") for _ in range(2)]
-    (file,) = kept(tmp_path)
-    whole = file.read_bytes()
-    file.write_bytes(whole[:3])
-    made = []
-    again = remember(tmp_path, lambda: made.append(1) or [1.5], "x")
-    assert values == [[1.5], [1.5]]
-    assert (made, again) == ([1], [1.5])
-    assert file.read_bytes() == whole
 
 
 # The stage as a whole

@@ -117,11 +117,6 @@ def _session(cache: Path, seed: int, **of_rig: object) -> np.ndarray:
     return comparison.bank(6, COUNTS, random_state=seed).X
 
 
-@pytest.fixture
-def comparison(simulations: Path) -> Comparison:
-    return short(rig=BASE, n_bank=40, cache=simulations)
-
-
 def compared(comparison: Comparison, X: np.ndarray, **options: Any) -> LocatedGap:
     return locate(comparison, measured_turns(comparison, X, y=COUNTS * 2), n_permutations=499, **options)
 

@@ -235,33 +235,33 @@ def test_interval_holds_the_ratio_and_errors_fall_with_recordings() -> None:
 # Rigs and recordings
 
 
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("banks")
-
-
-def comparison_at(cache: Path, *effects: Effect) -> Comparison:
-    return Comparison(sampling_rate=FS, rig=BASE.with_added(*effects), random_state=0, cache=cache)
+def comparison_at(simulations: Path, *effects: Effect) -> Comparison:
+    return Comparison(sampling_rate=FS, rig=BASE.with_added(*effects), random_state=0, cache=simulations)
 
 
 def prove_rig(
-    corrected: Rig, hold: Bank, cache: Path, *, seen: list[int] | None = None, others: dict | None = None
+    corrected: Rig,
+    hold: Bank,
+    simulations: Path,
+    *,
+    seen: list[int] | None = None,
+    others: dict | None = None,
 ) -> Proof:
-    comparison = comparison_at(cache)
+    comparison = comparison_at(simulations)
     turns = measured_turns(comparison, hold.X, hold.counts)
     return prove_condition(comparison, corrected, turns, fitted_counts=seen, n_simulated=10, others=others)
 
 
 @pytest.fixture(scope="module")
-def hold(cache: Path) -> Bank:
-    return comparison_at(cache, Noise(0.3)).bank(9, [0, 4, 7], random_state=102)
+def hold(simulations: Path) -> Bank:
+    return comparison_at(simulations, Noise(0.3)).bank(9, [0, 4, 7], random_state=102)
 
 
 @pytest.fixture(scope="module")
-def scored(hold: Bank, cache: Path) -> Proof:
+def scored(hold: Bank, simulations: Path) -> Proof:
     truth = BASE.with_added(Noise(0.3))
     others = {"wrong": BASE.with_added(Hum(0.3)), "oracle": truth}
-    return prove_rig(truth, hold, cache, seen=[0, 4], others=others)
+    return prove_rig(truth, hold, simulations, seen=[0, 4], others=others)
 
 
 @pytest.mark.slow
@@ -294,15 +294,15 @@ def test_distances_are_complete_and_add_up(scored: Proof) -> None:
 
 
 @pytest.mark.slow
-def test_same_simulator_wrong_simulator_and_order(hold: Bank, cache: Path) -> None:
-    assert prove_rig(BASE, hold, cache).result.grr == 0.0
+def test_same_simulator_wrong_simulator_and_order(hold: Bank, simulations: Path) -> None:
+    assert prove_rig(BASE, hold, simulations).result.grr == 0.0
     wrong = BASE.with_added(Offset(2.0))
-    expected = prove_rig(wrong, hold, cache).result.grr
+    expected = prove_rig(wrong, hold, simulations).result.grr
     assert expected < -0.1
     # Recordings in another order and under other names, each of two windows.
     order = np.random.default_rng(7).permutation(len(hold.X)).repeat(2)
     names = np.array([f"record {9 - k}" for k in order])
-    comparison = comparison_at(cache)
+    comparison = comparison_at(simulations)
     turns = measured_turns(comparison, hold.X[order], hold.counts[order], names)
     assert prove_condition(comparison, wrong, turns, n_simulated=10).result.grr == pytest.approx(
         expected, abs=0.05
@@ -310,8 +310,8 @@ def test_same_simulator_wrong_simulator_and_order(hold: Bank, cache: Path) -> No
 
 
 @pytest.mark.bench
-def test_counts_may_be_unknown(hold: Bank, cache: Path) -> None:
-    comparison = comparison_at(cache).replace(defect_counts=(0, 4, 7))
+def test_counts_may_be_unknown(hold: Bank, simulations: Path) -> None:
+    comparison = comparison_at(simulations).replace(defect_counts=(0, 4, 7))
     proof = prove_condition(
         comparison, BASE.with_added(Noise(0.3)), measured_turns(comparison, hold.X), n_simulated=10
     )

@@ -10,13 +10,11 @@ import pytest
 from scipy import stats
 
 from cyclofeat.gap import World, prepare_world
-from cyclofeat.gap.measured import MeasuredRig
 from cyclofeat.gap.simulations import ERROR_NM, Population
 from cyclofeat.gap.summaries.summarise import Kinematics
 from cyclofeat.gap.world.cells import recording_cells, turn_samples
 from cyclofeat.gap.world.prepare import DrawnMachine, simulate_drawn
 from cyclofeat.gap.world.world import EffectPrior, Rigs, Session, draw_session, with_noise_and_drift
-from cyclofeat.recordings import Recording
 from cyclofeat.simulators import (
     BrakeRotor,
     Drift,
@@ -264,19 +262,6 @@ def test_slips_tell_a_sawtooth_from_its_mirror_image_and_from_a_drift():
         assert falls < -2
         assert rises == pytest.approx(-falls, rel=1e-3)
         assert abs(drifts) < -falls / 2
-
-
-def test_a_session_of_measured_recordings_has_the_summaries_of_the_world():
-    run = Rig(effects=[Noise(0.05)]).simulate(duration=2.0, sampling_rate=RATE, random_state=0)
-    recordings = (
-        Recording(-run.torque_out, RATE, speed_rpm=500, load_nm=22, defect_count=3),
-        Recording(run.torque_out, RATE, speed_rpm=500, load_nm=22),
-    )
-    backwards, forwards = (MeasuredRig.of([one], Rig()).session() for one in recordings)
-    np.testing.assert_array_equal(backwards.values, forwards.values)
-    assert backwards.conditions.tolist() == [[500, 22, -1]]
-    assert backwards.counts.tolist() == [3]
-    assert forwards.counts is None
 
 
 @pytest.mark.slow
