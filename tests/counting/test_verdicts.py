@@ -197,6 +197,16 @@ def test_pulses_of_a_tachometer_that_jitter(jitter_deg, is_fault):
         assert reason.startswith("the angle jitters by") == is_fault, reason
 
 
+@pytest.mark.parametrize("scale", [0.99, 0.997, 1.0, 1.003, 1.01])
+def test_an_angle_whose_scale_is_wrong(scale):
+    """A tachometer with a wrong number of pulses per turn."""
+    angle = 2 * np.pi * SPEED * scale * np.arange(3 * TURN) / RATE
+    for reason in faults_over_the_angle(geared(2, 0.05, turns=3), angle):
+        turn = "slower" if scale > 1 else "faster"
+        wrong = f"the lobes pass 1.0% {turn} than the angle says: is its scale right?"
+        assert reason == (wrong if abs(scale - 1) > 0.006 else "")
+
+
 SURE = {count: np.eye(4)[count] * 0.9 + 0.025 for count in range(4)}
 
 
@@ -281,7 +291,8 @@ def test_every_reason_is_explained_on_its_page():
         "a low-pass filter has removed what lobe lines", "the torque jumps", "the noise changes by a factor",
         "hides worn lobes", "the lobes pause within the window", "the speed changes",
         "the angle jumps or stands still within the window", "the angle jitters by", "its angle turns at",
-        "its windows have another count from some time on", "its windows disagree about the count",
+        "than the angle says", "its windows have another count from some time on",
+        "its windows disagree about the count",
         "windows have its count", "no lobe, mesh or shaft lines stand out within",
         "its lines could as well be those of a disc at another speed than the stated",
     ):  # fmt: skip

@@ -36,6 +36,8 @@ _NOISE_CHANGE, _MOST_NOISE = 1.5, 0.1
 _WEAKEST_DB, _FALL_DB, _SLOPE_DB = -14.0, -68.0, -8.0
 # Evidence from which a speed is known; its largest relative change; two measurements of one speed.
 _KNOWN, _UNSTEADY, _SAME_SPEED = 0.6, 0.02, 0.004
+# Quarters of a window whose speeds must agree, and how far, before they show that the angle's scale is wrong.
+_FEWEST_QUARTERS, _SAME_SCALE = 3, 0.006
 # Largest relative deviation of the angle's speed from the stated one: a motor's slip.
 _SLIP = 0.055
 # Advance of the angle in an eighth of a turn, as a multiple of the median and of the eighth before. Jitter of
@@ -58,23 +60,19 @@ def window_faults(recording: Recording, windows: WindowSet, stop_s: Float, n_lob
     """
     angle, rate = recording.input_angle(n_lobes), recording.sampling_rate
     over_time = windows.sampling_rate == rate
-    unsteady = [""] * len(windows)
+    of_lines = [""] * len(windows)
     if angle is None or not over_time:
         turns_per_unit = n_lobes / float(stop_s[0] - windows.start_s[0]) if over_time else 1.0
-        of_windows = faults.local_speeds(windows.X, windows.sampling_rate, turns_per_unit, n_lobes)
-        for k, (speeds, evidence) in enumerate(zip(*of_windows, strict=True)):
-            known = evidence > _KNOWN
-            # The lines of the input shaft, where they prevail, are those of lobes at 15/16 of its speed.
-            shaft = np.abs(speeds * (n_lobes + 1) / n_lobes - speeds[known].max(initial=0.0)) < _SAME_SPEED
-            steady = speeds[known & ~shaft]
-            change = float(np.ptp(steady)) if steady.size > 1 else 0.0
-            if change > _UNSTEADY:
-                unsteady[k] = f"{_SPEED_CHANGE_TEXT} by {change:.1%} within the window"
+        of_quarters = faults.local_speeds(windows.X, windows.sampling_rate, turns_per_unit, n_lobes)
+        of_lines = [
+            _line_fault(*quarters, n_lobes, by_angle=angle is not None)
+            for quarters in zip(*of_quarters, strict=True)
+        ]
     # Windows over the angle may have any speed, of a run-up too.
     stated = recording.input_speed_hz
     of_speed = "" if angle is None or over_time else _speed_fault(angle, rate, stated)
     reasons = []
-    for start, stop, speed_changes in zip(windows.start_s, stop_s, unsteady, strict=True):
+    for start, stop, line_fault in zip(windows.start_s, stop_s, of_lines, strict=True):
         rows = slice(round(float(start) * rate), round(float(stop) * rate))
         speed = n_lobes / float(stop - start)
         if angle is not None and over_time:
@@ -83,9 +81,29 @@ def window_faults(recording: Recording, windows: WindowSet, stop_s: Float, n_lob
             _sample_fault(recording.torque[rows], rate, speed, n_lobes)
             or ("" if angle is None else _angle_fault(angle[rows], rate, stated or speed))
             or of_speed
-            or speed_changes
+            or line_fault
         )
     return tuple(reasons)
+
+
+def _line_fault(speeds: Float, evidence: Float, n_lobes: int, *, by_angle: bool) -> str:
+    """Return what the speeds of the lobe lines in the quarters of a window show.
+
+    Where the window was cut ``by_angle`` of a tachometer, they tell whether that is the input's.
+    """
+    known = evidence > _KNOWN
+    # The lines of the input shaft, where they prevail, are those of lobes at 15/16 of its speed.
+    shaft = np.abs(speeds * (n_lobes + 1) / n_lobes - speeds[known].max(initial=0.0)) < _SAME_SPEED
+    steady = speeds[known & ~shaft]
+    change = float(np.ptp(steady)) if steady.size > 1 else 0.0
+    if change > _UNSTEADY:
+        return f"{_SPEED_CHANGE_TEXT} by {change:.1%} within the window"
+    if by_angle and steady.size >= _FEWEST_QUARTERS and change < _SAME_SCALE:
+        beside = float(np.median(steady)) - 1
+        if abs(beside) > _SAME_SCALE:
+            turn = "faster" if beside > 0 else "slower"
+            return f"the lobes pass {abs(beside):.1%} {turn} than the angle says: is its scale right?"
+    return ""
 
 
 def _sample_fault(torque: Float, sampling_rate: float, input_speed_hz: float, n_lobes: int) -> str:
