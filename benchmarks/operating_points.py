@@ -3,8 +3,7 @@
     python -m benchmarks.operating_points     # writes benchmarks/operating_points.md
 
 The packaged models count one window of one output turn of simulated assemblies of rig R2, speed and load
-log-uniform, that they have not seen. Speeds and loads never trained, and single speeds, have models of their
-own.
+log-uniform, that they have not seen. A single speed and load has models of its own.
 """
 
 from __future__ import annotations
@@ -25,7 +24,6 @@ from cyclofeat.counting import LobeCount, LobeModel
 from cyclofeat.datasets import make_rig_recordings, rig_preset
 from cyclofeat.models import load_default_model
 from cyclofeat.recordings import Recording
-from cyclofeat.recordings.windower import lobe_windower
 from cyclofeat.simulators import Noise, Solver
 
 SPEEDS, LOADS = (100.0, 1500.0), (3.0, 40.0)
@@ -162,7 +160,7 @@ def count_ms(model: LobeModel, recordings: Sequence[Recording]) -> float:
     return 1000 * float(np.median(least))
 
 
-def rows(n_judged: int, n_trained: int, n_jobs: int) -> tuple[list[list[str]], list[float]]:
+def rows(n_judged: int, n_jobs: int) -> tuple[list[list[str]], list[float]]:
     """Return the rows of the table, and the ms of a count with and without a tachometer."""
     made = []
 
@@ -204,16 +202,6 @@ def rows(n_judged: int, n_trained: int, n_jobs: int) -> tuple[list[list[str]], l
             early,
             counted(model, early),
         )
-    training = simulated(n_trained, "output_torque", n_jobs, TRAINED)
-    for words, name, low, high in (
-        ("speeds of 300 to 500 RPM never trained", "speed_rpm", 300, 500),
-        ("loads of 12 to 20 Nm never trained", "load_nm", 12, 20),
-    ):
-        some = [one for one in judged if low <= float(getattr(one, name)) < high]
-        rest = [one for one in training if not low <= float(getattr(one, name)) < high]
-        own = LobeModel(lobe_windower(samples_per_turn=256), "rows", n_splits=0, random_state=0).fit(rest)
-        add(f"{words} ({n_trained} assemblies of each count)", 0.93, some, counted(own, some))
-    del training
     at: dict[str, float] = {"speed_rpm": 500.0, "load_nm": 22.0}
     for rig in ("R1", "R2"):
         special = Data(simulated(96, "output_torque", n_jobs, SPECIAL, rig=rig, **at))
@@ -240,16 +228,15 @@ def rows(n_judged: int, n_trained: int, n_jobs: int) -> tuple[list[list[str]], l
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--judged", type=int, default=96, help="assemblies of each count (default 96)")
-    parser.add_argument("--trained", type=int, default=600, help="the same, of models trained here (600)")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("benchmarks/operating_points.md"))
     arguments = parser.parse_args()
     head = ["work", "goal", "right, of all", "refused", "right, of those counted", "wrong and sure", "n"]
-    made, times = rows(arguments.judged, arguments.trained, arguments.jobs)
+    made, times = rows(arguments.judged, arguments.jobs)
     text = f"""# Counts at any speed and load
 
 Made by
-`python -m benchmarks.operating_points --judged {arguments.judged} --trained {arguments.trained}`.
+`python -m benchmarks.operating_points --judged {arguments.judged}`.
 Simulated assemblies of rig R2, speeds of {SPEEDS[0]:g} to
 {SPEEDS[1]:g} RPM and loads of {LOADS[0]:g} to {LOADS[1]:g} Nm (log-uniform), counts of 0 to 7, chance 0.125;
 the drift of the load shrinks with loads below 22 Nm. The packaged models (`make default-models`) count one
