@@ -36,12 +36,8 @@ class ShardStore:
         self.folder.mkdir(parents=True, exist_ok=True)
         for part in self.folder.glob(".*.part"):
             part.unlink()
-        if self.read_description() is None:
+        if not self.path_of(self.description).exists():
             self.write_json(self.description, content)
-
-    def read_description(self) -> dict[str, Any] | None:
-        """Return the description; None if there is none."""
-        return self.read_json(self.description) if self.path_of(self.description).exists() else None
 
     def read_json(self, name: str) -> dict[str, Any]:
         """Return the content of a JSON file; raise ValueError if it is none."""

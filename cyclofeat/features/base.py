@@ -35,12 +35,6 @@ _CHUNK_SAMPLES = 2**20  # 8 MiB of float64 samples at one time
 _CHUNK_WINDOWS = 4096  # short windows have results that are larger than themselves
 
 
-def windows_per_chunk(n_samples: int) -> int:
-    """Number of windows to process at one time: 8 MiB of samples, or scikit-learn's ``working_memory``."""
-    samples = min(_CHUNK_SAMPLES, int(get_config()["working_memory"] * 2**17))
-    return min(max(samples // n_samples, 1), _CHUNK_WINDOWS)
-
-
 class ShortWindowWarning(UserWarning, ValueError):
     """Warning that windows hold fewer samples than a method needs; an error where counters are trained."""
 
@@ -161,7 +155,8 @@ class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
         windows = validate_data(self, X, reset=False, dtype=[np.float64, np.float32])
         self._warn_of_short_windows(windows)
         n_windows, n_samples = windows.shape
-        parts = gen_batches(n_windows, windows_per_chunk(n_samples))
+        samples = min(_CHUNK_SAMPLES, int(get_config()["working_memory"] * 2**17))
+        parts = gen_batches(n_windows, min(max(samples // n_samples, 1), _CHUNK_WINDOWS))
         # C order: sums over columns-first arrays round differently.
         chunks = (np.ascontiguousarray(windows[part]) for part in parts)
         return np.concatenate(self._of_chunks(chunks))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import os
 import warnings
@@ -66,7 +67,6 @@ class PublishedTable:
             (counts.tolist(), n_samples, comparison.sampling_rate, n_draws, comparison.random_state)
         )
         self._records: dict[Names, tuple[Float, NDArray[np.float32]]] = {}
-        self._interpolations: dict[Names, Callable[[Float], Float]] = {}
 
     def simulate(self, conditions: Sequence[int], rigs: Sequence[Rig]) -> Float:
         """Return the expected statistics of the discs of each rig, (n_rigs, n_discs, 4)."""
@@ -167,14 +167,13 @@ class PublishedTable:
         shape = len(drawn), _REPLICATES, len(self.counts), self.population.n_samples
         return drawn[rows], np.array(records, dtype=np.float32).reshape(shape)
 
+    @functools.cache  # noqa: B019  (a table lives as long as its answer)
     def interpolate(self, key: Names) -> Callable[[Float], Float]:
         """Return a function from parameters of rigs, (n, n_parameters), to statistics, (n, n_discs, 4).
 
         A Gaussian process over the parameters is fitted to the means over the replicates of each statistic;
         the discs share its length scales and its noise. Nothing is extrapolated.
         """
-        if key in self._interpolations:
-            return self._interpolations[key]
         theta, values = self.table(key)
         means = values.mean(axis=1)
         middle, spread = means.mean(axis=0), np.maximum(means.std(axis=0), 1e-9)
@@ -201,7 +200,6 @@ class PublishedTable:
             scaled = [process.predict(places(rigs)) for process in processes]
             return np.asarray(np.stack(scaled, axis=-1).reshape(-1, *middle.shape) * spread + middle)
 
-        self._interpolations[key] = expected_statistics
         return expected_statistics
 
     def save(self, path: str | os.PathLike[str]) -> None:

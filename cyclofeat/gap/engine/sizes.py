@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import qmc
 
-from .problem import Array, Effect, Parameter, Session
+from .problem import Array, Parameter, Session
 
 DAMPING = (0.0, 0.1, 1.0, 10.0, 100.0)
 STEPS = 20
@@ -35,15 +35,6 @@ class Axis(NamedTuple):
         """Return the value at a coordinate."""
         low, high = self.parameter.low, self.parameter.high
         return float(low * (high / low) ** x if self.logarithm else low + x * (high - low))
-
-
-def effect_axes(effects: Mapping[str, Effect], names: Sequence[str]) -> tuple[Axis, ...]:
-    """Return the axes of the named effects, effect after effect."""
-    return tuple(
-        Axis(name, key, parameter, parameter.log and k > 0)
-        for name in names
-        for k, (key, parameter) in enumerate(effects[name].parameters.items())
-    )
 
 
 def make_rig(axes: Sequence[Axis], x: Array) -> dict[str, dict[str, float]]:
@@ -120,7 +111,11 @@ def fit_sizes(session: Session, names: Sequence[str], near: Sequence[Fit] = ()) 
 
     Starts are those of the nearby fits, with drawn sizes of other effects, then the best of drawn sizes.
     """
-    axes = effect_axes(session.problem.effects, names)
+    axes = tuple(
+        Axis(name, key, parameter, parameter.log and k > 0)
+        for name in names
+        for k, (key, parameter) in enumerate(session.problem.effects[name].parameters.items())
+    )
     if not axes:
         return descend(session, axes, np.zeros(0))
     drawn = qmc.Sobol(len(axes), rng=session.random_state).random(DRAWN)

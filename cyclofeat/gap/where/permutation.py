@@ -90,10 +90,6 @@ class Permuted:
         adjusted[order] = np.maximum.accumulate(adjusted[order])
         return adjusted
 
-    def largest_quantile(self, at: NDArray[np.intp], share: float) -> float:
-        """Quantile of the maximum over the chosen cells under permuted labels."""
-        return float(np.quantile(self.t[1:, at].max(axis=1), share))
-
 
 def statistics_by_family(cells: list[Cell]) -> dict[str, NDArray[np.intp]]:
     """Indices of each family's statistics: means by family, then all spreads, then all means together.
