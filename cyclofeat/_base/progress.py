@@ -147,10 +147,7 @@ class Progress:
 
 
 class Steps:
-    """Callable ``steps(text)`` that names the step that begins, a context manager that ends the last one.
-
-    On a terminal each step is a line of :class:`Progress`, elsewhere the text is printed at once.
-    """
+    """Callable ``steps(text)`` that names the step that begins: a :class:`Progress` or, elsewhere, a line."""
 
     def __init__(self, label: str = "", stream: TextIO | None = None) -> None:
         self.label = label

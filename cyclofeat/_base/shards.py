@@ -19,10 +19,7 @@ T = TypeVar("T")
 
 
 class ShardStore:
-    """Folder of shards: files that appear whole or not at all, beside a JSON file that describes the work.
-
-    Work that was interrupted goes on with the shards that are missing.
-    """
+    """Folder of shards, whole or absent, and a JSON file about the work, which can be interrupted."""
 
     def __init__(self, folder: str | os.PathLike[str], description: str = "") -> None:
         self.folder, self.description = Path(folder), description

@@ -63,10 +63,7 @@ class Record(NamedTuple):
 
 @dataclass(frozen=True)
 class Bank:
-    """Simulated recordings.
-
-    Torque in Nm (n, n_samples), float32; worn lobes, mean input speed in Hz and assembly of each (n,).
-    """
+    """Simulated torque in Nm (n, n_samples); worn lobes, mean input speed in Hz and assembly of each (n,)."""
 
     X: NDArray[np.float32] = field(repr=False)
     counts: NDArray[np.int64] = field(repr=False)
@@ -211,9 +208,8 @@ def remember(
 ) -> T:
     """Return the result of ``call``, from a folder where there is one.
 
-    It is kept in the subfolder ``kind`` for equal ``key`` and equal code; a file that cannot be read is
-    replaced. ``code`` names folders and modules of the package, besides the simulators, whose code affects
-    the result.
+    It is kept in the subfolder ``kind`` for equal ``key`` and equal code, that of the simulators and of the
+    folders and modules in ``code``; a file that cannot be read is replaced.
     """
     if folder is None:
         return call()

@@ -140,10 +140,7 @@ def _followed_from(turned: Float, record: _Record, attempts: Sequence[_Attempt])
 def _controlled_turns(
     driving: Float, sampling_rate: float, nominal_hz: float, gain: float, integral_s: float
 ) -> Float | None:
-    """Return the turns of a shaft at the stated speed under a control; None where it would all but stop.
-
-    ``driving`` is the current less its mean, in standard deviations, positive for one that drives.
-    """
+    """Return turns under a control by a current in its deviations; None where the shaft all but stops."""
     lag = controlled_lag(driving, sampling_rate, integral_s)
     turned = nominal_hz * (np.arange(driving.size) / sampling_rate - gain * lag)
     return turned if np.diff(turned).min() > _SLOWEST * nominal_hz / sampling_rate else None

@@ -288,8 +288,8 @@ def _between_bins(values: NDArray[Any], bins: Float) -> NDArray[Any]:
 def fold(lines: Complex, n_lobes: int = 15, points: int = 16, lowest_line: int = 3) -> Float:
     """Torque folded at the lobe frequency from its lobe lines, shape (n_windows, n_lobes, points).
 
-    Slot 0 begins at the window's first sample, or where :func:`shift` moved it. Lines below ``lowest_line``,
-    where the brake drifts, are not used.
+    Slot 0 begins at the first sample, or where :func:`shift` moved it. Below ``lowest_line`` the brake
+    drifts.
     """
     waves = _fold_waves(lowest_line, lines.shape[1], n_lobes * points)
     folded = lines[:, lowest_line - 1 :] @ waves

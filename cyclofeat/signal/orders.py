@@ -168,10 +168,7 @@ COMBS = ("lobe", "mesh")
 def comb_lines(
     sampling_rate: float, nominal_hz: float, tolerance: float, comb: str = "lobe", n_lobes: int = 15
 ) -> int:
-    """Return the number of lobe lines that :func:`estimate_input_speed` uses: 44, or as many as fit.
-
-    ``ValueError`` if the sampling rate does not hold the first ones: three lobe lines or one mesh line.
-    """
+    """Return the number of lobe lines for a speed, at most 44; ValueError if the rate holds too few."""
     one_of("comb", comb, COMBS)
     fewest = n_lobes if comb == "mesh" else lobes.FEWEST_LINES
     fitting = int(sampling_rate / 2 / lobes.highest_frequency(nominal_hz, n_lobes, 1, tolerance))
@@ -302,10 +299,7 @@ def order_lines(
 
 
 class _Reducer:
-    """Fourier sums at multiples of a frequency, from samples low-passed and thinned beforehand.
-
-    The filter's gain at the lines is divided out; aliases are 100 dB down.
-    """
+    """Fourier sums at multiples of a frequency, from samples low-passed (aliases 100 dB down) and thinned."""
 
     def __init__(self, sampling_rate: float, highest: float) -> None:
         self.factor = max(1, int(sampling_rate / (_RATE_PER_HIGHEST_LINE * highest)))

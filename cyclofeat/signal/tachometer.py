@@ -80,10 +80,7 @@ def angle_from_pulses(signal: ArrayLike, pulses_per_turn: int) -> Float:
 
 
 def _extend_lines(angle: Float, known: NDArray[Any], rising: NDArray[Any]) -> None:
-    """Write straight lines before the first and after the last known value of a rising angle.
-
-    They rise by less than the step to the next known value: a shaft that went on would have made it.
-    """
+    """Write lines before the first and after the last known value, by less than a step: a shaft may stop."""
     place = np.arange(angle.size)
     for outside, end, other in ((place < known[0], 0, 1), (place > known[-1], -1, -2)):
         if outside.any():

@@ -293,8 +293,7 @@ def envelope_lines(
     """Amplitudes of an envelope near given frequencies in Hz, up to half of its sampling ``rate``.
 
     For each frequency, shape (..., n_lines): the largest amplitude in Nm among the bins within the relative
-    tolerance and half a bin, of the envelope without its mean under a periodic Hann window (1 for a sine of
-    1).
+    tolerance and half a bin, of the envelope without its mean under a periodic Hann window.
     """
     n = envelope.shape[-1]
     taper = hann(n, sym=False)

@@ -70,10 +70,7 @@ FEWEST_SAMPLES = 288
 
 
 def segment_length(n_samples: int) -> int:
-    """Samples in a segment: ``floor(n_samples / 4.5)``, which makes 8 segments with 50 % overlap.
-
-    Windows of fewer than 9 samples get segments of one sample.
-    """
+    """Samples in a segment, at least 1: ``floor(n_samples / 4.5)``, 8 segments with 50 % overlap."""
     return max(1, 2 * n_samples // 9)
 
 
@@ -90,11 +87,7 @@ def welch_frequencies(n_samples: int, sampling_rate: float) -> Float:
 
 
 class SegmentTransforms:
-    """Fourier transforms of the tapered, overlapping segments of windows.
-
-    Each segment is multiplied by ``taper``, shape (segment,), and zero-padded to ``n_fft`` samples, in one
-    buffer for all chunks.
-    """
+    """Fourier transforms of overlapping segments, times ``taper``, (segment,), zero-padded to ``n_fft``."""
 
     def __init__(self, taper: Float, n_samples: int, overlap: int, n_fft: int, remove_mean: bool) -> None:
         self.taper = taper

@@ -134,10 +134,7 @@ class PublishedTable:
         return np.array(drawn)
 
     def _simulate_gear(self, gear: Names) -> tuple[Float, NDArray[np.float32]]:
-        """Return parameters of rigs, and their torque (n, replicates, n_discs, n_samples).
-
-        A rig with a record that cannot be simulated is replaced by the next.
-        """
+        """Return parameters of rigs that can be simulated, and torque (n, replicates, n_discs, n_samples)."""
         drawn = np.zeros((3 * self.n_draws, 0))
         for name in gear:
             drawn = self._latin_hypercube(name, self.n_draws * len(parameters_of(name)) ** 2)
@@ -203,10 +200,7 @@ class PublishedTable:
         return expected_statistics
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write all statistics simulated so far, for the argument `table` of :func:`find_published_gap`.
-
-        The file is compressed and of half precision: 0.1 % of a size.
-        """
+        """Write the simulated statistics, in half precision, as `table` of :func:`find_published_gap`."""
         arrays: dict[str, Any] = {"stated": np.array(self.stated)}
         for key, (theta, values) in self.tables.items():
             arrays["theta:" + "+".join(key)] = theta.astype(np.float32)

@@ -186,10 +186,7 @@ def confirm_effects(
 def _guess_sizes(
     posterior: EffectPosterior, session: Session
 ) -> tuple[dict[str, Effect], dict[str, tuple[float, float]]]:
-    """Return each effect with the posterior's sizes, and mean and deviation of each coordinate by name.
-
-    An effect whose sizes it has not learned keeps its own, with a deviation of their unit.
-    """
+    """Return effects with the posterior's sizes (or their own), and mean and deviation of each coordinate."""
     fitted = posterior.guess([session])[0].fitted
     guessed, guesses = {}, {TOLERANCE: (float(np.mean(TOLERANCES)), float(np.ptp(TOLERANCES)) / 12**0.5)}
     for effect in posterior.world.effects or ():

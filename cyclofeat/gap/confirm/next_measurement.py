@@ -53,10 +53,7 @@ def rank_measurements(
 
 
 def _bench_offers(session: Session, world: World) -> dict[str, str]:
-    """Return measurements beyond those of a session, and the words of ``separated_by`` that mean them.
-
-    The first is preferred among measurements of equal use.
-    """
+    """Return measurements, the preferred ones first, and the words of ``separated_by`` that mean them."""
     speeds, loads, directions = session.conditions.T
     offers = {}
     # Of the multiples of 10 RPM, the one at which mains hum is farthest from whole orders of the input shaft.

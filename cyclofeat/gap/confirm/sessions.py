@@ -247,10 +247,7 @@ def relative_units(effect: Effect) -> list[float]:
 
 
 def with_strength(effect: Effect, factor: float) -> Effect:
-    """Return an effect that is stronger by a factor, which is held between 0.3 and 2.
-
-    A cutoff or limit keeps its size, because its neutral value is infinite: its response gives no factor.
-    """
+    """Return an effect stronger by a factor from 0.3 to 2; itself if its neutral value is infinite."""
     factor = float(np.clip(factor, *_STRENGTHS))
     name = effect.main_parameter
     parameter, value = effect.parameters[name], float(getattr(effect, name))

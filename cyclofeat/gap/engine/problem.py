@@ -16,10 +16,7 @@ Rig = Mapping[str, Mapping[str, float]]
 
 @dataclass(frozen=True)
 class Parameter:
-    """Parameter of an effect with its prior, log-uniform (or uniform) between two ends.
-
-    The low end of a strength is the smallest size that matters.
-    """
+    """Parameter with its prior, log-uniform or uniform; the low end of a strength is the least to matter."""
 
     unit: str
     low: float

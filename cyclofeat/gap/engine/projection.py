@@ -67,10 +67,7 @@ class Projection:
         return np.asarray(np.einsum("jic,mic->mj", self.weights, deviations))
 
     def linearised(self, sizes: Float) -> tuple[Float, Float]:
-        """Return statistics and responses (n_statistics, n_changes) that are linear around some sizes.
-
-        ``sizes`` (n_changes,) are the places of expansion; sizes still count from 0.
-        """
+        """Return statistics and responses (n_statistics, n_changes), linear around sizes (from 0)."""
         measured, responses = self.measured.copy(), np.zeros((len(self.measured), len(sizes)))
         for k, (change, power) in enumerate(self.terms):
             size = sizes[change]
@@ -178,10 +175,7 @@ def log_spreads(deviations: Float) -> Float:
 
 
 def estimate_by_spreads(projection: Projection, change: int, deviations: Float) -> tuple[float, float]:
-    """Estimate a change from the spreads between the recordings of a session, with its standard error.
-
-    ``deviations`` (n_recordings, n_cells) are those of the session; the error is that of sessions of the rig.
-    """
+    """Estimate a change, with its error, from spreads between recordings (n_recordings, n_cells)."""
     slopes, simulated = projection.spread_slopes[change], log_spreads(projection.sessions)
     mean = simulated.mean(axis=0)
     weights = slopes / (simulated.var(axis=0) + _SMALLEST_SPREAD**2)
@@ -195,10 +189,7 @@ def _compressed(cells: Float, centre: Float, spread: Float) -> Float:
 
 
 def _shrunk_mean(pairs: Float) -> tuple[Float, Float]:
-    """Return the mean of pairs for each recording, drawn towards that of all, and its variance by cell.
-
-    The more of the scatter between recordings is noise, the closer to the mean of all (empirical Bayes).
-    """
+    """Return means of pairs by recording, drawn to that of all (empirical Bayes), and variance by cell."""
     mean = pairs.mean(axis=0)
     noise = pairs.var(axis=0, ddof=1).mean(axis=0) / len(pairs) if len(pairs) > 1 else np.zeros(mean.shape[1])
     between = np.maximum(mean.var(axis=0, ddof=1) - noise, 0) if len(mean) > 1 else np.zeros(mean.shape[1])

@@ -106,10 +106,7 @@ def fit_responses(projection: Projection, columns: Sequence[Column], reach: Floa
 def subtract_fit(
     projection: Projection, columns: Sequence[Column], kinds: Collection[str], deviations: Float
 ) -> Float:
-    """Return what the best changes of some kinds leave of the mean deviations of sessions.
-
-    ``deviations`` has the shape (n_sessions, n_recordings, n_cells), the result (n_sessions, n_cells).
-    """
+    """Return what the best changes of some kinds leave of mean deviations, (n_sessions, n_cells)."""
     free = [k for k, column in enumerate(columns) if column.kind in kinds]
     _, responses = projection.linearised(np.zeros(len(columns)))
     weighted = np.linalg.solve(projection.covariance, responses[:, free]).T

@@ -99,10 +99,7 @@ def detection_limit(strengths: Float, detected: NDArray[np.bool_], share: float)
 
 
 def strengths_of(parameter: EffectParameter, sizes: Float) -> Float:
-    """Return the distance of sizes from the neutral value, all on the scale of the fit.
-
-    Where the neutral value is infinitely far, the strength rises towards the other side.
-    """
+    """Return the distance of sizes from the neutral value (or its side, if infinite), on the fit's scale."""
     neutral = _neutral_value(parameter)
     if math.isinf(neutral):
         return sizes if neutral < 0 else -sizes
@@ -121,10 +118,7 @@ def visible_ends(parameter: EffectParameter, strength: float) -> tuple[float, fl
 
 
 def reach_beyond(parameter: EffectParameter, strength: float, middle: Float, spread: Float) -> Float:
-    """Return the probability that normally distributed sizes are stronger; NaN where ``strength`` is.
-
-    ``middle`` and ``spread`` are mean and standard deviation of the sizes on the scale of the fit.
-    """
+    """Return the probability that normal sizes, on the fit's scale, are stronger; NaN if strength is."""
     neutral = _neutral_value(parameter)
     if math.isinf(neutral):
         away = middle if neutral < 0 else -middle

@@ -114,9 +114,8 @@ def slopes_of(logits: Float, present: NDArray[np.bool_]) -> Float:
 def mean_predictors(logits: Float, causes: Float, names: Sequence[str]) -> Float:
     """Return predictors of effects that only shift the mean torque, shape (n_rigs, n_predictors).
 
-    Noise on its inputs keeps the network from being sure of them; :func:`cause_logits` is sure, but wrong
-    where something else moves the mean. So both are given, the latter also times the probability that nothing
-    else does.
+    The network, with noise on its inputs, is never sure of them; :func:`cause_logits` is, but wrong where
+    something else moves the mean. So both are given, the latter also times the probability that nothing does.
     """
     absent = 1 - expit(logits)
     known = known_effects()
@@ -131,10 +130,7 @@ def mean_predictors(logits: Float, causes: Float, names: Sequence[str]) -> Float
 
 
 def mean_coefficients(predictors: Float, present: NDArray[np.bool_], names: Sequence[str]) -> Float:
-    """Return coefficients and constant of a logistic regression on :func:`mean_predictors`, for each effect.
-
-    NaN for effects that do not change the mean alone, and for those that fewer than 100 rigs have or lack.
-    """
+    """Return coefficients of logistic regressions on :func:`mean_predictors`; NaN where there is none."""
     coefficients = np.full((len(names), predictors.shape[1] + 1), np.nan)
     centre, spread = predictors.mean(axis=0), predictors.std(axis=0) + 1e-9
     of_mean_alone = {name for name, effect in known_effects().items() if effect.shows_as == _MEAN}
@@ -149,8 +145,7 @@ def mean_coefficients(predictors: Float, present: NDArray[np.bool_], names: Sequ
 def spread_power(errors: Float, spreads: Float) -> float:
     """Return the power of the stated spreads to which the errors' spreads are proportional, mostly above 1.
 
-    By maximum likelihood of normal errors (n_rigs, n_sizes), NaN where an effect is absent, with a factor for
-    each size.
+    By maximum likelihood of normal errors (n_rigs, n_sizes), NaN where absent, with a factor for each size.
     """
     enough = np.isfinite(errors).sum(axis=0) >= FEWEST_LEARNED
     if not enough.any():
@@ -167,10 +162,7 @@ def spread_power(errors: Float, spreads: Float) -> float:
 
 
 def quantiles_of(residuals: Float) -> Float:
-    """Return quantiles of standardised errors, shape (n_sizes, 5), for few of them those of all together.
-
-    Their expected coverage is nominal also for few residuals; NaN are left out.
-    """
+    """Return quantiles of standardised errors, shape (n_sizes, 5), for few of them those of all together."""
     known = [z[np.isfinite(z)] for z in residuals.T]
     samples = [z if z.size >= FEWEST_LEARNED else np.concatenate(known) for z in known]
     return np.array([np.quantile(z, np.array(QUANTILES), method="weibull") for z in samples])

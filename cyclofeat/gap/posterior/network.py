@@ -134,10 +134,7 @@ def train_network(
     start: NetworkWeights | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> NetworkWeights:
-    """Train one network on simulated rigs, each shown in every epoch as another random session.
-
-    It begins with random weights, or with those of ``start``.
-    """
+    """Train a network, from ``start`` if given, on rigs shown in every epoch as other random sessions."""
     jax, jnp, _ = import_jax()
     random = np.random.default_rng(random_state)
     weights = _first_weights(padded, targets, reference, random) if start is None else dict(start)

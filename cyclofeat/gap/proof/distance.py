@@ -92,10 +92,7 @@ def families_of(parts: list[Cell]) -> list[str]:
 
 
 def number_strata(counts: NDArray[Any], apart: NDArray[Any] | None = None, least: int = 2) -> Int:
-    """Number the strata of recordings that can replace each other: of one count, or pooled from rare counts.
-
-    Counts with fewer than ``least`` recordings are pooled, within equal values of ``apart`` if it is given.
-    """
+    """Number strata of recordings: of one count, or of counts with fewer than ``least``, ``apart`` or not."""
     alone = lone_recordings(counts, least)
     pools = np.zeros(len(counts)) if apart is None else np.asarray(apart)
     keys = [(int(a), float(p) if a else 0.0, 0 if a else int(c))
@@ -113,8 +110,8 @@ def replicate_deviations(measured: Sample, simulated: Sample) -> Deviations:
     """Return the deviations between replicates, from the mean of their count.
 
     For the only recording of a count they are taken from the simulated mean, less the mean of such
-    differences: an error of the simulator that is equal in all counts drops out, but one in single counts
-    counts as replication.
+    differences: an error of the simulator that is equal in all counts drops out, one in single counts does
+    not.
     """
     values, counts = measured.values.copy(), measured.counts
     alone = lone_recordings(counts)
@@ -190,8 +187,7 @@ def family_distances(
 def bank_error(counts: NDArray[Any], simulated: Sample, scale: Scale) -> Float:
     """Return the expected squared distance due to the error of the simulated means, shape (n_families,).
 
-    sum_j sum_c (n_c/n)^2 q_j(c)^2 / M_c sum_k w_fk v_k / s_k^2, v the simulated recordings' variance around
-    their counts.
+    sum_j sum_c (n_c/n)^2 q_j(c)^2 / M_c sum_k w_fk v_k / s_k^2, v the simulated variance around the counts.
     """
     share = 0.0
     rows = count_trends(counts)

@@ -77,10 +77,7 @@ class Kinematics:
     n_lobes: int = 15
 
     def whole_turns(self, n_samples: int) -> int:
-        """Number of samples of a window in its whole output turns at the nominal speed.
-
-        Raises ValueError if the window is shorter than one turn.
-        """
+        """Samples of a window in its whole output turns at the nominal speed; ValueError without one."""
         turn, duration = self.n_lobes / self.input_speed_hz, n_samples / self.sampling_rate
         whole = math.floor(duration / turn + 0.01)
         if whole < 1:
@@ -185,10 +182,7 @@ def box_means(X: NDArray[Any], n: int) -> NDArray[Any]:
 
 
 def hann_lines(lines: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return the transform of windows under a periodic Hann window, given that under none.
-
-    Product with the window is a sum over neighbouring lines; the first and the last have one neighbour here.
-    """
+    """Return the transform of windows under a periodic Hann window: a sum over neighbouring lines."""
     under = 0.5 * lines  # a quotient of complex numbers takes several times as long
     under[:, 1:-1] -= 0.25 * (lines[:, 2:] + lines[:, :-2])
     return under

@@ -189,10 +189,7 @@ def locate_all(
 
 
 def where_of(located: LocatedGap, *, pictures: bool = True) -> Where:
-    """Return the comparison of a located gap, without its recordings.
-
-    ``pictures`` add torque folded over the turn and tests of all numbers at once, which takes seconds.
-    """
+    """Return the comparison; with ``pictures``, with folded torque and tests of all numbers at once."""
     if not pictures:
         return located.where
     return dataclasses.replace(located.where, global_p=located.global_p, phase=located.phase)

@@ -92,10 +92,7 @@ class Permuted:
 
 
 def statistics_by_family(cells: list[Cell]) -> dict[str, NDArray[np.intp]]:
-    """Indices of each family's statistics: means by family, then all spreads, then all means together.
-
-    Spreads, whose distributions have long tails for few recordings, would raise the threshold for means.
-    """
+    """Indices of each family's statistics: means by family, all spreads (with long tails), all means."""
     names = np.array([cell.family for cell in cells])
     of_means = {family: np.flatnonzero(names == family) for family in FAMILIES if np.any(names == family)}
     return of_means | {

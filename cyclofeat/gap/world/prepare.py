@@ -43,10 +43,7 @@ class DrawnMachine(NamedTuple):
 
 
 def simulate_machines(world: World, numbers: Sequence[int]) -> list[dict[str, NDArray[Any]]]:
-    """Simulate machines and summarise their rigs; each machine depends on the world and its number only.
-
-    Returns the columns of the rigs of each machine (:class:`cyclofeat.gap.world.Rigs`).
-    """
+    """Simulate machines, each by its number only, and return the columns of their :class:`Rigs`."""
     drawn = []
     for number in numbers:
         random = np.random.default_rng(_world_seed(world, _MACHINE, number))

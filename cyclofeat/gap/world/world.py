@@ -49,9 +49,8 @@ class Session:
 class Rigs:
     """Simulated rigs of a :class:`World`; arrays of shape (n_rigs, ...).
 
-    ``values``, ``conditions``, ``counts`` and ``speeds`` (n_rigs, n_recordings, ...) are those of recordings:
-    summaries, NaN where the simulation failed; speed in RPM, load in Nm and direction; worn lobes; RPM by a
-    tachometer.
+    ``values``, ``conditions``, ``counts`` and ``speeds`` (n_rigs, n_recordings, ...): summaries, NaN where
+    the simulation failed; speed in RPM, load in Nm and direction; worn lobes; RPM by a tachometer.
     """
 
     names: tuple[str, ...]  # of the effects
@@ -88,10 +87,7 @@ class Rigs:
     def session(
         self, rig: int, recordings: Index = slice(None), *, counts: bool = True, tachometer: bool = False
     ) -> Session:
-        """Return recordings of the rig in a row, without those that failed.
-
-        ``counts`` and ``tachometer`` state whether counts of worn lobes and the speed are known.
-        """
+        """Return recordings of the rig in a row, without those that failed, with what is known of them."""
         shown = np.arange(self.values.shape[1])[recordings]
         shown = shown[np.isfinite(self.values[rig, shown, 0])]
         return Session(
@@ -140,10 +136,7 @@ class EffectPrior:
 
 
 def missing_effects(rig: Rig) -> tuple[Effect, ...]:
-    """Return the known effects that have a prior and that the rig does not have, with default values.
-
-    With a user's simulator, its own take the place of those of the toolkit's gearbox.
-    """
+    """Return the known effects with a prior that the rig, or a user's simulator, can but does not have."""
     unanswered = "change_simulator" if rig.simulator is None else "change_gearbox"
     stated = {effect.effect_id for effects in rig.effect_sets() for effect in effects}
     stated |= {"brake_rotor"} if rig.has_brake else set()
