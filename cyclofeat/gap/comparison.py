@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import itertools
 import os
@@ -52,7 +51,7 @@ class Condition:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Comparison:
+class Comparison(checks.Replaceable):
     """Model and conditions that measured recordings are compared under, and the simulations made for it.
 
     Every stage of the gap takes a comparison first. Simulated recordings are kept in the folder ``cache``.
@@ -178,19 +177,6 @@ class Comparison:
         """Source of simulated recordings: the model with what may differ anyway."""
         rig = with_may_differ(self.rig, self.may_differ)
         return Population(rig, self.n_samples, self.sampling_rate, self.wheels, self.direction, self.quantity)
-
-    def replace(self, **changes: Any) -> Comparison:
-        """Return a checked copy with some parameters changed.
-
-        Parameters
-        ----------
-        **changes
-
-        Returns
-        -------
-        Comparison
-        """
-        return dataclasses.replace(self, **changes)
 
     def bank(
         self,

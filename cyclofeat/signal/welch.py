@@ -287,11 +287,8 @@ def without_rounding(power: Float) -> Float:
 
 
 def coherence_of_transforms(a: Complex, a_power: Float, b: Complex, b_power: Float) -> Float:
-    """Coherence, shape (n_references, n_bins), of a window ``a`` with references ``b``.
-
-    Transforms have the shape (..., n_segments, n_bins), powers (..., n_bins).
-    """
-    cross = np.einsum("sk,rsk->rk", a.conj(), b)
+    """Coherence, shape (..., n_bins), of transforms (..., n_segments, n_bins) and their powers."""
+    cross = np.einsum("...sk,...sk->...k", a.conj(), b)
     coherence = ratio(cross.real**2 + cross.imag**2, a_power * b_power)
     return np.minimum(coherence, 1.0)  # by rounding, equal windows pass 1
 
@@ -361,7 +358,6 @@ def magnitude_squared_coherence(
     for chunk in chunks(len(windows), 2 * transforms.n_segments * frequencies.size):
         a = transforms(windows[chunk])
         b = transforms(references if len(references) == 1 else references[chunk])
-        cross = np.einsum("wsk,wsk->wk", a.conj(), np.broadcast_to(b, a.shape))
-        power = without_rounding(power_over_segments(a)) * without_rounding(power_over_segments(b))
-        coherence[chunk] = np.minimum(ratio(cross.real**2 + cross.imag**2, power), 1.0)
+        a_power, b_power = (without_rounding(power_over_segments(part)) for part in (a, b))
+        coherence[chunk] = coherence_of_transforms(a, a_power, b, b_power)
     return frequencies, coherence.reshape(*x.shape[:-1], frequencies.size)
