@@ -6,7 +6,7 @@ import io
 import json
 import os
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,7 +37,7 @@ from cyclofeat.gap.posterior.calibration import (
     slopes_of,
     spread_power,
 )
-from cyclofeat.gap.posterior.inputs import Inputs, Reference, inputs_of_sessions, recording_arrays
+from cyclofeat.gap.posterior.inputs import Inputs, Reference, Single, inputs_of_sessions, recording_arrays
 from cyclofeat.gap.posterior.network import (
     NetworkWeights,
     Targets,
@@ -196,15 +196,15 @@ class EffectPosterior(BaseEstimator):
         ]  # fmt: skip
         rows = np.flatnonzero(held)
         self.spread_power_ = 1.0
-        inputs = random_inputs(recordings.of(rows), self.reference_, random)
+        inputs, causes = random_inputs(recordings.of(rows), self.reference_, random)
         logits, mean, spread = self._network_outputs(inputs)
         self.slopes_ = slopes_of(logits, rigs.present[rows])
-        predictors = mean_predictors(logits, inputs.causes, self.names_)
+        predictors = mean_predictors(logits, causes, self.names_)
         self.mean_coefficients_ = mean_coefficients(predictors, rigs.present[rows], self.names_)
         errors = sizes[rows] - mean
         self.spread_power_ = spread_power(errors, spread)
         self.size_quantiles_ = quantiles_of(errors / spread**self.spread_power_)
-        probabilities = np.nan_to_num(self._calibrated_probabilities(logits, inputs.causes))
+        probabilities = np.nan_to_num(self._calibrated_probabilities(logits, causes))
         named = with_look_alikes(probabilities, self.names_) > NAMED
         self.limits_ = np.full(len(self.names_), np.nan)
         for k, column, parameter in self._main_parameters():
@@ -277,8 +277,8 @@ class EffectPosterior(BaseEstimator):
         -------
         ndarray, shape (n_sessions, n_effects)
         """
-        inputs = self._network_inputs(sessions)
-        return self._calibrated_probabilities(self._network_outputs(inputs)[0], inputs.causes)
+        inputs, causes = self._network_inputs(sessions)
+        return self._calibrated_probabilities(self._network_outputs(inputs)[0], causes)
 
     def _calibrated_probabilities(self, logits: Float, causes: Float) -> Float:
         calibrated = self.slopes_ * logits
@@ -314,9 +314,9 @@ class EffectPosterior(BaseEstimator):
         -------
         list of Guess
         """
-        inputs = self._network_inputs(sessions)
+        inputs, causes = self._network_inputs(sessions)
         logits, mean, spread = self._network_outputs(inputs)
-        presence = self._calibrated_probabilities(logits, inputs.causes)
+        presence = self._calibrated_probabilities(logits, causes)
         standardised = mean[:, :, None] + spread[:, :, None] * self.size_quantiles_
         sizes = standardised * self.size_spread_[:, None] + self.size_mean_[:, None]
         logarithmic = np.array(self.logarithmic_)[:, None]
@@ -364,11 +364,11 @@ class EffectPosterior(BaseEstimator):
             self.reference_.check(session)
         return inputs_of_sessions(sessions, self.reference_, self.cells_)
 
-    def _network_outputs(self, inputs: Inputs) -> tuple[Float, Float, Float]:
+    def _network_outputs(self, inputs: Mapping[str, Single]) -> tuple[Float, Float, Float]:
         """Return logits, and mean and standard deviation of standardised sizes, of all networks together."""
         parts: list[dict[str, Any]] = [
-            {name: values[first : first + _AT_A_TIME] for name, values in inputs.of_network.items()}
-            for first in range(0, len(inputs.shown), _AT_A_TIME)
+            {name: values[first : first + _AT_A_TIME] for name, values in inputs.items()}
+            for first in range(0, len(inputs["shown"]), _AT_A_TIME)
         ]
         outputs = np.mean(
             [

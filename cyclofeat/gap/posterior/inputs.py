@@ -144,26 +144,8 @@ class Recordings:
         return dataclasses.replace(self, **{name: values[rows] for name, values in vars(self).items()})
 
 
-@dataclass(frozen=True)
-class Inputs:
-    """Arrays that the network takes, and what the mean torque alone says.
-
-    ``recordings`` (n_sessions, n_recordings, n_columns): deviations, then conditions, count and tachometer.
-    ``shown`` and ``many`` (n_sessions, n_recordings): 1 for recordings that are shown, and for those with a
-    known count above 2. ``whole`` (n_sessions, n_facts): fit of gain and offset, and what is known of the
-    session. ``causes`` (n_sessions, 3), not for the network: :func:`cause_logits`.
-    """
-
-    recordings: Single
-    shown: Single
-    many: Single
-    whole: Single
-    causes: Float
-
-    @property
-    def of_network(self) -> dict[str, Single]:
-        """Arguments of the network."""
-        return {name: value for name, value in vars(self).items() if name != "causes"}
+# Arrays of sessions by name, as the network takes them, and what the mean torque alone says.
+Inputs = tuple[dict[str, Single], Float]
 
 
 def inputs_of_sessions(sessions: Sequence[Session], reference: Reference, cells: tuple[str, ...]) -> Inputs:
@@ -212,7 +194,13 @@ def recording_arrays(
 def assemble_inputs(
     padded: Recordings, shown: Flags, with_counts: Flags, tachometer: Flags, reference: Reference
 ) -> Inputs:
-    """Return the inputs of sessions of which some recordings are shown, with counts and tachometer or not."""
+    """Return the inputs of sessions of which some recordings are shown, with counts and tachometer or not.
+
+    ``recordings`` (n_sessions, n_recordings, n_columns): deviations, then conditions, count and tachometer.
+    ``shown`` and ``many`` (n_sessions, n_recordings): 1 for recordings that are shown, and for those with a
+    known count above 2. ``whole`` (n_sessions, n_facts): fit of gain and offset, and what is known of the
+    session. Beside them, (n_sessions, 3): :func:`cause_logits`.
+    """
     known, turned = with_counts[:, None, None], tachometer[:, None, None]
     at = reference.scale_conditions(padded.conditions)
     counts = (padded.counts[:, :, None] == reference.counts_) & known
@@ -233,5 +221,6 @@ def assemble_inputs(
         axis=1, dtype=np.float32,
     )  # fmt: skip
     many = shown & known[:, 0] & (padded.counts > _LOW_COUNTS)
+    single = {"shown": shown.astype(np.float32), "many": many.astype(np.float32)}
     causes = cause_logits(padded.mean_torque, padded.conditions, shown)
-    return Inputs(recordings, shown.astype(np.float32), many.astype(np.float32), whole, causes)
+    return {"recordings": recordings, **single, "whole": whole}, causes

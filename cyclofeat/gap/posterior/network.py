@@ -150,8 +150,8 @@ def train_network(
         for rows in np.array_split(random.permutation(n), per_epoch):
             rows = rows[: n // per_epoch]  # batches of one size are compiled once
             key, dropping = jax.random.split(key)
-            inputs = random_inputs(padded.of(rows), reference, random)
-            batch = (fixed, inputs.of_network, present[rows], sizes[rows], has_size[rows])
+            inputs, _ = random_inputs(padded.of(rows), reference, random)
+            batch = (fixed, inputs, present[rows], sizes[rows], has_size[rows])
             weights, state = step(weights, state, batch, dropping)
         if progress is not None:
             progress(epoch + 1, epochs)
@@ -198,12 +198,12 @@ def _first_weights(
 ) -> NetworkWeights:
     """Random weights; the pools are standardised and presence begins at its share."""
     rows = random.choice(len(padded.is_real), min(len(padded.is_real), _STANDARDISING), replace=False)
-    inputs = random_inputs(padded.of(rows), reference, random)
+    inputs, _ = random_inputs(padded.of(rows), reference, random)
     n_effects, n_outputs = targets.present.shape[1], targets.present.shape[1] + 2 * targets.sizes.shape[1]
     first, second = _RECORDING
-    n_pools = 7 * len(reference.uncorrelating_) + inputs.whole.shape[1]
+    n_pools = 7 * len(reference.uncorrelating_) + inputs["whole"].shape[1]
     layers = {
-        "recording_1": (inputs.recordings.shape[2], first, 2.0), "recording_2": (first, second, 2.0),
+        "recording_1": (inputs["recordings"].shape[2], first, 2.0), "recording_2": (first, second, 2.0),
         "session_1": (n_pools + 2 * second, _SESSION, 2.0), "session_2": (_SESSION, _SESSION, 0.5),
         "session_3": (_SESSION, _SESSION, 0.5), "answer": (_SESSION, n_outputs, 0.1),
     }  # fmt: skip
@@ -212,7 +212,7 @@ def _first_weights(
         "pool_centre": np.zeros(n_pools, dtype=np.float32),
         "pool_spread": np.ones(n_pools, dtype=np.float32),
     } | first_weights(layers, random)
-    pools = np.asarray(pool_recordings(np, weights, **inputs.of_network))
+    pools = np.asarray(pool_recordings(np, weights, **inputs))
     weights["pool_centre"] = np.median(pools, axis=0).astype(np.float32)
     weights["pool_spread"] = (pools.std(axis=0) + 0.05).astype(np.float32)
     share = np.clip(targets.present.mean(axis=0), 1e-3, 1 - 1e-3)
