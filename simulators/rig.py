@@ -25,7 +25,7 @@ from cyclofeat._base.checks import (
     positive,
     repr_of,
 )
-from cyclofeat._base.displays import html_card
+from cyclofeat._base.displays import Card, WithCard
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import QUANTITIES
 from cyclofeat.simulators._simulator import Simulator
@@ -69,7 +69,7 @@ _LEAD_S = 0.1
 
 
 @dataclass(frozen=True)
-class Rig(Replaceable):
+class Rig(Replaceable, WithCard):
     """A nominal gearbox and the effects of the rig that it runs on: the complete input of a simulation.
 
     An effect's parameter is a number, or a range or distribution from which each assembly draws
@@ -224,7 +224,7 @@ class Rig(Replaceable):
         effects = ", ".join(map(repr, self.effects))
         return f"<Rig {self.name!r}: {self.gearbox!r}, effects=[{effects}]{more}>"
 
-    def _repr_html_(self) -> str:
+    def _card(self) -> Card:
         gearbox = self.gearbox
         rows: dict[str, object] = {
             "gearbox": f"{gearbox.n_lobes} lobes, {gearbox.n_pins} pins on a circle of "
@@ -246,13 +246,21 @@ class Rig(Replaceable):
             rows[label] = ", ".join(texts)
         if self.variants:
             rows["variants"] = f"{len(self.variants)} sets of further effects, of which each assembly has one"
-        # Outlines of a wheel in its rest position and of the external sleeves.
+        return Card(
+            "Rig" if self.name == "rig" else f"Rig {self.name}",
+            rows,
+            self._draw_wheel,
+            code="rig.simulate(LobeDefects.worn(3))",
+        )
+
+    def _draw_wheel(self) -> list[str]:
+        """Draw the outlines of a wheel in its rest position and of the external sleeves."""
+        gearbox = self.gearbox
         wheel = gearbox.outline_profile.outline(points_per_lobe=20) * np.exp(-1j * np.pi / gearbox.n_lobes)
         circle = gearbox.pin_radius * np.exp(2j * np.pi * np.arange(24) / 24)
         centres = gearbox.pin_circle_radius * np.exp(2j * np.pi * np.arange(gearbox.n_pins) / gearbox.n_pins)
         wheel_outlines = [wheel + gearbox.eccentricity, *(centre + circle for centre in centres)]
-        drawn = displays.draw_outlines(wheel_outlines, "Wheel between the pins")
-        return html_card(f"Rig {self.name}", rows, pictures=[drawn], code="rig.simulate(LobeDefects.worn(3))")
+        return [displays.draw_outlines(wheel_outlines, "Wheel between the pins")]
 
     @property
     def has_brake(self) -> bool:

@@ -7,7 +7,8 @@ notes come from files of others.
 from __future__ import annotations
 
 import html
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -20,48 +21,76 @@ if TYPE_CHECKING:
 
 _ROW = "text-align:left;vertical-align:top;padding:.1em .9em .1em 0;background:none;border:0"
 _TABLE = "border:0;margin:0;width:auto"
+_TITLE = "font-weight:600;font-size:1.1em;margin-bottom:.3em"
 _NAME = "font-weight:normal;opacity:.75"
 _NOTE = "border-left:3px solid #c98a00;padding-left:.6em;margin:.4em 0"
 
 
-def html_card(
-    title: str,
-    rows: Mapping[str, object],
-    *,
-    pictures: Sequence[str] = (),
-    notes: Sequence[str] = (),
-    code: str = "",
-) -> str:
-    """Return the card of an object: a title with its main number, rows of numbers with units, and warnings.
+@dataclass(frozen=True)
+class Card:
+    """What an object prints, and shows in a notebook: a title, rows of numbers with units, and warnings.
 
-    Rows whose value is None or empty text are left out. ``pictures``, which this module draws, are the only
-    argument that is not escaped. ``code`` is one line that shows what to do next.
+    Rows whose value is None or empty text are left out. ``draw`` returns pictures of this module, which alone
+    are not escaped. ``code`` is one line that shows what to do next.
 
     Examples
     --------
-    >>> "&lt;b&gt;" in html_card("Recording", {"run": "<b>"})
+    >>> card = Card("Recording", {"run": "<b>", "load": None})
+    >>> print(card)
+    Recording
+      run: <b>
+    >>> "&lt;b&gt;" in card.to_html()
     True
     """
-    cells = "".join(
-        f'<tr style="background:none"><th style="{_ROW};{_NAME}">{html.escape(name)}</th>'
-        f'<td style="{_ROW}">{html.escape(str(value))}</td></tr>'
-        for name, value in rows.items()
-        if value is not None and value != ""
-    )
-    parts = [
-        f'<div style="font-weight:600;font-size:1.1em;margin-bottom:.3em">{html.escape(title)}</div>',
-        '<div style="display:flex;flex-wrap:wrap;gap:1em 1.5em;align-items:flex-start">',
-        *pictures,
-        f'<div style="flex:1 1 20em;min-width:0"><table style="{_TABLE}">{cells}</table></div>',
-        "</div>",
-        *(f'<div style="{_NOTE}">{html.escape(note)}</div>' for note in dict.fromkeys(notes)),
-    ]
-    if code:
-        # Pages, whose readers run nothing, hide it.
-        parts.append(
-            f'<div class="next" style="margin-top:.4em">Next: <code>{html.escape(code)}</code></div>'
+
+    title: str
+    rows: Mapping[str, object]
+    draw: Callable[[], Sequence[str]] = tuple
+    notes: Sequence[str] = ()
+    code: str = ""
+
+    def texts(self) -> dict[str, str]:
+        """Return the rows that say something."""
+        return {name: str(value) for name, value in self.rows.items() if value is not None and value != ""}
+
+    def __str__(self) -> str:
+        rows = [f"{name}: {text}" for name, text in self.texts().items()]
+        return "\n  ".join([self.title, *rows, *(f"note: {note}" for note in dict.fromkeys(self.notes))])
+
+    def to_html(self) -> str:
+        """Return the card for a notebook."""
+        cells = "".join(
+            f'<tr style="background:none"><th style="{_ROW};{_NAME}">{html.escape(name)}</th>'
+            f'<td style="{_ROW}">{html.escape(text)}</td></tr>'
+            for name, text in self.texts().items()
         )
-    return f'<div style="line-height:1.45">{"".join(parts)}</div>'
+        parts = [
+            f'<div style="{_TITLE}">{html.escape(self.title)}</div>',
+            '<div style="display:flex;flex-wrap:wrap;gap:1em 1.5em;align-items:flex-start">',
+            *self.draw(),
+            f'<div style="flex:1 1 20em;min-width:0"><table style="{_TABLE}">{cells}</table></div>',
+            "</div>",
+            *(f'<div style="{_NOTE}">{html.escape(note)}</div>' for note in dict.fromkeys(self.notes)),
+        ]
+        if self.code:
+            # Pages, whose readers run nothing, hide it.
+            parts.append(
+                f'<div class="next" style="margin-top:.4em">Next: <code>{html.escape(self.code)}</code></div>'
+            )
+        return f'<div style="line-height:1.45">{"".join(parts)}</div>'
+
+
+class WithCard:
+    """Base of objects that print, and show in a notebook, their :class:`Card`."""
+
+    def _card(self) -> Card:
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        return str(self._card())
+
+    def _repr_html_(self) -> str:
+        return self._card().to_html()
 
 
 Float = NDArray[np.float64]

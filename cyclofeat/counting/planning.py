@@ -15,6 +15,7 @@ from scipy.stats import chi2, ncx2
 
 from cyclofeat._base.checks import number, positive, seed_number, whole
 from cyclofeat._base.displays import data_frame
+from cyclofeat._base.quantities import number_of
 from cyclofeat.counting.model.radial_wear import lobe_lines_nm, runs_of
 from cyclofeat.recordings.windower import lobe_windower
 from cyclofeat.signal.windows import Complex, Float
@@ -56,6 +57,12 @@ class Trial:
     def probability(self) -> float:
         """Probability of the right answer for the next assembly, by Laplace's rule of succession."""
         return (self.right + 1) / (self.assemblies + 2)
+
+
+def _format_length(turns: int | None, seconds: float | None) -> str:
+    assert turns is not None
+    assert seconds is not None
+    return f"{number_of(turns, 'output turn')} ({seconds:.3g} s)"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,6 +121,57 @@ class MeasurementPlan:
     reachable: float = 1.0
     longest_turns: int | None = None
     longest_seconds: float | None = None
+
+    def __str__(self) -> str:
+        """Return the answer as ``cyclofeat plan`` prints it."""
+        if self.depths_um is None:
+            return self._table_text()
+        assert isinstance(self.probability, tuple)
+        shows = f"no depth up to {self.depths_um[-1]:g} um shows"
+        if self.least_um is not None:
+            up_to = "or less " if self.least_um == self.depths_um[0] else ""
+            shows = f"radial wear shows from {self.least_um:.3g} um {up_to}on"
+        shares = ", ".join(
+            f"{d:g} um: {p:.2f}" for d, p in zip(self.depths_um, self.probability, strict=True)
+        )
+        at = f"{self.noise_nm:g} Nm noise, {self.speed_rpm:g} RPM, {self.load_nm:g} Nm"
+        lines = [
+            f"{shows} with {self.confidence:g}, {number_of(self.worn, 'worn lobe')} or none: {at}, "
+            f"{_format_length(self.turns, self.seconds)}",
+            f"  probability of telling worn from healthy: {shares}",
+            f"  by the lobe lines of {self.assemblies} simulated assemblies of rig {self.rig}, healthy and "
+            "worn",
+            "  note: an ideal detector trained for this rig; counting the lobes takes deeper wear",
+        ]
+        return "\n".join(lines)
+
+    def _table_text(self) -> str:
+        pair = (
+            f"{self.worn} from {self.worn + 1} worn lobes at {self.noise_nm:g} Nm noise, depth {self.depth:g}"
+        )
+        if self.turns is not None:
+            lines = [f"to tell {pair}: record {_format_length(self.turns, self.seconds)}"]
+        elif self.confidence > self.reachable:
+            lines = [
+                f"to tell {pair}: cannot be promised with {self.confidence:g}; {self.assemblies} simulated "
+                f"assemblies can show {self.reachable:.3f} at most"
+            ]
+        else:
+            longest = _format_length(self.longest_turns, self.longest_seconds)
+            lines = [
+                f"to tell {pair}: the table's longest recording, {longest}, is not enough for "
+                f"{self.confidence:g}"
+            ]
+            if self.largest_noise_nm is not None:
+                lines.append(f"  it is enough at {self.largest_noise_nm:g} Nm noise or less")
+        lines.append(
+            f"  probability {self.probability:.3f} on {self.assemblies} simulated assemblies of rig R1"
+        )
+        if (self.tabulated_noise_nm, self.tabulated_depth) != (self.noise_nm, self.depth):
+            entry = f"noise {self.tabulated_noise_nm:g} Nm, depth {self.tabulated_depth:g}"
+            lines.append(f"  answered by the table's next worse entry: {entry}")
+        lines.append("  note: simulated, on an assumed rig that the counter was trained for; no measurement")
+        return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the plan in plain types, for JSON.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cyclofeat._base import displays
 from cyclofeat._base.checks import check_type, seed_number, whole
-from cyclofeat._base.displays import data_frame, html_card
+from cyclofeat._base.displays import Card, WithCard, data_frame
 from cyclofeat.gap.comparison import Condition
 from cyclofeat.gap.confirm.next_measurement import rank_measurements
 from cyclofeat.gap.confirm.sessions import simulate_prior
@@ -85,7 +85,7 @@ class PosteriorScore:
 
 
 @dataclass(frozen=True, kw_only=True)
-class GapCheck(EffectRows[CheckedEffect]):
+class GapCheck(EffectRows[CheckedEffect], WithCard):
     """Result of :func:`check_recordings`: detectable effects, and right answers of the posterior.
 
     Attributes
@@ -141,7 +141,7 @@ class GapCheck(EffectRows[CheckedEffect]):
         """
         return data_frame([asdict(row) for row in self.effects])
 
-    def _repr_html_(self) -> str:
+    def _card(self) -> Card:
         asked = sorted((row for row in self.effects if row.n), key=lambda row: -row.recall)
         rarely = [row.effect for row in asked if row.recall < _HALF]
         rows = {
@@ -156,10 +156,10 @@ class GapCheck(EffectRows[CheckedEffect]):
         }
         names = [row.effect for row in asked]
         text = "Share of the rigs with an effect in which it is found, effect by effect"
-        drawn = displays.draw_columns([row.recall for row in asked], names, text, marked=names)
-        return html_card(
-            f"Check: {self.score.recall:.0%} of the effects found", rows, pictures=[drawn],
-            code="check.to_frame()",
+        recalls = [row.recall for row in asked]
+        return Card(
+            f"Check: {self.score.recall:.0%} of the effects found", rows,
+            lambda: [displays.draw_columns(recalls, names, text, marked=names)], code="check.to_frame()",
         )  # fmt: skip
 
 

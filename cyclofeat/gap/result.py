@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar, get_args
 import numpy as np
 
 from cyclofeat._base import checks, displays, draw_plot
-from cyclofeat._base.displays import data_frame, html_card
+from cyclofeat._base.displays import Card, WithCard, data_frame
 from cyclofeat._base.gap_words import cell_name, mean_difference_words, p_words
 from cyclofeat._base.quantities import (
     beyond_text,
@@ -166,7 +166,7 @@ class EffectRows(Generic[AnyRow]):
 
 
 @dataclass(frozen=True, kw_only=True)
-class GapResult(EffectRows[FoundEffect]):
+class GapResult(EffectRows[FoundEffect], WithCard):
     """Result of :func:`find_gap`: missing effects with probabilities and sizes, and the remainder.
 
     Attributes
@@ -408,7 +408,7 @@ class GapResult(EffectRows[FoundEffect]):
         """
         return draw_plot(self, kind, ax, **options)
 
-    def _repr_html_(self) -> str:
+    def _card(self) -> Card:
         rows: dict[str, object] = {
             "conditions": "; ".join(where.condition.text for where in self.where),
             "recordings": sum(where.n_recordings for where in self.where),
@@ -424,6 +424,10 @@ class GapResult(EffectRows[FoundEffect]):
         for proof in self.proof:
             at = "" if proof.condition is None else f" at {proof.condition.text}"
             rows[f"gap closed{at}"] = f"{proof.result.grr:.0%}"
+        code = 'result.to_frame("sizes")' if self.named else 'result.to_frame("where")'
+        return Card(self.headline, rows, self._draw_first_overlay, self.warnings, code)
+
+    def _draw_first_overlay(self) -> list[str]:
         curves = []
         for overlay in self.overlays[:1]:
             looks = (
@@ -441,10 +445,7 @@ class GapResult(EffectRows[FoundEffect]):
             )
             text += "" if overlay.corrected is None else ", corrected model (thin)"
             curves.append(displays.draw_curves(drawn, text))
-        return html_card(
-            self.headline, rows, pictures=curves, notes=self.warnings,
-            code='result.to_frame("sizes")' if self.named else 'result.to_frame("where")',
-        )  # fmt: skip
+        return curves
 
 
 def replace_nonfinite(value: Any) -> Any:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from cyclofeat._base.displays import data_frame
 from cyclofeat._base.files import check_parent
+from cyclofeat._base.quantities import number_of
 from cyclofeat.history.alarm import GearboxState, Point, state_of
 
 if TYPE_CHECKING:
@@ -177,6 +178,11 @@ class History:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def __str__(self) -> str:
+        states = map(self.state, self.gearboxes())
+        lines = [f"{one.gearbox}: {number_of(one.n_recordings, 'recording')}; {one}" for one in states]
+        return "\n  ".join([f"History {self.path}", *lines])
 
     def close(self) -> None:
         """Close the file; rows that were not written are lost."""

@@ -15,7 +15,7 @@ from scipy.signal import resample_poly
 
 from cyclofeat._base import checks, displays, draw_plot
 from cyclofeat._base.checks import is_whole, number, number_series, one_of, positive, truth_value, whole
-from cyclofeat._base.displays import data_frame, html_card
+from cyclofeat._base.displays import Card, WithCard, data_frame
 from cyclofeat._base.quantities import CHANNELS, QUANTITIES, QUANTITY_UNITS, from_1, in_words, lobes_text
 from cyclofeat.signal.orders import input_angle_from_disc
 from cyclofeat.signal.windows import LARGEST, Float, high_pass
@@ -29,7 +29,7 @@ _LARGEST_RATIO = 10_000  # numbers of the ratio of two sampling rates
 
 
 @dataclass(frozen=True, eq=False)
-class Recording(checks.Replaceable):
+class Recording(checks.Replaceable, WithCard):
     """One record of output torque, input torque or motor current, with what is known about it.
 
     Parameters
@@ -576,11 +576,13 @@ class Recording(checks.Replaceable):
         """
         return draw_plot(self, kind, ax, **options)
 
-    def _repr_html_(self) -> str:
+    def _card(self) -> Card:
         rows, name = facts_in_words(self), in_words(self.quantity)
-        title = f"{name.capitalize()} over {self.duration:.4g} s"
-        curve = displays.draw_curves([displays.Curve(self.torque)], title)
-        return html_card(f"Recording of {name}", rows, pictures=[curve], code='recording.plot("spectrum")')
+        title, curves = f"{name.capitalize()} over {self.duration:.4g} s", [displays.Curve(self.torque)]
+        return Card(
+            f"Recording of {name}", rows, lambda: [displays.draw_curves(curves, title)],
+            code='recording.plot("spectrum")',
+        )  # fmt: skip
 
 
 def facts_in_words(recording: Recording) -> dict[str, str | None]:
@@ -603,7 +605,7 @@ def facts_in_words(recording: Recording) -> dict[str, str | None]:
         "changes": ", ".join((recording.meta or {}).get("history", ())) or None,
         "assembly": None if recording.assembly is None else str(recording.assembly),
         "run": None if recording.run is None else str(recording.run),
-        "source": recording.source,
+        "source": "simulated" if recording.source == "surrogate" else recording.source,
     }
 
 

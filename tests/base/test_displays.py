@@ -12,7 +12,7 @@ from small_model import small_model
 
 from cyclofeat import Recording
 from cyclofeat._base import displays
-from cyclofeat._base.displays import html_card
+from cyclofeat._base.displays import Card
 from cyclofeat.counting import LobeCount, evaluate
 from cyclofeat.simulators import Hum, Rig
 
@@ -63,13 +63,16 @@ def test_cards_are_whole_escaped_and_state_the_numbers(name):
         assert part in words(parsed), part
     assert not {"script", "b", "style"} & set(parsed.tags)
     assert len(repr(drawn)) < 800
+    lines = str(drawn).splitlines()
+    assert 1 <= len(lines) <= 12
+    assert max(map(len, lines)) <= 160
 
 
 def test_every_argument_but_the_pictures_is_escaped():
-    made = html_card(HOSTILE, {HOSTILE: HOSTILE}, notes=[HOSTILE], code=HOSTILE)
+    made = Card(HOSTILE, {HOSTILE: HOSTILE}, notes=[HOSTILE], code=HOSTILE).to_html()
     assert "<script" not in made
     assert words(parse(made)).count(HOSTILE) == 5
-    assert "<td" not in html_card("", {"empty": "", "none": None})
+    assert "<td" not in Card("", {"empty": "", "none": None}).to_html()
 
 
 def test_pictures_escape_their_names():

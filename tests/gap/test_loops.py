@@ -97,6 +97,7 @@ def test_friction_and_compliance_are_named_with_their_sizes_and_nothing_else():
     assert set(frame["effect"][:2]) == truth.keys()
     assert frame["probability"].is_monotonic_decreasing
     assert "rad/Nm" in gap.describe_sizes("torsional_compliance")
+    assert "torsional_compliance: missing" in str(gap)
 
 
 def test_no_effect_is_named_where_the_model_is_right():

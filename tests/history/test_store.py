@@ -86,6 +86,9 @@ def test_pictures_have_dates_steps_and_refused_recordings(tmp_path):
         history.add("lathe", "single.csv", HOUR, count(1), RECORDING, CARD)
         history.write()
         lathe, press = summarise_history(history)["gearboxes"]
+        first, *boxes = str(history).splitlines()
+    assert (first, len(boxes)) == (f"History {tmp_path / 'a.sqlite'}", 2)
+    assert boxes[1].startswith("  press: 3 recordings; ")
     plot = press["pictures"][0]["plot"]
     assert (plot["axes"][0]["start"], plot["view"]) == (HOUR * 100, [0.0, 2 * HOUR])
     styles = {line["name"]: line["style"] for line in plot["lines"]}

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base import displays, draw_plot
+from cyclofeat._base import draw_plot
 from cyclofeat._base.checks import one_of
-from cyclofeat._base.displays import data_frame, html_card
+from cyclofeat._base.displays import Card, WithCard, data_frame, draw_confusion
 from cyclofeat._base.quantities import number_of
 from cyclofeat.counting.evaluation.assembly_folds import Float, Int
 from cyclofeat.counting.evaluation.scores import (
@@ -34,7 +34,7 @@ TABLES: tuple[Table, ...] = ("classes", "assemblies", "windows")
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class Evaluation(WithCard):
     """Result of :func:`evaluate`.
 
     Scores that the counter or the data do not allow are None. ``<score>_interval`` holds percentiles of a
@@ -252,7 +252,7 @@ class Evaluation:
         """
         return draw_plot(self, kind, ax, **options)
 
-    def _repr_html_(self) -> str:
+    def _card(self) -> Card:
         scores = self.to_dict()
         texts = {
             name: "{:.3f} [{:.3f}, {:.3f}]".format(scores[name], *scores[f"{name}_interval"])
@@ -268,9 +268,10 @@ class Evaluation:
             "calibration error": texts.get("calibration_error"),
             "intervals": f"{100 * self.confidence:.3g} %, over assemblies",
         }
-        drawn = displays.draw_confusion(self.confusion, self.classes.tolist())
-        title = f"Accuracy {texts['accuracy']}"
-        return html_card(title, rows, pictures=[drawn], code="evaluation.to_frame()")
+        return Card(
+            f"Accuracy {texts['accuracy']}", rows,
+            lambda: [draw_confusion(self.confusion, self.classes.tolist())], code="evaluation.to_frame()",
+        )  # fmt: skip
 
 
 def count_reasons(reasons: Iterable[str | None]) -> dict[str, int]:

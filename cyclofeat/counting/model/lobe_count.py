@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base import displays, draw_plot
-from cyclofeat._base.displays import data_frame, html_card
+from cyclofeat._base.displays import Card, WithCard, data_frame
 from cyclofeat._base.quantities import from_1, lobes_text, number_of, probability_text
 from cyclofeat.counting.model._verdicts import most_frequent
 from cyclofeat.counting.model.radial_wear import WearDepth
@@ -43,7 +43,7 @@ class WindowCount:
 
 
 @dataclass(frozen=True)
-class LobeCount:
+class LobeCount(WithCard):
     """Answer of a model for one recording.
 
     Attributes
@@ -139,7 +139,7 @@ class LobeCount:
         """
         return draw_plot(self, kind, ax, **options)
 
-    def _repr_html_(self) -> str:
+    def _card(self) -> Card:
         answer = number_of(self.defect_count, "worn lobe") if self.defect_count else "No worn lobe"
         numbered = "as on the disc, from 1" if self.absolute else "from 1, the lobe under load at the start"
         distance = None if np.isnan(self.distance) else f"{self.distance:.2f} (1: edge of the training)"
@@ -153,19 +153,21 @@ class LobeCount:
             "distance": distance,
             "refused": self.reason,
         }
+        title = f"Refused, not reliable: {answer}" if self.refused else answer
+        code = 'count.plot("lobes")' if self.lobes else "count.plot()"
+        return Card(title, rows, self._draw_probabilities, self.warnings, code)
+
+    def _draw_probabilities(self) -> list[str]:
         drawn = [
             displays.draw_columns(
                 self.probability.values(), [*self.probability], "Probability of each number of worn lobes",
                 marked={self.defect_count},
-            ),
-            displays.draw_disc(self.lobe_probability, self.lobes, "Probability of each lobe of being worn")
-            if self.lobe_probability
-            else "",
+            )
         ]  # fmt: skip
-        return html_card(
-            f"Refused, not reliable: {answer}" if self.refused else answer, rows,
-            pictures=drawn, notes=self.warnings, code='count.plot("lobes")' if self.lobes else "count.plot()",
-        )  # fmt: skip
+        if self.lobe_probability:
+            text = "Probability of each lobe of being worn"
+            drawn.append(displays.draw_disc(self.lobe_probability, self.lobes, text))
+        return drawn
 
 
 def counts_frame(counts: Mapping[str, LobeCount] | Sequence[LobeCount]) -> pd.DataFrame:

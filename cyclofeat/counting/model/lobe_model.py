@@ -15,9 +15,8 @@ from sklearn.base import BaseEstimator, ClassifierMixin, clone
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
-from cyclofeat._base import displays
 from cyclofeat._base.checks import whole
-from cyclofeat._base.displays import html_card
+from cyclofeat._base.displays import Card, WithCard, draw_confusion
 from cyclofeat._base.files import MODEL_PACKAGES, package_versions
 from cyclofeat._base.quantities import TORQUES, factor_to_output, number_of
 from cyclofeat.counting.calibration.pooling import combine_proba
@@ -74,7 +73,7 @@ _START_PLACES = 4
 
 
 @dataclass(eq=False, repr=False)
-class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
+class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
     """Estimator that counts and locates the worn lobes of recordings, of any speeds, loads and rates.
 
     ``X`` is a list of :class:`~cyclofeat.Recording` everywhere. ``fit`` cuts labelled recordings into windows
@@ -470,11 +469,9 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
     def _repr_mimebundle_(self, **_: object) -> dict[str, str]:
         return {"text/plain": repr(self), "text/html": self._repr_html_()}
 
-    def _repr_html_(self) -> str:
+    def _card(self) -> Card:
         if not hasattr(self, "card_"):
-            return html_card(
-                "Counter of worn lobes", {"trained on": "nothing yet"}, code="model.fit(recordings)"
-            )
+            return Card("Counter of worn lobes", {"trained on": "nothing yet"}, code="model.fit(recordings)")
         stated, scores = self.card_, self.card_.get("cross_validation")
         rows = {
             "for recordings": self.made_for(),
@@ -488,8 +485,11 @@ class LobeModel(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             "refuses": "no" if self.domain_ is None else "what is unlike the training",
             "depth of wear": None if self.wear_ is None else self.wear_.made_for(),
         }
-        drawn = displays.draw_confusion(np.array(scores["confusion"]), scores["classes"]) if scores else ""
-        return html_card("Counter of worn lobes", rows, pictures=[drawn], code="model.count(recording)")
+        return Card(
+            "Counter of worn lobes", rows,
+            lambda: [draw_confusion(np.array(scores["confusion"]), scores["classes"])] if scores else [],
+            code="model.count(recording)",
+        )  # fmt: skip
 
     def made_for(self) -> str:
         """Return in words which recordings the model counts.

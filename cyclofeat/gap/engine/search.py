@@ -13,6 +13,7 @@ from scipy import stats
 from scipy.special import expit
 
 from cyclofeat._base.displays import data_frame
+from cyclofeat._base.quantities import number_of, probability_text
 from cyclofeat.gap.posterior.answers import ABSENT, NAMED, PRESENT, State, state_of
 
 from .problem import Array, Rig, Session
@@ -62,6 +63,15 @@ class Explanation:
             for name, p in sorted(self.probabilities.items(), key=lambda row: -row[1])
         ]
         return data_frame(rows)
+
+    def __str__(self) -> str:
+        texts = {
+            name: f"{self.state(name)} ({probability_text(p)})" for name, p in self.probabilities.items()
+        }
+        lines = [f"{name}: {text}; {self.describe_sizes(name)}".rstrip("; ") for name, text in texts.items()]
+        shown = [line for name, line in zip(texts, lines, strict=True) if self.probabilities[name] > ABSENT]
+        hidden = len(lines) - len(shown)
+        return "\n".join([*shown, *([f"{number_of(hidden, 'other effect')} not missing"] if hidden else [])])
 
     def describe_sizes(self, effect: str) -> str:
         """Return the sizes of an effect with their intervals in words; nothing for one that is not named."""

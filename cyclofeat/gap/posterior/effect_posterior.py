@@ -20,6 +20,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._base.checks import whole
 from cyclofeat._base.files import write_whole
+from cyclofeat._base.quantities import in_words
 from cyclofeat.gap.posterior.answers import (
     NAMED,
     detection_limit,
@@ -259,6 +260,13 @@ class EffectPosterior(BaseEstimator):
         self.size_spread_ = np.sqrt(np.nansum((rigs.sizes - self.size_mean_) ** 2, axis=0) / sums) + 1e-9
         owners = np.array([name.partition(".")[0] for name in self.size_names_])
         self.sizes_learned_ = self.learned_[[self.names_.index(owner) for owner in owners]]
+
+    def __str__(self) -> str:
+        if not hasattr(self, "learned_"):
+            return repr(self)
+        learned = f"{self.learned_.sum()} of {len(self.names_)} effects from {self.n_rigs_} simulated rigs"
+        quantity = in_words(self.world.quantity)
+        return f"Posterior of missing effects\n  has learned: {learned}\n  quantity: {quantity}"
 
     @property
     def world(self) -> World:
