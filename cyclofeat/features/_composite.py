@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Integral
 from types import MappingProxyType
@@ -42,40 +42,25 @@ from cyclofeat.signal.welch import (
 )
 from cyclofeat.signal.windows import Float
 
-
-def _part_maker(
-    kind: Callable[..., WindowTransformer], *shared: str, **fixed: Any
-) -> Callable[[TorqueFeatures], WindowTransformer]:
-    """Return what makes a part: its class, with parameters of the composite and fixed ones."""
-    return lambda whole: kind(whole.sampling_rate, **{name: getattr(whole, name) for name in shared}, **fixed)
-
-
-_SPEED = ("input_speed_hz", "n_lobes", "speed_tolerance")
-# Name of a part -> the part with the composite's parameters. "all" are those that give numbers, not spectra.
-_PARTS: Mapping[str, Callable[[TorqueFeatures], WindowTransformer]] = MappingProxyType(
+# "all" are those that give numbers, not spectra.
+_PARTS: Mapping[str, type[WindowTransformer]] = MappingProxyType(
     {
-        "TorqueStatistics": _part_maker(TorqueStatistics),
-        "SpectralEntropy": _part_maker(SpectralEntropy, "preset"),
-        "NormalizedEntropy": _part_maker(SpectralEntropy, "preset", normalize=True),
-        "SpectralFlatness": _part_maker(SpectralFlatness, "preset"),
-        "SpectralCentroid": _part_maker(SpectralCentroid, "preset"),
-        "SpectralRolloff": _part_maker(SpectralRolloff, "preset"),
-        "NarrowbandRatio": _part_maker(NarrowbandRatio, "preset"),
-        "BandPower": _part_maker(BandPower, "preset"),
-        "CoherenceToReference": _part_maker(CoherenceToReference),
-        "WaveletMinimaOverlap": _part_maker(WaveletMinimaOverlap, "wavelet", *_SPEED),
-        "WaveletEnvelopeSpectrum": lambda whole: WaveletEnvelopeSpectrum(
-            whole.sampling_rate,
-            wavelet=whole.wavelet,
-            shaft_hz=whole.input_speed_hz,
-            n_pins=whole.n_lobes + 1,
-            speed_tolerance=whole.speed_tolerance,
-        ),
-        "WaveletLevelStatistics": _part_maker(WaveletLevelStatistics, "wavelet"),
-        "LobeMap": _part_maker(LobeMap, *_SPEED),
-        "OrderSpectrum": _part_maker(OrderSpectrum, *_SPEED),
-        "WelchPSD": _part_maker(WelchPSD, "preset"),
-        "AmplitudeSpectrum": _part_maker(AmplitudeSpectrum),
+        "TorqueStatistics": TorqueStatistics,
+        "SpectralEntropy": SpectralEntropy,
+        "NormalizedEntropy": SpectralEntropy,
+        "SpectralFlatness": SpectralFlatness,
+        "SpectralCentroid": SpectralCentroid,
+        "SpectralRolloff": SpectralRolloff,
+        "NarrowbandRatio": NarrowbandRatio,
+        "BandPower": BandPower,
+        "CoherenceToReference": CoherenceToReference,
+        "WaveletMinimaOverlap": WaveletMinimaOverlap,
+        "WaveletEnvelopeSpectrum": WaveletEnvelopeSpectrum,
+        "WaveletLevelStatistics": WaveletLevelStatistics,
+        "LobeMap": LobeMap,
+        "OrderSpectrum": OrderSpectrum,
+        "WelchPSD": WelchPSD,
+        "AmplitudeSpectrum": AmplitudeSpectrum,
     }
 )
 _WHOLE_SPECTRA = ("WelchPSD", "AmplitudeSpectrum")
@@ -160,7 +145,15 @@ class TorqueFeatures(WindowTransformer):
                 raise ValueError(f"features must be 'all' or hold names of {', '.join(_PARTS)}; got {name!r}")
             if names.count(name) > 1:
                 raise ValueError(f"features must hold each name once, got {name!r} {names.count(name)} times")
-        parts = {name: _PARTS[name](self) for name in names}
+        own: dict[str, dict[str, Any]] = {
+            "NormalizedEntropy": {"normalize": True},
+            "WaveletEnvelopeSpectrum": {"shaft_hz": self.input_speed_hz, "n_pins": self.n_lobes + 1},
+        }
+        parts = {}
+        for name in names:
+            kind = _PARTS[name]
+            shared = {k: v for k, v in self.get_params().items() if k in kind._parameter_constraints}
+            parts[name] = kind(**shared, **own.get(name, {}))
         for part in parts.values():
             # The windows are validated already, all parameters but those that must fit them, too.
             part.n_features_in_ = X.shape[1]
