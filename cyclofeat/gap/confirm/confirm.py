@@ -9,6 +9,7 @@ them until they stand.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -140,6 +141,7 @@ def confirm_effects(
     effects = tuple(guessed[name] for name in before if name in named)
     point = Point(effects, guesses[TOLERANCE][0], guesses, {})
     rounds: list[Confirmation] = []
+    simulate = functools.partial(simulate_pairs, world, shown, random_state=random_state, n_jobs=n_jobs)
     for number in itertools.count(0 if named else _ROUNDS_OF_SIZES - 1):
         of_sets = number >= _ROUNDS_OF_SIZES
         progress(f"simulating {'undecided' if of_sets else 'the named'} effects, round {number + 1}")
@@ -149,9 +151,7 @@ def confirm_effects(
         if of_sets:
             changes += point.set_changes(guessed[name] for name in undecided)
         n_sessions = max(-(-n_recordings // len(shown.values)), _PAIRS_OF_TOLERANCE + 2)
-        projection, columns = _simulate_responses(
-            world, shown, point, changes, n_sessions, random_state=random_state, n_jobs=n_jobs
-        )
+        projection, columns = _simulate_responses(world, shown, point, changes, n_sessions, simulate)
         reach = np.array([2 * abs(change.places[0]) for change in changes])
         fit = fit_responses(projection, columns, reach)
         if of_sets:
@@ -201,15 +201,9 @@ def _guess_sizes(
 
 
 def _simulate_responses(
-    world: World,
-    session: Session,
-    point: Point,
-    changes: Sequence[RigChange],
-    n_sessions: int,
-    *,
-    random_state: int,
-    n_jobs: int,
-) -> tuple[Projection, list[Column]]:
+    world: World, session: Session, point: Point, changes: Sequence[RigChange], n_sessions: int,
+    simulate: Callable[[Sequence[DrawnRig], range], Float],
+) -> tuple[Projection, list[Column]]:  # fmt: skip
     """Simulate sessions of a rig and its changes, and project the measured session on the responses.
 
     Returns the columns of the changes too; the spreads between recordings tell what differs anyway.
@@ -217,15 +211,9 @@ def _simulate_responses(
     rigs: list[DrawnRig] = [(point.effects, point.tolerance)]
     rigs += [rig for change in changes for rig in change.rigs]
     place = 1 + sum(len(change.rigs) for change in changes[: point.names.index(TOLERANCE)])
-    first, more, rest = (
-        range(_PAIRS),
-        range(_PAIRS, _PAIRS_OF_TOLERANCE),
-        range(_PAIRS_OF_TOLERANCE, n_sessions),
-    )
-    pairs, further, base = (
-        simulate_pairs(world, session, of_rigs, numbers, random_state=random_state, n_jobs=n_jobs)
-        for of_rigs, numbers in ((rigs, first), ([rigs[0], rigs[place]], more), (rigs[:1], rest))
-    )
+    pairs = simulate(rigs, range(_PAIRS))
+    further = simulate([rigs[0], rigs[place]], range(_PAIRS, _PAIRS_OF_TOLERANCE))
+    base = simulate(rigs[:1], range(_PAIRS_OF_TOLERANCE, n_sessions))
     next_cells = iter([*pairs[1:place], np.concatenate([pairs[place], further[1]]), *pairs[place + 1 :]])
     cells = [Change(np.array([next(next_cells) for _ in change.rigs]), change.places) for change in changes]
     floors = smallest_spreads([*world.described_cells])
