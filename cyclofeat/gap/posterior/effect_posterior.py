@@ -380,7 +380,7 @@ class EffectPosterior(BaseEstimator):
         ]
         outputs = np.mean(
             [
-                np.concatenate([network_outputs(np, weights, **part) for part in parts])
+                np.concatenate([network_outputs(np, weights, part) for part in parts])
                 for weights in self.networks_
             ],
             axis=0, dtype=np.float64,

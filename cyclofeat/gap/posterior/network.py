@@ -67,10 +67,7 @@ def pool_recordings(
 def network_outputs(
     xp: Any,
     weights: Weights,
-    recordings: Array,
-    shown: Array,
-    many: Array,
-    whole: Array,
+    inputs: Mapping[str, Array],
     blurred: Callable[[Array], Array] = lambda pools: pools,
     thinned: Callable[[Array], Array] = lambda layer: layer,
 ) -> Array:
@@ -83,10 +80,10 @@ def network_outputs(
     def layer(name: str, x: Array) -> Array:
         return xp.maximum(x @ weights[name] + weights[f"{name}_bias"], 0)
 
-    inside = shown[..., None]
-    coded = layer("recording_2", layer("recording_1", recordings)) * inside
+    shown = inputs["shown"]
+    coded = layer("recording_2", layer("recording_1", inputs["recordings"])) * shown[..., None]
     mean = coded.sum(1) / shown.sum(1)[:, None]
-    of_session = [pool_recordings(xp, weights, recordings, shown, many, whole), mean, coded.max(1)]
+    of_session = [pool_recordings(xp, weights, **inputs), mean, coded.max(1)]
     x = thinned(layer("session_1", blurred(xp.concatenate(of_session, 1))))
     x = thinned(layer("session_2", x) + x)
     x = layer("session_3", x) + x
@@ -174,7 +171,7 @@ def _compiled_steps(
             return pools + _BLURRED * jax.random.normal(next(keys), pools.shape)
 
         thinned = make_dropout(_DROPPED, keys)
-        outputs = network_outputs(jnp, weights | fixed, **inputs, blurred=add_noise, thinned=thinned)
+        outputs = network_outputs(jnp, weights | fixed, inputs, add_noise, thinned)
         logits, mean, spread = split_outputs(jnp, outputs, n_effects)
         of_presence = optax.sigmoid_binary_cross_entropy(logits, present).sum(1).mean()
         squares = 0.5 * ((sizes - mean) * jnp.exp(-spread)) ** 2
