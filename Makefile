@@ -153,7 +153,7 @@ default-models: $(INSTALLED)  ## train the packaged models (some hours, 20 GB of
 		cyclofeat/models/default
 
 default-domains: $(INSTALLED)  ## learn what the packaged models take to be like their training data (10 minutes)
-	for one in output_torque input_torque; do \
+	for one in output_torque input_torque motor_current; do \
 		OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/cyclofeat train --domain-of cyclofeat/models/default/$$one.skops \
 			--speeds 100:1500 --loads 3:40 --assemblies 200 --windows 1 --seed 1 --jobs 2 --force \
 			--out cyclofeat/models/default/$$one.skops || exit 1; \

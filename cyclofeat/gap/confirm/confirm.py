@@ -36,7 +36,7 @@ from cyclofeat.gap.confirm.sessions import (
 )
 from cyclofeat.gap.engine.projection import Change, Projection, estimate_by_spreads, log_spreads, project
 from cyclofeat.gap.engine.sets import Column, fit_responses, subtract_fit, weigh_sets
-from cyclofeat.gap.posterior.answers import ABSENT, PRESENT, named_effects
+from cyclofeat.gap.posterior.answers import ABSENT, NAMED, PRESENT, named_effects
 from cyclofeat.gap.posterior.effect_posterior import EffectPosterior
 from cyclofeat.gap.summaries.summarise import smallest_spreads
 from cyclofeat.gap.world.world import TOLERANCES, Session, World, size_names
@@ -54,6 +54,7 @@ _WIDER = 2.0
 # the sizes in recordings of an independent simulator.
 _MODEL_ERROR = 2.0
 _MOST_ADDED = 12  # undecided effects, the most probable first
+_UNSURE = 0.49  # probability of an effect that responses alone name, unless they are sure of it
 _REJECTED = 0.02  # p of what is left, below which something else is missing
 _FOLDS, _SMALLEST = 5, 0.05  # differences far below the spread of a recording, about 1, have no consequence
 _NOT_OPEN = 0.05  # p with undecided effects besides, below which these do not explain it
@@ -171,16 +172,32 @@ def confirm_effects(
             name: with_strength(guessed[name], fit.strengths[name]) for name in named - present.keys()
         }
         if of_sets:
-            added = [guessed[name] for name in before if name in named - present.keys()]
-            rounds.append(_conclude(projection, columns, shown, moved, covariance, dict(after), added))
+            settled = _settle_presence(before, after)
+            added = [guessed[name] for name in named_effects(settled) if name not in present]
+            rounds.append(_conclude(projection, columns, shown, moved, covariance, settled, added))
             # An effect that the last round names gets one more for its sizes.
-            if stands or number >= _MOST_ROUNDS - (not added):
+            if stands or number >= _MOST_ROUNDS - (named <= present.keys()):
                 break
         steps = dict(zip(point.names, np.maximum(spreads, np.abs(move)).tolist(), strict=True))
         effects = tuple(guessed[name] for name in before if name in named)
         point = Point(effects, moved.tolerance, guesses, steps)
     # A round that chance explains is as good as any other; of others, the closest to the session.
     return rounds[-1] if rounds[-1].accepted else min(rounds, key=lambda one: one.remainder.excess)
+
+
+def _settle_presence(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, float]:
+    """Return the probabilities of effects by what names them more reliably.
+
+    What the posterior names stays named: it was there where responses took it away. What it does not name is
+    named if responses are sure of it, and otherwise stays undecided, however probable: half of it was there.
+    """
+    settled = dict(after)
+    for name, p in before.items():
+        if p >= NAMED > after[name]:
+            settled[name] = p
+        elif p < NAMED <= after[name] < PRESENT:
+            settled[name] = _UNSURE
+    return settled
 
 
 def _guess_sizes(
