@@ -15,6 +15,7 @@ from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
@@ -93,7 +94,10 @@ def make_app(
         Route("/files", answers.add_file, methods=["POST"]),
         Route("/model", answers.add_model, methods=["POST"]),
         Route("/recordings", answers.remove_recording, methods=["DELETE"]),
+        Route("/stated", answers.state_facts, methods=["POST"]),
+        Route("/gap-files", answers.add_gap_file, methods=["POST"]),
         Route("/jobs", answers.start_job, methods=["POST"]),
+        Route("/jobs", answers.clear_jobs, methods=["DELETE"]),
         Route("/jobs/{number:int}/cancel", answers.cancel_job, methods=["POST"]),
         Route("/jobs/{number:int}/{name}", answers.get_output),
     ]
@@ -167,19 +171,20 @@ class Answers:
         self.session.store.remove_recording(_query_value(request))
         return JSONResponse({})
 
+    async def state_facts(self, request: Request) -> Response:
+        self.session.state_facts(_query_value(request), await _read_object(request))
+        return JSONResponse({})
+
+    async def add_gap_file(self, request: Request) -> Response:
+        await self.session.store.add_gap_file(_query_value(request), request.stream())
+        return JSONResponse({}, 201)
+
     async def start_job(self, request: Request) -> Response:
-        body = b""
-        async for part in request.stream():
-            body += part
-            if len(body) > _LARGEST_REQUEST:
-                raise Refused(413, "the request is too long")
-        try:
-            asked = json.loads(body)
-        except (ValueError, RecursionError):
-            asked = None
-        if not isinstance(asked, dict):
-            raise Refused(400, "the request must be a JSON object")
-        return JSONResponse({"number": self.session.start_job(asked).number}, 201)
+        return JSONResponse({"number": self.session.start_job(await _read_object(request)).number}, 201)
+
+    async def clear_jobs(self, request: Request) -> Response:
+        self.session.clear_jobs()
+        return JSONResponse({})
 
     async def cancel_job(self, request: Request) -> Response:
         await self.session.cancel_job(request.path_params["number"])
@@ -197,6 +202,22 @@ class Answers:
     async def refuse(self, request: Request, error: Exception) -> Response:
         """Answer with the reason; nobody reads it where the browser has gone away in the middle."""
         return JSONResponse({"error": str(error)}, error.status if isinstance(error, Refused) else 400)
+
+
+async def _read_object(request: Request) -> dict[str, Any]:
+    """Return the JSON object that a request holds."""
+    body = b""
+    async for part in request.stream():
+        body += part
+        if len(body) > _LARGEST_REQUEST:
+            raise Refused(413, "the request is too long")
+    try:
+        asked = json.loads(body)
+    except (ValueError, RecursionError):
+        asked = None
+    if not isinstance(asked, dict):
+        raise Refused(400, "the request must be a JSON object")
+    return asked
 
 
 def _query_value(request: Request) -> str:

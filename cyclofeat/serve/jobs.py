@@ -10,15 +10,17 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from collections import deque
 from collections.abc import AsyncIterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 from cyclofeat._base.quantities import number_of
 from cyclofeat.datasets.readers import MANIFEST, folder_entries
-from cyclofeat.serve.store import Limits, Refused, Store
+from cyclofeat.serve.store import STATED, Limits, Refused, Store
 
 # Options of commands, as the page names them.
 _READING = (
@@ -35,6 +37,7 @@ class Order(NamedTuple):
     """One command to run, with its arguments but ``--json``.
 
     It reads ``recordings``, and writes ``outputs`` into its folder, which can be downloaded by these names.
+    With ``rows`` it reads links to the recordings and a manifest of these rows.
     """
 
     command: str
@@ -42,6 +45,7 @@ class Order(NamedTuple):
     arguments: list[str]
     recordings: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
+    rows: Mapping[str, Mapping[str, str]] = MappingProxyType({})
 
 
 def make_order(asked: Mapping[str, Any], store: Store, model: Sequence[str], folder: Path) -> Order:
@@ -58,17 +62,19 @@ def make_order(asked: Mapping[str, Any], store: Store, model: Sequence[str], fol
         return Order("simulate", "Simulation of an example with 3 worn lobes", arguments, (name,))
     targets: dict[str, str] = {}
     more: tuple[str, ...] = ()
-    options = _filled_options(asked)
+    options, more_words = _filled_options(asked), list[str]()
     if command == "count":
         targets, more = {"--report": "count.html"}, ("skip",)
     elif command == "gap":
         targets, more = {"--out": "gap.html", "--save-simulator": "corrected.json"}, ("hold_out", "simulated")
+        more_words = [f"--{kind}={path}" for kind, path in store.gap_files.items()]
         simulated, held_out = options.get("simulated"), options.get("hold_out", "")
         # Both can be paths, of which only uploaded ones are read.
         if held_out and not re.fullmatch(r"speed|load|0?[.]\d+", held_out):
             _recording_names([held_out], store)
         if simulated is not None:
             _recording_names([simulated], store)
+            more_words = []
             del targets["--save-simulator"]
     elif command != "inspect":
         raise Refused(400, f"command must be one of simulate, inspect, count, gap, got {command!r}")
@@ -76,15 +82,39 @@ def make_order(asked: Mapping[str, Any], store: Store, model: Sequence[str], fol
     unknown = options.keys() - {*_READING, *more}
     if unknown:
         raise Refused(400, f"unknown option {min(unknown)!r}; known are {', '.join((*_READING, *more))}")
+    rows = _manifest_rows(names, options, store)
+    if rows and "simulated" in options:
+        options["simulated"] = str(store.recordings / options["simulated"])
     # A value never becomes an option of its own.
     words = [
         f"--{name.replace('_', '-')}" + ("" if name in _SWITCHES else f"={value}")
         for name, value in options.items()
     ]
+    words += more_words
     words += [word for option, name in targets.items() for word in (option, str(folder / name))]
     title = f"{_TITLES[command]} of {names[0] if len(names) == 1 else number_of(len(names), 'recording')}"
-    arguments = [*(model if command == "count" else ()), *words, *names]
-    return Order(command, title, arguments, names, tuple(targets.values()))
+    read = [".", *(name for name in names if store.items[name])] if rows else names
+    arguments = [*(model if command == "count" else ()), *words, *read]
+    return Order(command, title, arguments, names, tuple(targets.values()), rows)
+
+
+def _manifest_rows(names: Sequence[str], options: dict[str, str], store: Store) -> dict[str, dict[str, str]]:
+    """Return what is true of each file where the page states something of one; ``options`` lose it."""
+    if not any(store.stated.get(name) for name in names):
+        return {}
+    folders = [name for name in names if store.items[name]]
+    if folders and any(name in options for name in STATED):
+        raise Refused(
+            400, "beside a folder, channel, quantity and speed can be stated of all recordings or of single "
+            f"files, not of both: remove {folders[0]}, or state them in its {MANIFEST}",
+        )  # fmt: skip
+    general = {name: options.pop(name) for name in STATED if name in options}
+    rows = {name: general | store.stated.get(name, {}) for name in names if not store.items[name]}
+    for name, row in rows.items():  # here, as a message of the command would name a line of the manifest
+        speed = row.get("speed", "1")
+        if not re.fullmatch(r"\d*\.?\d+(e\d+)?", speed) or not float(speed):
+            raise Refused(400, f"the speed of {name} must be a positive number of RPM, got {speed!r}")
+    return rows
 
 
 def _filled_options(asked: Mapping[str, Any]) -> dict[str, str]:
@@ -119,6 +149,7 @@ def _recording_names(asked: Any, store: Store) -> tuple[str, ...]:
 
 PROGRAM = (sys.executable, "-m", "cyclofeat")
 _N_MESSAGES = 200
+_LINKS = "recordings"  # folder of a job that has a manifest of its own
 _GRACE_S = 3.0  # for a command to end by itself when it is cancelled
 _LONGEST_LINE = 2**20  # bytes
 _N_KEPT = 50
@@ -140,6 +171,7 @@ class Job:
     messages: deque[str] = field(default_factory=lambda: deque(maxlen=_N_MESSAGES))
     result: list[dict[str, Any]] = field(default_factory=list)
     error: str = ""
+    began: float = field(default_factory=time.monotonic)
 
     @property
     def outputs(self) -> list[str]:
@@ -199,6 +231,20 @@ class Session:
         """The model file to count with: the uploaded one, else the one given; None for the packaged ones."""
         return self.uploaded or (Path(self.given[1]) if self.given else None)
 
+    def state_facts(self, name: str, asked: Mapping[str, Any]) -> None:
+        """Keep what the page states of one file; empty texts state nothing."""
+        if self.store.items.get(name) is not False:
+            raise Refused(404, f"no such file: {name!r}")
+        if unknown := asked.keys() - {*STATED}:
+            raise Refused(400, f"unknown fact {min(unknown)!r}; known are {', '.join(STATED)}")
+        self.store.stated[name] = _filled_options({"options": dict(asked)})
+
+    def clear_jobs(self) -> None:
+        """Forget the results of jobs that have ended, but for what was found in recordings."""
+        for number, job in list(self.jobs.items()):
+            if job.state != "running" and job.order.command != "inspect":
+                del self.jobs[number]
+
     async def add_model(self, name: str, content: AsyncIterable[bytes]) -> None:
         """Store an uploaded model file, or the card that belongs to the one before."""
         self.uploaded = await self.store.add_model(name, content, self.uploaded)
@@ -231,6 +277,8 @@ class Session:
         model = self.given if self.uploaded is None else ("--model", str(self.uploaded))
         job = Job(self._started + 1, make_order(asked, self.store, model, folder), folder)
         folder.mkdir()
+        if job.order.rows:
+            self.store.link_recordings(job.order.recordings, folder / _LINKS, job.order.rows)
         self._started += 1
         self.jobs[job.number] = job
         self._tasks[job.number] = asyncio.get_running_loop().create_task(self._run_job(job))
@@ -259,10 +307,11 @@ class Session:
         # No module is imported from the folder of uploads.
         environment = os.environ | {"PYTHONSAFEPATH": "1", "PYTHONIOENCODING": "utf-8"}
         process: asyncio.subprocess.Process | None = None
+        place = job.folder / _LINKS if job.order.rows else self.store.recordings
         try:
             process = await asyncio.create_subprocess_exec(
                 *words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                cwd=self.store.recordings, env=environment, limit=_LONGEST_LINE, **alone,
+                cwd=place, env=environment, limit=_LONGEST_LINE, **alone,
             )  # fmt: skip
             assert process.stdout is not None
             assert process.stderr is not None

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import csv
+import os
 import re
 import shutil
-from collections.abc import AsyncIterable
+from collections.abc import AsyncIterable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from cyclofeat.datasets.readers import MANIFEST
 from cyclofeat.models.card import card_path
+
+STATED = ("channel", "quantity", "speed")  # of single files
 
 _LONGEST_NAME = 150  # bytes; file systems take 255
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)  # by Windows
@@ -37,12 +42,16 @@ class Limits:
 class Store:
     """Uploaded recordings and models, in the folder ``root`` that nobody else can read.
 
-    ``items`` holds the name of each recording in the folder ``recordings``, and whether it is a folder.
+    ``items`` holds the name of each recording in the folder ``recordings``, and whether it is a folder;
+    ``stated`` holds what the page states of single ones, by the columns of a manifest; ``gap_files`` are the
+    uploaded rig (``simulator``) and its ``posterior``.
     """
 
     root: Path
     limits: Limits
     items: dict[str, bool] = field(default_factory=dict)
+    stated: dict[str, dict[str, str]] = field(default_factory=dict)
+    gap_files: dict[str, Path] = field(default_factory=dict)
     _bytes: int = 0
     _files: int = 0
     _models: int = 0
@@ -95,10 +104,36 @@ class Store:
                 self._bytes -= file.stat().st_size
                 self._files -= 1
         del self.items[name]
+        self.stated.pop(name, None)
         if path.is_dir():
             shutil.rmtree(path)
         else:
             path.unlink(missing_ok=True)
+
+    def link_recordings(
+        self, names: Iterable[str], folder: Path, rows: Mapping[str, Mapping[str, str]]
+    ) -> None:
+        """Make a folder of links to recordings, with a manifest of these rows by the names of their files."""
+        folder.mkdir()
+        for name in names:
+            if self.items[name]:
+                shutil.copytree(self.recordings / name, folder / name, copy_function=_link_file)
+            else:
+                _link_file(self.recordings / name, folder / name)
+        with (folder / MANIFEST).open("w", encoding="utf-8", newline="") as file:
+            writer = csv.DictWriter(file, ("file", *STATED), restval="")
+            writer.writeheader()
+            writer.writerows({"file": name, **row} for name, row in rows.items())
+
+    async def add_gap_file(self, name: str, content: AsyncIterable[bytes]) -> None:
+        """Store a rig ``.json`` or a posterior ``.npz`` in place of the one before."""
+        kind = {".json": "simulator", ".npz": "posterior"}.get(Path(name).suffix)
+        if kind is None:
+            raise Refused(415, f"a rig is a .json file and a posterior a .npz file, got {name!r}")
+        self._models += 1
+        path = self.root / f"{self._models}-{plain_name(name)}"
+        await self._write_file(path, content, most=self.limits.model_bytes)
+        self.gap_files[kind] = path
 
     async def add_model(self, name: str, content: AsyncIterable[bytes], previous: Path | None) -> Path:
         """Store a ``.skops`` file or a card, the latter beside the file before it, and return the path."""
@@ -154,6 +189,14 @@ class Store:
             number += 1
             unused = f"{stem} ({number}){ending}"
         return unused
+
+
+def _link_file(source: str | Path, target: str | Path) -> None:
+    """Link a file, or copy it where the file system has no links."""
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)
 
 
 def plain_name(name: str) -> str:

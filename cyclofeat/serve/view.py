@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from cyclofeat import __version__
-from cyclofeat._base.quantities import number_of
+from cyclofeat._base.progress import seconds_text
+from cyclofeat._base.quantities import QUANTITIES, in_words, number_of
 from cyclofeat.counting.evaluation.evaluation import score_text
+from cyclofeat.datasets.readers import MANIFEST
 from cyclofeat.models import ModelFileError
 from cyclofeat.models.card import read_card
 from cyclofeat.report import template_environment
@@ -32,6 +36,7 @@ def render_parts(session: Session) -> dict[str, Any]:
         {
             "name": name,
             "folder": session.store.items[name],
+            "stated": session.store.stated.get(name, {}),
             "files": [_describe_file(row) for file, row in facts.items() if Path(file).parts[0] == name],
         }
         for name in present
@@ -42,7 +47,8 @@ def render_parts(session: Session) -> dict[str, Any]:
         "model": {"model": _describe_model(session)},
         "channel": {"channels": channels},
         "simulated": {"names": present},
-        "recordings": {"recordings": recordings},
+        "gap_files": {"files": [path.name.partition("-")[2] for path in session.store.gap_files.values()]},
+        "recordings": {"recordings": recordings, "quantities": {name: in_words(name) for name in QUANTITIES}},
         "jobs": {"jobs": jobs},
     }
     rendered = {name: _TEMPLATES.get_template(f"{name}.html").render(values) for name, values in html.items()}
@@ -81,8 +87,9 @@ def _describe_model(session: Session) -> dict[str, str] | None:
 
 
 def _describe_file(row: Mapping[str, Any]) -> dict[str, Any]:
+    channels = row.get("channels") or {}
     if "error" in row:
-        return {"name": row["file"], "error": row["error"]}
+        return {"name": row["file"], "error": row["error"], "channels": channels}
     turns = row["output_turns"]
     cells = [
         f"{row['channel']} ({row['unit']})",
@@ -96,6 +103,7 @@ def _describe_file(row: Mapping[str, Any]) -> dict[str, Any]:
         "error": "",
         "cells": cells,
         "warnings": row["warnings"],
+        "channels": channels,
         "speed": row["speed_rpm"] or row["speed_measured_rpm"],
     }
 
@@ -111,14 +119,22 @@ def _describe_job(job: Job) -> dict[str, Any]:
         "died": "ended unexpectedly",
     }  # fmt: skip
     command_line = shlex.join(["cyclofeat", job.order.command, *job.order.arguments])
+    # A terminal needs the manifest, too, that the page has written.
+    rows = [f"{MANIFEST}: {', '.join((name, *row.values()))}" for name, row in job.order.rows.items()]
+    counted = re.search(r"(\d+) of (\d+)", job.messages[-1]) if job.messages else None
     described: dict[str, Any] = {
+        "progress": counted.groups() if counted else None,
+        "elapsed": seconds_text(time.monotonic() - job.began),
+        "estimate": next((text for text in job.messages if " takes about " in text), ""),
         "number": job.number,
         "command": job.order.command,
         "title": job.order.title,
         "state": job.state,
         "state_text": words[job.state],
         "message": job.messages[-1] if job.messages else "starting",
-        "messages": [text.replace(f"{job.folder}{os.sep}", "") for text in (command_line, *job.messages)],
+        "messages": [
+            text.replace(f"{job.folder}{os.sep}", "") for text in (command_line, *rows, *job.messages)
+        ],
         "error": job.error,
         "outputs": job.outputs,
         "counts": [],
@@ -180,7 +196,7 @@ def _status_text(session: Session, recordings: list[dict[str, Any]]) -> str:
     elif jobs and jobs[-1].state == "done" and jobs[-1].outputs:
         following = "open the page of the result, or choose other recordings."
     elif wrong:
-        following = f"state what {wrong[0]} lacks (step 3), or remove it."
+        following = f"state what {wrong[0]} lacks, below it or in step 3, or remove it."
     elif not all(file["speed"] for file in files):
         following = "state the speed of the input shaft (step 3), then press Count worn lobes."
     else:

@@ -19,6 +19,7 @@ from small_model import recording, small_model
 
 from cyclofeat.cli import main, make_parser
 from cyclofeat.datasets import write_recording
+from cyclofeat.datasets.readers import folder_entries
 from cyclofeat.models import save_model
 from cyclofeat.serve.store import Limits
 
@@ -271,6 +272,54 @@ def test_the_commands_understand_all_that_is_asked(live):
     arguments = make_parser(["gap"]).parse_args(live.job(number).result[0]["words"])
     assert (arguments.simulated, arguments.save_simulator) == ("p.csv", None)
     live.session.given = []
+
+
+def test_single_files_may_have_facts_of_their_own(live):
+    """They reach the command in a manifest, over those stated of all files."""
+    for name in ("own.csv", "other.csv"):
+        live.add(name)
+    facts = {"channel": "M, Nm", "quantity": "input_torque", "speed": "750"}
+    assert live.ask("POST", "stated?name=own.csv", facts)[0] == 200
+    assert live.ask("POST", "stated?name=own.csv", {"scale": "2"})[0] == 400
+    assert live.ask("POST", "stated?name=none.csv", facts)[0] == 404
+    job = live.job(live.start("count", "own.csv", "other.csv", speed="500", scale="2")[1]["number"])
+    words = job.result[0]["words"]
+    assert words[-1] == "."
+    assert "--scale=2" in words
+    assert not [word for word in words if word.startswith(("--speed", "--channel"))]
+    own, other = folder_entries(job.folder / "recordings")
+    assert own.arguments == {"channel": "M, Nm", "quantity": "input_torque", "speed_rpm": 750.0}
+    assert (other.path.name, other.arguments) == ("other.csv", {"speed_rpm": 500.0})
+    assert live.ask("POST", "stated?name=own.csv", facts | {"speed": "fast"})[0] == 200
+    assert "speed of own.csv must be a positive" in live.start("count", "own.csv")[1]["error"]
+    assert live.ask("POST", "stated?name=own.csv", dict.fromkeys(facts, ""))[0] == 200
+    words = live.job(live.start("inspect", "own.csv", speed="500")[1]["number"]).result[0]["words"]
+    assert words[-2:] == ["--speed=500", "own.csv"]
+    for name in ("own.csv", "other.csv"):
+        live.session.store.remove_recording(name)
+
+
+def test_a_gap_takes_an_uploaded_rig_and_posterior(live):
+    live.add("g.csv")
+    for name in ("mine.json", "mine.npz"):
+        assert live.ask("POST", f"gap-files?name={name}", b"{}")[0] == 201
+    assert live.ask("POST", "gap-files?name=mine.py", b"")[0] == 415
+    words = live.job(live.start("gap", "g.csv")[1]["number"]).result[0]["words"]
+    arguments = make_parser(["gap"]).parse_args(words)
+    assert arguments.simulator.endswith("-mine.json")
+    assert arguments.posterior.endswith("-mine.npz")
+    assert "mine.json and mine.npz" in live.ask("GET", "state")[1]["html"]["gap_files"]
+    live.session.store.gap_files.clear()
+
+
+def test_results_are_cleared_but_what_was_found_in_files_stays(live):
+    live.add("c.csv")
+    kept, gone = (live.start(command, "c.csv")[1]["number"] for command in ("inspect", "count"))
+    for number in (kept, gone):
+        live.job(number)
+    assert live.ask("DELETE", "jobs")[0] == 200
+    assert kept in live.session.jobs
+    assert gone not in live.session.jobs
 
 
 # -- jobs

@@ -146,7 +146,7 @@ async function upload(groups) {
   uploading = false;
   await attempt(() => {
     if (problems.length) throw new Error(problems.slice(0, 5).join("; "));
-  });
+  }, "simulate");
 }
 
 /** Files of one folder and of the folders in it, each folder a group of its own. */
@@ -197,7 +197,7 @@ document.addEventListener("drop", (event) => {
     for (const entry of dropped.filter(Boolean)) await entered(entry, files);
     if (!files.length) throw new Error("The dropped items contain no files.");
     await upload(grouped(files));
-  });
+  }, "simulate");
 });
 
 async function uploadModel(files) {
@@ -205,24 +205,42 @@ async function uploadModel(files) {
   for (const file of sorted) await ask("POST", `model?name=${encodeURIComponent(file.name)}`, file);
 }
 
+/** State channel, quantity and speed of one file, and look at it again. */
+async function stateFacts(fields) {
+  const name = fields.dataset.stated, facts = {};
+  for (const field of fields.querySelectorAll("[name]")) facts[field.name] = field.value;
+  await attempt(() => ask("POST", `stated?name=${encodeURIComponent(name)}`, JSON.stringify(facts)));
+  await start("inspect", [name]);
+}
+
+async function remove(names) {
+  for (const name of names) {
+    inspected.delete(name);
+    await ask("DELETE", `recordings?name=${encodeURIComponent(name)}`);
+  }
+}
+
 // -- what the reader does
 
 document.addEventListener("change", (event) => {
   const { id, files, name } = event.target;
   if (id === "files" || id === "folder") upload(grouped([...files]));
-  else if (id === "model-files") attempt(() => uploadModel(files));
+  else if (id === "model-files") attempt(() => uploadModel(files), "model");
+  else if (id === "gap-file-chooser") attempt(async () => {
+    for (const file of files) await ask("POST", `gap-files?name=${encodeURIComponent(file.name)}`, file);
+  }, "gap");
+  else if (event.target.closest("[data-stated]")) stateFacts(event.target.closest("[data-stated]"));
   else if (name && !event.target.dataset.only && chosen().length) start("inspect", chosen());
   if (files) event.target.value = ""; // the same files can be chosen again
 });
 
 document.addEventListener("click", (event) => {
-  const { command, cancel, remove } = event.target.dataset;
+  const { command, cancel, remove: name, removeAll, clear } = event.target.dataset;
   if (command) start(command, chosen());
   else if (cancel) attempt(() => ask("POST", `jobs/${cancel}/cancel`));
-  else if (remove) {
-    inspected.delete(remove);
-    attempt(() => ask("DELETE", `recordings?name=${encodeURIComponent(remove)}`));
-  }
+  else if (clear) attempt(() => ask("DELETE", "jobs"));
+  else if (name) attempt(() => remove([name]));
+  else if (removeAll) attempt(() => remove([...document.querySelectorAll(".chosen")].map((box) => box.value)));
 });
 
 at("options").addEventListener("submit", (event) => event.preventDefault());
