@@ -154,7 +154,7 @@ def test_dropped_files_arrive_whole(browser, tmp_path):
         assert {path.relative_to(kept).as_posix(): path.read_bytes() for path in kept.rglob("*.*")} == sent
         # what cannot be read is said
         browser.drop("#drop", tmp_path / "measured" / "empty")
-        browser.wait_for(text_of("problem"), lambda text: "no files" in text)
+        browser.wait_for(text_of("problem-simulate"), lambda text: "no files" in text)
     assert browser.said == []
 
 
