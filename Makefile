@@ -178,7 +178,7 @@ papers: $(INSTALLED)  ## both papers' statements; writes docs/papers_statements.
 test-gap: $(INSTALLED)  ## the gap workflow's longest tests: generator and simulator, a killed run
 	$(BIN)/pytest -m bench tests/gap
 
-bench-gap: $(INSTALLED)  ## the gap workflow on 1,200 hidden sets; writes benchmarks/gap.md
+bench-gap: $(INSTALLED)  ## the gap workflow on 100 hidden sets (some two hours); writes benchmarks/gap.md
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.gap
 
 clean:  ## remove what the commands made (.venv stays)

@@ -11,7 +11,6 @@ from typing import Any
 import joblib
 import numpy as np
 
-from benchmarks._black_boxes import BLACK_BOXES
 from benchmarks.hidden_effects._answers import FORMAT
 from benchmarks.hidden_effects._folders import read_set
 from benchmarks.hidden_effects._machine import SAMPLING_RATE
@@ -79,34 +78,33 @@ def names_of(posterior: EffectPosterior, sessions: Sequence[Session]) -> list[di
 
 
 def whole_answer(
-    name: str, folder: Path, posterior: EffectPosterior, settings: GapSettings, boxes: Sequence[str] = ()
+    name: str, folder: Path, posterior: EffectPosterior, settings: GapSettings
 ) -> dict[str, Any]:
-    """Result of the whole workflow on a set; its proof compares the oracle and black boxes too.
+    """Result of the whole workflow on a set; its proof compares the oracle too.
 
-    The oracle, the true rig, is left out where the library lacks an effect of the set.
+    The oracle, the true rig, is left out where the library lacks an effect of the set. Recordings that are
+    refused are an answer that names nothing.
     """
     truth = definitions()[name]
     fit, held_out = read_set(name, folder)
-    result = find_gap(fit, held_out or None, posterior=posterior, settings=settings)
+    try:
+        result = find_gap(fit, held_out or None, posterior=posterior, settings=settings)
+    except ValueError as error:
+        return {"format": FORMAT, "effects": [], "refused": str(error)}
     plain = result.to_dict()
-    if result.proof:
-        oracle = Rig().with_added(*effects_of(truth).values()) if truth.kind != "outside" else None
+    if result.proof and truth.kind != "outside":
+        true_rig = Rig().with_added(*effects_of(truth).values())
         world = posterior.world
         fitted = MeasuredRig.of(fit, world.rig, world.sampling_rate, quantity=world.quantity)
         held = MeasuredRig.of(
             held_out, world.rig, world.sampling_rate, quantity=world.quantity, conditions=fitted.conditions
         )
 
-        def others(comparison: Comparison, turns: MeasuredTurns | None) -> dict[str, Alternative]:
-            made: dict[str, Alternative] = {}
-            if turns is not None:  # else a black box has nothing to learn from
-                for box in boxes:
-                    made[box] = BLACK_BOXES[box](settings.n_report).fit(comparison, turns).records
-            if oracle is not None:
-                made["oracle"] = oracle.at(comparison.condition.speed_rpm, comparison.condition.load_nm)
-            return made
+        def oracle(comparison: Comparison, turns: MeasuredTurns | None) -> dict[str, Alternative]:
+            at = comparison.condition
+            return {"oracle": true_rig.at(at.speed_rpm, at.load_nm)}
 
-        proofs = prove_all(fitted, held, result.rig, world, settings, others=others)
+        proofs = prove_all(fitted, held, result.rig, world, settings, others=oracle)
         plain["proof"] = [
             dataclasses.asdict(proof.condition) | {"closed": proof.to_dict()} for proof in proofs
         ]
