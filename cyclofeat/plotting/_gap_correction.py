@@ -96,7 +96,18 @@ class GapOverlayDisplay(PlainDisplay):
 
     @staticmethod
     def reach(overlays: Sequence[Overlay]) -> tuple[float, float]:
-        """Return the ends of an axis of values that overlays of one kind share."""
+        """Return the ends of an axis of values that overlays of one kind share.
+
+        Parameters
+        ----------
+        overlays : sequence of Overlay
+            At least one, in one unit.
+
+        Returns
+        -------
+        (float, float)
+            Lowest and highest value of the axis, in the unit of the overlays.
+        """
         bands = [band for one in overlays for band in (one.measured, one.model, one.corrected) if band]
         values = np.concatenate([ends for band in bands for ends in (band.mean, band.low, band.high)])
         high = float(values.max())
