@@ -197,14 +197,14 @@ def test_pulses_of_a_tachometer_that_jitter(jitter_deg, is_fault):
         assert reason.startswith("the angle jitters by") == is_fault, reason
 
 
-@pytest.mark.parametrize("scale", [0.99, 0.997, 1.0, 1.003, 1.01])
+@pytest.mark.parametrize("scale", [0.99, 0.997, 1.0, 1.003, 1.01, 16 / 15])
 def test_an_angle_whose_scale_is_wrong(scale):
-    """A tachometer with a wrong number of pulses per turn."""
+    """A tachometer with a wrong number of pulses per turn; lines at 15/16 may be those of the shaft."""
     angle = 2 * np.pi * SPEED * scale * np.arange(3 * TURN) / RATE
     for reason in faults_over_the_angle(geared(2, 0.05, turns=3), angle):
         turn = "slower" if scale > 1 else "faster"
         wrong = f"the lobes pass 1.0% {turn} than the angle says: is its scale right?"
-        assert reason == (wrong if abs(scale - 1) > 0.006 else "")
+        assert reason == (wrong if 0.006 < abs(scale - 1) < 0.05 else "")
 
 
 SURE = {count: np.eye(4)[count] * 0.9 + 0.025 for count in range(4)}
