@@ -7,9 +7,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cyclofeat.recordings._angle_grid import ROUNDING, AngleGrid
 from cyclofeat.recordings.recording import Recording
-from cyclofeat.recordings.windower import Windower, WindowSet, reject_constant_windows, window_set
+from cyclofeat.recordings.windower import (
+    ROUNDING,
+    AngleGrid,
+    Windower,
+    WindowSet,
+    reject_constant_windows,
+    window_set,
+)
 from cyclofeat.signal.orders import samples_at
 from cyclofeat.signal.windows import Float
 

@@ -14,7 +14,7 @@ from sklearn.utils.validation import has_fit_parameter
 
 from cyclofeat._base.sklearn_private import Interval, fit_context
 from cyclofeat.counting.calibration.pooling import learn_dependence, pool_opinions, pool_weights, safe_log
-from cyclofeat.counting.estimators._counter import Counter
+from cyclofeat.counting.estimators.trees import Counter
 from cyclofeat.counting.evaluation.assembly_folds import (
     Float,
     aligned_proba,

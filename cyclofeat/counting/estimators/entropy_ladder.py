@@ -12,7 +12,7 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.isotonic import IsotonicRegression
 
 from cyclofeat._base.sklearn_private import Interval, fit_context
-from cyclofeat.counting.estimators._counter import Counter
+from cyclofeat.counting.estimators.trees import Counter
 from cyclofeat.counting.evaluation.assembly_folds import Float
 
 

@@ -14,7 +14,6 @@ from scipy.special import expit, logit, logsumexp, softmax
 
 from cyclofeat._base.sklearn_private import Interval, StrOptions, fit_context
 from cyclofeat.counting.calibration.pooling import learn_dependence, pool_opinions, pool_weights, safe_log
-from cyclofeat.counting.estimators._counter import Counter
 from cyclofeat.counting.estimators._lobe_network import PLACES, Weights, log_odds, place_turns, train_network
 from cyclofeat.counting.estimators.lobe_positions import (
     Bool,
@@ -28,7 +27,7 @@ from cyclofeat.counting.estimators.lobe_positions import (
     row_starts,
     views_to_learn,
 )
-from cyclofeat.counting.estimators.trees import CountingTrees
+from cyclofeat.counting.estimators.trees import Counter, CountingTrees
 from cyclofeat.counting.evaluation.assembly_folds import (
     Float,
     Folds,

@@ -26,9 +26,9 @@ from cyclofeat.counting.calibration.training_domain import (
     features_seen,
     lowest_seen,
 )
-from cyclofeat.counting.estimators._counter import PoorOnArbitraryData
 from cyclofeat.counting.estimators.lobe_counter import LobeCounter
 from cyclofeat.counting.estimators.lobe_positions import passage_of_lobe_zero
+from cyclofeat.counting.estimators.trees import PoorOnArbitraryData
 from cyclofeat.counting.evaluation.evaluate import Protocol
 from cyclofeat.counting.evaluation.evaluation import score_text
 from cyclofeat.counting.model._training import (
