@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cyclofeat.gap import EffectPosterior, GapSettings, World, find_gap, load_posterior, prepare_world
-from cyclofeat.gap.confirm.confirm import Confirmation, confirm_effects, draw_effects
+from cyclofeat.gap.confirm.confirm import Confirmation, confirm_effects, draw_effects, settle_presence
 from cyclofeat.gap.confirm.sessions import TOLERANCE, Point, simulate_pairs, with_strength
 from cyclofeat.gap.measured import MeasuredRig
 from cyclofeat.gap.posterior.answers import named_effects
@@ -177,6 +177,17 @@ def test_of_look_alikes_that_share_their_probability_the_first_is_named():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("before", "after", "settled"),
+    [
+        (0.9, 0.99, 0.99), (0.9, 0.6, 0.6), (0.9, 0.01, 0.9),  # the posterior's names stay
+        (0.3, 0.96, 0.96), (0.3, 0.9, 0.49), (0.3, 0.4, 0.4), (0.3, 0.01, 0.01),
+    ],
+)  # fmt: skip
+def test_responses_name_only_what_they_are_sure_of(before, after, settled):
+    assert settle_presence({"hum": before}, {"hum": after}) == {"hum": settled}
+
+
 def test_rigs_of_a_pair_share_their_random_numbers_and_none_depends_on_the_others():
     template = measured_session()
     rigs = [((), 1.0), ((Gain(1.1),), 1.0), ((ShaftLine(0.3),), 1.0), ((), 0.5)]

@@ -172,7 +172,7 @@ def confirm_effects(
             name: with_strength(guessed[name], fit.strengths[name]) for name in named - present.keys()
         }
         if of_sets:
-            settled = _settle_presence(before, after)
+            settled = settle_presence(before, after)
             added = [guessed[name] for name in named_effects(settled) if name not in present]
             rounds.append(_conclude(projection, columns, shown, moved, covariance, settled, added))
             # An effect that the last round names gets one more for its sizes.
@@ -185,7 +185,7 @@ def confirm_effects(
     return rounds[-1] if rounds[-1].accepted else min(rounds, key=lambda one: one.remainder.excess)
 
 
-def _settle_presence(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, float]:
+def settle_presence(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, float]:
     """Return the probabilities of effects by what names them more reliably.
 
     What the posterior names stays named: it was there where responses took it away. What it does not name is
