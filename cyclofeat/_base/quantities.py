@@ -32,6 +32,11 @@ def in_words(quantity: str) -> str:
     return quantity.replace("_", " ")
 
 
+def source_in_words(source: str | None) -> str:
+    """Return the source of a recording in words; files say ``surrogate`` of the torque of a simulated rig."""
+    return "simulated" if source == "surrogate" else source or ""
+
+
 def number_of(n: float, thing: str) -> str:
     """Return ``1 lobe``, ``2 lobes``, ``0.98 output turns``, ``3 assemblies``."""
     things = f"{thing[:-1]}ies" if thing.endswith("y") else f"{thing}s"

@@ -16,7 +16,15 @@ from scipy.signal import resample_poly
 from cyclofeat._base import checks, displays, draw_plot
 from cyclofeat._base.checks import is_whole, number, number_series, one_of, positive, truth_value, whole
 from cyclofeat._base.displays import Card, WithCard, data_frame
-from cyclofeat._base.quantities import CHANNELS, QUANTITIES, QUANTITY_UNITS, from_1, in_words, lobes_text
+from cyclofeat._base.quantities import (
+    CHANNELS,
+    QUANTITIES,
+    QUANTITY_UNITS,
+    from_1,
+    in_words,
+    lobes_text,
+    source_in_words,
+)
 from cyclofeat.signal.orders import input_angle_from_disc
 from cyclofeat.signal.windows import LARGEST, Float, high_pass
 
@@ -605,7 +613,7 @@ def facts_in_words(recording: Recording) -> dict[str, str | None]:
         "changes": ", ".join((recording.meta or {}).get("history", ())) or None,
         "assembly": None if recording.assembly is None else str(recording.assembly),
         "run": None if recording.run is None else str(recording.run),
-        "source": "simulated" if recording.source == "surrogate" else recording.source,
+        "source": source_in_words(recording.source) or None,
     }
 
 

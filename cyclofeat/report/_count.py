@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cyclofeat._base.quantities import in_words, lobes_text
+from cyclofeat._base.quantities import in_words, lobes_text, source_in_words
 from cyclofeat.plotting import (
     LobeMapDisplay,
     LobeMarks,
@@ -226,7 +226,7 @@ def _recording_section(model: LobeModel, item: CountedRecording, most_samples: i
             if stated is None
             else f"{stated:g} RPM, the nominal speed by file or option",
             "speed measured": by,
-            "source": recording.source or "not stated",
+            "source": source_in_words(recording.source) or "not stated",
         },
         "training_distance": None if np.isnan(count.distance) else float(count.distance),
         **_draw_evidence(model, item, speed_hz if speed_known else None, most_samples),

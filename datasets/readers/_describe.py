@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cyclofeat._base.quantities import from_1, in_words, lobes_text, number_of
+from cyclofeat._base.quantities import from_1, in_words, lobes_text, number_of, source_in_words
 from cyclofeat.datasets.readers._words import WORN, samples_name
 from cyclofeat.recordings import Recording
 from cyclofeat.recordings.windower import SAMPLES_PER_TURN, WINDOW_TURNS
@@ -249,6 +249,6 @@ def one_line(recording: Recording) -> str:
         "" if recording.load_nm is None else f"load {recording.load_nm:g} Nm",
         angle,
         "" if recording.defect_count is None else number_of(recording.defect_count, "worn lobe") + worn,
-        recording.source or "",
+        source_in_words(recording.source),
     ]
     return ": ".join(filter(None, [", ".join(filter(None, names)), ", ".join(filter(None, parts))]))

@@ -341,7 +341,7 @@ def test_count_for_people_counts_lobes_from_one(capsys, folder, model):
     recording = read_recording(folder / "worn.csv")
     assert out.splitlines()[0].startswith(f"{folder / 'worn.csv'}: {recording.defect_count} worn lobes (prob")
     assert "counted from 1" in out
-    assert "surrogate" in out.splitlines()[-1]
+    assert "simulated" in out.splitlines()[-1]
     found = re.search(r"from 1 window of 0.98 output turns \((.*) s\), (.*) s unused", out)
     window, unused = map(float, found.groups())
     assert window == pytest.approx(0.98 * 15 / recording.mean_input_speed(), rel=5e-3)
@@ -764,7 +764,7 @@ def test_inspect_says_what_would_spoil_a_count(capsys, folder, tmp_path):
     assert (code, err) == (0, "")
     good, bad = out.split(str(tmp_path / "clipped.npz"))
     assert "warning" not in good
-    for words in ("surrogate", "RPM by its angle", "output turns", "clipped:   0 %"):
+    for words in ("simulated", "RPM by its angle", "output turns", "clipped:   0 %"):
         assert words in good
     assert "warning:   10 % of the samples are clipped at" in bad
 

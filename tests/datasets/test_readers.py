@@ -575,7 +575,7 @@ def test_one_line_is_for_people():
     )
     assert text == (
         "assembly 'A1': torque 21 to 23 Nm (mean 22), 1000 Hz, 2 samples = 0.002 s, 500 RPM, no angle, "
-        "2 worn lobes (1, 5), surrogate"
+        "2 worn lobes (1, 5), simulated"
     )
     assert "1 worn lobe," in one_line(Recording([21, 23], 1_000, defect_count=1, source="simulated"))
     assert "0 worn lobes" in one_line(Recording([21, 23], 1_000, worn_lobes=()))
