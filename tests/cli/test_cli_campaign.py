@@ -49,7 +49,7 @@ def test_from_a_design_to_windows(capsys, design, tmp_path):
     worn = [tuple(sorted(lobes - 1)) for lobes in data.parameters["worn_lobes_from_1"]]
     assert [recording.worn_lobes for recording in recordings] == worn
     code, text, err = run(capsys, "inspect", out, "--speed", 500)
-    assert (code, text.count("500 RPM"), text.count("surrogate"), err) == (0, 16, 8, "")
+    assert (code, text.count("500 RPM"), text.count("simulated"), err) == (0, 16, 8, "")
     assert "--speed contradicts the campaign" in run(capsys, "inspect", out, "--speed", 400)[2]
 
 
