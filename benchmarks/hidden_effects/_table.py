@@ -140,7 +140,6 @@ def figures_of_workflow(every: Sequence[Answer]) -> list[Figure]:
         share("- of these, sets not named right", _STATED, [one.unknown for one in inside if not one.right]),
         share("outside, not flagged: wrong name with 0.9 or more", _STATED, map(_confidently_wrong, outside)),
         *_proof([*singles, *several]),
-        number("whole case with proof, one core, median s", _STATED, _seconds(every), np.median),
     ]  # fmt: skip
 
 
@@ -246,10 +245,6 @@ def _confidently_wrong(one: Answer) -> bool:
     """Whether a name with 0.9 or more is of a group that is not there, and not flagged as unknown."""
     sure = {name for name, effect in one.effects.items() if effect["probability"] >= _CONFIDENT}
     return bool(grouped(sure) - grouped(one.true)) and not one.unknown
-
-
-def _seconds(every: Iterable[Answer]) -> list[float]:
-    return [float(one.result["seconds"]) for one in every if one.result.get("seconds") is not None]
 
 
 def _closed(one: Answer, alternative: str, unseen: bool) -> float | None:
