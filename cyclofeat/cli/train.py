@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import warnings
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.checks import whole
@@ -17,6 +18,7 @@ from cyclofeat.cli._options import (
     add_reading_options,
     add_seed,
     add_target,
+    note,
     note_duration,
     positive_number,
     range_of,
@@ -261,7 +263,10 @@ def _simulated_recordings(arguments: argparse.Namespace) -> tuple[list[Recording
     n_turns = turns * arguments.assemblies * (arguments.max_count + 1)
     pace = _TURN_S * (5 if arguments.kernel == "exact" or rig.variants else 1)
     note_duration("simulating and training", pace * n_turns, arguments.n_jobs)
-    with Progress("simulating assemblies") as progress:
+    with Progress("simulating assemblies") as progress, warnings.catch_warnings():
+        warnings.filterwarnings(
+            "ignore", "assembly .* another machine is drawn", RuntimeWarning
+        )  # noted below
         recordings = make_rig_recordings(
             arguments.assemblies,
             range(arguments.max_count + 1),
@@ -285,6 +290,10 @@ def _simulated_recordings(arguments: argparse.Namespace) -> tuple[list[Recording
             progress=progress,
             # Only what the windows need: whole recordings would fill the memory.
             keep=lobe_windower(gearbox.n_lobes, arguments.samples_per_turn).at_lowest_rate,
+        )
+    if failed := sum("drawn_anew" in (one.meta or {}) for one in recordings):
+        note(
+            f"{failed} of {len(recordings)} machines could not be simulated: others were drawn in their place"
         )
     return recordings, rig.name
 

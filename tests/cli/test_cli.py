@@ -32,6 +32,7 @@ from cyclofeat.simulators import (
     Offset,
     Quantisation,
     Rig,
+    Scale,
     TorqueMeterLowPass,
     load_effects,
     unregister_effect,
@@ -250,6 +251,16 @@ def test_training_simulates_the_effects_of_a_rig(capsys, tmp_path):
     options = ["--rig", tmp_path / "high.json", "--assemblies", 1, "--out", tmp_path / "n.joblib"]
     _, err = call(capsys, "train", *options, code=2)
     assert "cutoff_hz of torque_meter_low_pass must lie below the Nyquist frequency 12800 Hz" in err
+
+
+@pytest.mark.slow
+def test_training_notes_once_how_many_machines_could_not_be_simulated(capsys, tmp_path):
+    """With contacts too stiff for the time step, which no option sets."""
+    Rig.r1().with_added(Scale("contact_stiffness", (1, 1000))).to_json(tmp_path / "stiff.json")
+    options = ["--rig", tmp_path / "stiff.json", "--assemblies", 2, "--max-count", 1, "--seed", 1]
+    _, err = call(capsys, "train", *options, "--out", tmp_path / "m.joblib", "--jobs", 1)
+    assert "2 of 4 machines could not be simulated: others were drawn in their place" in err
+    assert "dt" not in err
 
 
 def test_train_and_count(capsys, folder, tmp_path, monkeypatch):
