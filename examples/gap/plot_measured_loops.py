@@ -44,7 +44,7 @@ class Effects:
         return self
 
     def predict(self, session):
-        return [self.problem.summarise(x) for x in self.problem.simulate(session.conditions, [self.rig])[0]]
+        return list(self.problem.simulate(session.conditions, [self.rig])[0])
 
 
 class Smoother:
