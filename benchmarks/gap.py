@@ -33,9 +33,9 @@ from benchmarks.hidden_effects._table import (
     beside_goals,
     counted,
     details,
+    figures,
     figures_of_names,
     figures_of_sizes,
-    figures_of_workflow,
     number,
     share_right,
 )
@@ -74,8 +74,8 @@ def main() -> None:
     print(f"{len(sessions)} sets summarised after {time.monotonic() - began:.0f} s", flush=True)
     found = whole(names, posterior, given)
     learned = f"It has learned from {posterior.n_rigs_:,} simulated rigs."
-    figures = [*figures_of_names(found), *figures_of_sizes(found), *figures_of_workflow(found)]
-    parts = [HEAD, counted(found), "## The whole workflow", "", WHOLE, beside_goals(figures), details(found)]
+    goals = beside_goals(figures(found))
+    parts = [HEAD, counted(found), "## The whole workflow", "", WHOLE, goals, details(found)]
     parts += ["## The posterior's networks alone", "", learned, "", *by_posterior(posterior, sessions)]
     if given.times:
         on = f"On {given.jobs} processor cores with vectors of {vector_width()}."

@@ -16,11 +16,10 @@ from benchmarks.hidden_effects._folders import read_set
 from benchmarks.hidden_effects._machine import SAMPLING_RATE
 from benchmarks.hidden_effects._sets import definitions
 from benchmarks.hidden_effects._visible import effects_of
-from cyclofeat.gap import Comparison, EffectPosterior, GapSettings, find_gap
+from cyclofeat.gap import EffectPosterior, GapSettings, find_gap
 from cyclofeat.gap.measured import MeasuredRig
-from cyclofeat.gap.proof.prove import Alternative, prove_all
+from cyclofeat.gap.proof.prove import prove_all
 from cyclofeat.gap.simulations import remember
-from cyclofeat.gap.summaries.turns import MeasuredTurns
 from cyclofeat.gap.world.world import Session
 from cyclofeat.simulators import Rig
 
@@ -99,12 +98,7 @@ def whole_answer(
         held = MeasuredRig.of(
             held_out, world.rig, world.sampling_rate, quantity=world.quantity, conditions=fitted.conditions
         )
-
-        def oracle(comparison: Comparison, turns: MeasuredTurns | None) -> dict[str, Alternative]:
-            at = comparison.condition
-            return {"oracle": true_rig.at(at.speed_rpm, at.load_nm)}
-
-        proofs = prove_all(fitted, held, result.rig, world, settings, others=oracle)
+        proofs = prove_all(fitted, held, result.rig, world, settings, others={"oracle": true_rig})
         plain["proof"] = [
             dataclasses.asdict(proof.condition) | {"closed": proof.to_dict()} for proof in proofs
         ]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -15,16 +16,12 @@ from cyclofeat.gap.comparison import Comparison, Condition, GapSettings
 from cyclofeat.gap.measured import MeasuredRig
 from cyclofeat.gap.proof import distance
 from cyclofeat.gap.proof.distance import Sample
-from cyclofeat.gap.simulations import Bank
 from cyclofeat.gap.summaries.summarise import Cell
 from cyclofeat.gap.summaries.turns import MeasuredTurns, per_recording
 from cyclofeat.gap.world.world import World
 from cyclofeat.simulators import Rig
 
 Float = NDArray[np.float64]
-Counts = Sequence[int] | None
-# A rig to simulate, or a function that returns recordings of these counts (of any, where None).
-Alternative = Rig | Callable[[Comparison, Counts], Bank]
 
 _FEWEST_PER_COUNT = 4
 BEFORE, AFTER, FLOOR, OVERALL = "nothing", "after", "floor", "overall"
@@ -98,25 +95,23 @@ def prove_all(
     world: World,
     settings: GapSettings,
     *,
-    others: Callable[[Comparison, MeasuredTurns | None], Mapping[str, Alternative]] | None = None,
+    others: Mapping[str, Rig] = MappingProxyType({}),
 ) -> tuple[Proof, ...]:
-    """Judge the corrected model (at any speed and load) at each condition held out.
+    """Judge the corrected model, and other rigs by name, at each condition held out.
 
-    ``world`` has the original model; ``others`` gives further alternatives at a condition, from its
-    comparison and the recordings fitted there (None without any).
+    They may have any speed and load. ``world`` has the original model.
     """
     fitted, held_out = fitted.known_as(held_out), held_out.known_as(fitted)
     proofs = []
     for condition in held_out.conditions:
         comparison = held_out.comparison(condition, world, settings)
-        turns, of_fit = held_out.turns(comparison), None
-        if condition in fitted.conditions:
-            of_fit = fitted.turns(comparison)
+        turns = held_out.turns(comparison)
+        of_fit = fitted.turns(comparison) if condition in fitted.conditions else turns
+        at = condition.speed_rpm, condition.load_nm
         proofs.append(
             prove_condition(
-                comparison, corrected.at(condition.speed_rpm, condition.load_nm), turns,
-                fitted_counts=(of_fit or turns).counts, n_simulated=settings.n_report,
-                others=None if others is None else others(comparison, of_fit),
+                comparison, corrected.at(*at), turns, fitted_counts=of_fit.counts,
+                n_simulated=settings.n_report, others={name: rig.at(*at) for name, rig in others.items()},
             )
         )  # fmt: skip
     return tuple(proofs)
@@ -129,7 +124,7 @@ def prove_condition(
     *,
     fitted_counts: NDArray[np.int64] | None = None,
     n_simulated: int = 64,
-    others: Mapping[str, Alternative] | None = None,
+    others: Mapping[str, Rig] | None = None,
 ) -> Proof:
     """Compare a corrected model and that of the comparison with recordings held out from any fit.
 
@@ -155,13 +150,11 @@ def prove_condition(
     comparison = comparison.replace(random_state=state + 1)
     values, parts = distance.proof_cells(held_out.windows, held_out.kinematics, held_out.speeds)
     wanted = None if held_out.counts is None else np.unique(held_out.counts).tolist()
-    alternatives: dict[str, Alternative] = {AFTER: corrected, BEFORE: comparison.rig, **(others or {})}
+    alternatives = {AFTER: corrected, BEFORE: comparison.rig, **(others or {})}
     simulated: dict[str, Sample] = {}
+    n = max(n_simulated, _FEWEST_PER_COUNT * len(wanted or ()))
     for name, alternative in alternatives.items():
-        if isinstance(alternative, Rig):
-            bank = simulate_alternative(comparison.replace(rig=alternative), wanted, n_simulated)
-        else:
-            bank = alternative(comparison, wanted)
+        bank = comparison.replace(rig=alternative).bank(n, wanted)
         missing = [] if wanted is None else sorted(set(wanted) - set(bank.counts.tolist()))
         if missing:
             raise ValueError(
@@ -174,11 +167,6 @@ def prove_condition(
     seen = None if fitted_counts is None else np.isin(rows.counts, fitted_counts)
     proof = score_alternatives(rows, simulated, parts, seen, random_state=state)
     return dataclasses.replace(proof, condition=comparison.condition)
-
-
-def simulate_alternative(comparison: Comparison, counts: Counts, n: int) -> Bank:
-    """Simulate n recordings, at least 4 of each count."""
-    return comparison.bank(max(n, _FEWEST_PER_COUNT * len(counts or ())), counts)
 
 
 def score_alternatives(
