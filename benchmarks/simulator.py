@@ -18,6 +18,7 @@ from _markdown import table
 from _timing import Work, in_turn, on_free_cores, ratio
 from _versions import vector_width
 from batches import DURATION_S, INTEGRATORS, Machines, accuracy_table
+from reference_gearbox import ReferenceGearbox
 from threadpoolctl import threadpool_limits
 
 from cyclofeat.gap.simulations import Population, record
@@ -28,7 +29,6 @@ from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig, Solver, sim
 from cyclofeat.simulators.batch.runs import n_lanes
 from cyclofeat.simulators.courses import DriveAndLoad
 from cyclofeat.simulators.machine import MachineRun
-from cyclofeat.simulators.reference import ReferenceGearbox
 from cyclofeat.simulators.sampling import Sample, sample_runs
 from cyclofeat.simulators.simulation import Integration
 from cyclofeat.simulators.tables import kernel_input, rest_state

@@ -180,7 +180,7 @@ def _conditions(machine: int, random: np.random.Generator) -> tuple[tuple[Condit
         loads = random.uniform(*_LOADS, 3)
     every = tuple(rounded(*one) for one in zip(speeds, loads.tolist(), ways, strict=True))
     middle = [(max(values) + min(values)) / 2 for values in (speeds, loads.tolist())]
-    return every, rounded(*middle, ways[0])
+    return every, rounded(middle[0], middle[1], ways[0])
 
 
 # A plan: kind, decoy, effects with their strengths, and how many sets back is the one with the same machine.

@@ -44,7 +44,6 @@ SIGMA = 3.0
 N_RECORDINGS = 32  # simulated with, and as many without
 _FOLDS = 4
 _WHEELS = ((0,), (0, 1))
-_SPARE = 0.06  # share by which a run is longer, for the slowest converter
 
 
 def effects_of(one: Definition) -> dict[str, Effect]:
@@ -63,18 +62,18 @@ def simulated_cells(
     variants = {name: [one for one in effects if one.effect_id != name] for name in ("", *without)}
     in_machine = {name: [one for one in kept if one.needs_simulation()] for name, kept in variants.items()}
     different = [name for name, kept in in_machine.items() if not name or len(kept) < len(in_machine[""])]
+    in_signal = {name: [one for one in kept if not one.needs_simulation()] for name, kept in variants.items()}
     samples = [
         _population(in_machine[name], planned).sample(
-            planned.count, np.random.SeedSequence([seed, i]), spare=_SPARE
+            planned.count, np.random.SeedSequence([seed, i]), chains=[in_signal[name]]
         )
         for name in different
         for i, planned in enumerate(recordings)
     ]
     runs = sample_runs(samples, kernel=KERNEL)
     found = {}
-    for name, kept in variants.items():
+    for name, chain in in_signal.items():
         first = len(recordings) * (different.index(name) if name in different else 0)
-        chain = [one for one in kept if not one.needs_simulation()]
         torques = [
             _torque(run, chain, planned)
             for run, planned in zip(runs[first : first + len(recordings)], recordings, strict=True)

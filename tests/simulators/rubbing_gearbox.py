@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat.simulators import reference as bodies
-from cyclofeat.simulators.reference import ReferenceGearbox
+from benchmarks import reference_gearbox as bodies
+from benchmarks.reference_gearbox import ReferenceGearbox
 
 Real = NDArray[np.float64]
 Plane = NDArray[np.complex128]
@@ -28,7 +28,7 @@ class RubbingSolution(NamedTuple):
 
 
 class RubbingGearbox(ReferenceGearbox):
-    """A :class:`~cyclofeat.simulators.reference.ReferenceGearbox` with the friction of its gearbox.
+    """A :class:`~benchmarks.reference_gearbox.ReferenceGearbox` with the friction of its gearbox.
 
     The load on an axle is the resulting force of both wheels on the sleeve.
     """

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from reference_tools import Kernel, kernel_state, random_state
 
+from benchmarks.reference_gearbox import ReferenceGearbox
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, simulate
-from cyclofeat.simulators.reference import ReferenceGearbox
 from cyclofeat.simulators.simulation import SimulationDiverged
 
 pytestmark = pytest.mark.nojit

@@ -13,8 +13,8 @@ import pytest
 from reference_tools import SPEED, Kernel, State, kernel_state, random_lobes, simulate_with
 from rubbing_gearbox import RubbingGearbox
 
+from benchmarks.reference_gearbox import ReferenceGearbox
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, SimulationRun, Solver, simulate
-from cyclofeat.simulators.reference import ReferenceGearbox
 from cyclofeat.simulators.simulation import GearboxLocked, friction_rates
 
 pytestmark = pytest.mark.slow

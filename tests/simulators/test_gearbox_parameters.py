@@ -9,9 +9,9 @@ import re
 import numpy as np
 import pytest
 
+from benchmarks.reference_gearbox import ReferenceGearbox
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects
 from cyclofeat.simulators.defects import check_machine
-from cyclofeat.simulators.reference import ReferenceGearbox
 from cyclofeat.simulators.tables import joint_effective_radius, kernel_input, stiffness_factor
 
 STEEL = CycloidalGearbox.steel()

@@ -23,8 +23,8 @@ from reference_tools import (
     random_state,
 )
 
+from benchmarks.reference_gearbox import ReferenceGearbox
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects
-from cyclofeat.simulators.reference import ReferenceGearbox
 from cyclofeat.simulators.tables import kernel_input
 
 STEEL = CycloidalGearbox.steel()

@@ -16,10 +16,10 @@ from reference_tools import (
 )
 from scipy.spatial import cKDTree
 
+from benchmarks.reference_gearbox import ReferenceGearbox
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.simulators import Campaign, CycloidalGearbox, LobeDefects, simulate, simulate_many
 from cyclofeat.simulators.campaign import _design
-from cyclofeat.simulators.reference import ReferenceGearbox
 
 STEEL = CycloidalGearbox.steel()
 LOADED = np.array([1.7e-3, 1.7e-3, 4.1e-3, 0, 0, 0, 0, 0])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from reference_tools import PIT, random_gearbox, random_state
 
-from cyclofeat.simulators.reference import ReferenceGearbox
+from benchmarks.reference_gearbox import ReferenceGearbox
 
 # Bodies and joints ------------------------------------------------------------------------------------------
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from reference_tools import PIT, pose_with_sleeve_0_at
 
+from benchmarks.reference_gearbox import ReferenceGearbox
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects
-from cyclofeat.simulators.reference import ReferenceGearbox
 
 WORN = LobeDefects.worn(1, wheels=(0,))
 

@@ -7,8 +7,8 @@ import pytest
 from reference_tools import SPEED, random_gearbox, random_state
 from scipy.optimize import root
 
+from benchmarks.reference_gearbox import ReferenceGearbox
 from cyclofeat.simulators import LobeDefects
-from cyclofeat.simulators.reference import ReferenceGearbox
 
 # Balance ----------------------------------------------------------------------------------------------------
 
