@@ -5,20 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any, ClassVar, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.utils.validation import check_consistent_length, column_or_1d
 
-from cyclofeat.features.base import WindowTransformer
-from cyclofeat.features.registry import EIGHT_SEGMENTS, REGISTRY, band_qualifier
+from cyclofeat.features.base import WindowTransformer, parameter, reference_windows
+from cyclofeat.features.registry import REGISTRY, band_qualifier, label_qualifier
 from cyclofeat.signal import octave_bands
 from cyclofeat.signal.density import band_slice, checked_bands
 from cyclofeat.signal.welch import (
-    FEWEST_SAMPLES,
-    PRESETS,
-    SegmentTransforms,
+    EIGHT_SEGMENTS,
     coherence_of_transforms,
     power_over_segments,
     welch_frequencies,
@@ -27,19 +24,9 @@ from cyclofeat.signal.welch import (
 )
 from cyclofeat.signal.windows import Complex, Float
 
-_MOST_REFERENCES = 8
 _DEFAULT_BANDS = 5
 # Equal windows may differ by the rounding of one of them to single precision.
 _SAME = 1e-6
-
-
-class References(NamedTuple):
-    """References in the frequency domain: lines of the bands, one beyond the last, transforms, powers."""
-
-    bands: list[slice]
-    last: int
-    transforms: Complex
-    powers: Float
 
 
 @dataclass(eq=False, repr=False)
@@ -89,45 +76,19 @@ class CoherenceToReference(WindowTransformer):
     True
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **WindowTransformer._parameter_constraints,
-        "reference": [str, Real],
-        "bands": [tuple, list, None],
-    }
+    reference: str | float = parameter("healthy", str, Real)
+    bands: Sequence[tuple[float, float]] | None = parameter(None, tuple, list, None)
 
-    needs: ClassVar[str] = EIGHT_SEGMENTS
-
-    reference: str | float = "healthy"
-    bands: Sequence[tuple[float, float]] | None = None
-
-    def needed_samples(self) -> int:
-        return FEWEST_SAMPLES
+    def _shortest_window(self) -> tuple[int, str]:
+        return EIGHT_SEGMENTS
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         self.frequencies_ = welch_frequencies(X.shape[1], self.sampling_rate)
         self._band_limits()  # raises where a band does not fit
-        rows = np.arange(len(X))
-        if isinstance(self.reference, str) and self.reference == "first":
-            rows = rows[:_MOST_REFERENCES]
-        elif y is not None:
-            labels = column_or_1d(y)
-            check_consistent_length(rows, labels)
-            classes = np.unique(labels).tolist()
-            wanted: Any = self.reference
-            if wanted == "healthy" and wanted not in classes:
-                wanted = classes[0]
-            if wanted not in classes:
-                raise ValueError(
-                    f"reference must be 'healthy', 'first' or one of the labels in y, {classes}; "
-                    f"got {wanted!r}"
-                )
-            rows = rows[[label == wanted for label in labels.tolist()]]
-        elif self.reference != "healthy":
-            raise ValueError(
-                f"reference={self.reference!r} is a label, so y must hold the labels of the windows, got None"
-            )
-        spread = np.linspace(0, rows.size - 1, min(rows.size, _MOST_REFERENCES))
-        self.references_ = np.array(X[rows[np.rint(spread).astype(int)]])
+        if self.reference == "first":
+            X, y = X[:8], None
+        name = "first" if self.reference == "first" else "healthy"
+        self.references_, _ = reference_windows(X, y, self.reference, (name, 0))
 
     def _band_limits(self) -> tuple[tuple[float, float], ...]:
         if self.bands is None:
@@ -135,51 +96,39 @@ class CoherenceToReference(WindowTransformer):
         return checked_bands(self.frequencies_, self.bands)
 
     def _feature_names(self) -> list[str]:
-        reference = "".join(c if c.isalnum() or c in "._-+" else "_" for c in str(self.reference))
+        reference = label_qualifier(self.reference)
         return [
             REGISTRY["coherence"].column("mscohere", reference, band_qualifier(band))
             for band in self._band_limits()
         ]
 
     def _compute_features(self, X: NDArray[Any]) -> Float:
-        transforms = welch_transforms(X.shape[1], PRESETS["matlab_pwelch"])
-        references = self._of_references(transforms)
-        rows = []
-        for x in X:
-            a = transforms(x[np.newaxis])
-            rows.append(self._of_window(x, a[0], power_over_segments(a)[0], references))
-        return np.stack(rows)
-
-    def _of_references(self, transforms: SegmentTransforms) -> References:
-        """Return what ``_of_window`` needs of the references, computed once for many windows."""
+        transforms_of = welch_transforms(X.shape[1], "matlab_pwelch")
         bands = [band_slice(self.frequencies_, band) for band in self._band_limits()]
-        # Lines above the highest band are left out.
         last = max(band.stop for band in bands)
-        of_references = [transforms(reference[np.newaxis]) for reference in self.references_]
-        powers = [without_rounding(power_over_segments(one))[0, :last] for one in of_references]
-        return References(
-            bands, last, np.stack([one[0, :, :last] for one in of_references]), np.stack(powers)
-        )
 
-    def _of_window(self, x: NDArray[Any], transforms: Complex, power: Float, references: References) -> Float:
-        """Features, shape (n_bands,), of one window, its transforms and their power over segments."""
+        def transform(x: NDArray[Any]) -> tuple[Complex, Float]:
+            """Return transforms of a window's segments and their power, without lines above all bands."""
+            of_x = transforms_of(x[np.newaxis])
+            return of_x[0, :, :last], without_rounding(power_over_segments(of_x))[0, :last]
+
+        transforms, powers = map(np.stack, zip(*map(transform, self.references_), strict=True))
+        features = np.zeros((len(X), len(bands)))
+        for row, x in zip(features, X, strict=True):
+            others = self._other_references(x)
+            if others.any():
+                kept = slice(None) if others.all() else others
+                coherence = coherence_of_transforms(*transform(x), transforms[kept], powers[kept])
+                row[:] = np.median([coherence[:, band].mean(axis=1) for band in bands], axis=1)
+        return features
+
+    def _other_references(self, x: NDArray[Any]) -> NDArray[np.bool_]:
+        """Mark the references that differ from a window; nearly all do so in their first samples."""
         limit = _SAME * max(float(x.max()), -float(x.min()))
-        # Equal windows are left out; nearly all pairs differ at once.
-        others = np.array([
+        return np.array([
             any(
                 float(np.abs(np.subtract(a, b, dtype=np.float64)).max()) > limit
                 for a, b in ((x[:64], reference[:64]), (x, reference))
             )
             for reference in self.references_
         ])  # fmt: skip
-        if not others.any():
-            return np.zeros(len(references.bands))
-        kept = slice(None) if others.all() else others
-        coherence = coherence_of_transforms(
-            transforms[:, : references.last],
-            without_rounding(power[np.newaxis])[0, : references.last],
-            references.transforms[kept],
-            references.powers[kept],
-        )
-        means = [coherence[:, band].mean(axis=1) for band in references.bands]
-        return np.asarray(np.median(means, axis=1))

@@ -2,69 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from numbers import Integral
-from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any
 
 import joblib
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.sklearn_private import StrOptions
+from cyclofeat.features import _spectra
 from cyclofeat.features._coherence import CoherenceToReference
 from cyclofeat.features._lobe_map import LobeMap
 from cyclofeat.features._minima_overlap import WaveletMinimaOverlap
 from cyclofeat.features._orders import OrderSpectrum
-from cyclofeat.features._spectra import (
-    AmplitudeSpectrum,
-    BandPower,
-    NarrowbandRatio,
-    SpectralCentroid,
-    SpectralEntropy,
-    SpectralFlatness,
-    SpectralRolloff,
-    SpectralTransformer,
-    WelchPSD,
-)
 from cyclofeat.features._torque import TorqueStatistics
-from cyclofeat.features._wavelets import WaveletEnvelopeSpectrum, WaveletLevelStatistics, WaveletTransformer
-from cyclofeat.features.base import SPEED_CONSTRAINTS, WindowTransformer
-from cyclofeat.signal import lobes
-from cyclofeat.signal.wavelets import AnyWavelet, dwt
-from cyclofeat.signal.welch import (
-    get_preset,
-    power_over_segments,
-    welch_frequencies,
-    welch_scale,
-    welch_transforms,
+from cyclofeat.features._wavelets import (
+    WAVELET,
+    WaveletEnvelopeSpectrum,
+    WaveletLevelStatistics,
+    WaveletTransformer,
 )
+from cyclofeat.features.base import INPUT_SPEED_HZ, N_LOBES, SPEED_TOLERANCE, WindowTransformer, parameter
+from cyclofeat.signal import lobes, welch_psd
+from cyclofeat.signal.wavelets import AnyWavelet, dwt
 from cyclofeat.signal.windows import Float
 
-# "all" are those that give numbers, not spectra.
-_PARTS: Mapping[str, type[WindowTransformer]] = MappingProxyType(
-    {
-        "TorqueStatistics": TorqueStatistics,
-        "SpectralEntropy": SpectralEntropy,
-        "NormalizedEntropy": SpectralEntropy,
-        "SpectralFlatness": SpectralFlatness,
-        "SpectralCentroid": SpectralCentroid,
-        "SpectralRolloff": SpectralRolloff,
-        "NarrowbandRatio": NarrowbandRatio,
-        "BandPower": BandPower,
-        "CoherenceToReference": CoherenceToReference,
-        "WaveletMinimaOverlap": WaveletMinimaOverlap,
-        "WaveletEnvelopeSpectrum": WaveletEnvelopeSpectrum,
-        "WaveletLevelStatistics": WaveletLevelStatistics,
-        "LobeMap": LobeMap,
-        "OrderSpectrum": OrderSpectrum,
-        "WelchPSD": WelchPSD,
-        "AmplitudeSpectrum": AmplitudeSpectrum,
-    }
-)
-_WHOLE_SPECTRA = ("WelchPSD", "AmplitudeSpectrum")
-_ALL = tuple(name for name in _PARTS if name not in _WHOLE_SPECTRA)
+_PARTS: dict[str, type[WindowTransformer]] = {
+    "TorqueStatistics": TorqueStatistics,
+    "SpectralEntropy": _spectra.SpectralEntropy,
+    "NormalizedEntropy": _spectra.SpectralEntropy,
+    "SpectralFlatness": _spectra.SpectralFlatness,
+    "SpectralCentroid": _spectra.SpectralCentroid,
+    "SpectralRolloff": _spectra.SpectralRolloff,
+    "NarrowbandRatio": _spectra.NarrowbandRatio,
+    "BandPower": _spectra.BandPower,
+    "CoherenceToReference": CoherenceToReference,
+    "WaveletMinimaOverlap": WaveletMinimaOverlap,
+    "WaveletEnvelopeSpectrum": WaveletEnvelopeSpectrum,
+    "WaveletLevelStatistics": WaveletLevelStatistics,
+    "LobeMap": LobeMap,
+    "OrderSpectrum": OrderSpectrum,
+}
+_ALL = tuple(_PARTS)  # those that give numbers, not spectra
+_PARTS.update(WelchPSD=_spectra.WelchPSD, AmplitudeSpectrum=_spectra.AmplitudeSpectrum)
 
 
 @dataclass(eq=False, repr=False)
@@ -120,21 +102,13 @@ class TorqueFeatures(WindowTransformer):
     340
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **SpectralTransformer._parameter_constraints,
-        **WaveletTransformer._parameter_constraints,
-        **SPEED_CONSTRAINTS,
-        "features": [StrOptions({"all"}), list, tuple],
-        "n_jobs": [Integral, None],
-    }
-
-    features: str | Sequence[str] = "all"
-    preset: str = "ripple"
-    wavelet: AnyWavelet = "mb32.3"
-    input_speed_hz: float = 500 / 60
-    n_lobes: int = 15
-    speed_tolerance: float = 0.015
-    n_jobs: int | None = None
+    features: str | Sequence[str] = parameter("all", StrOptions({"all"}), list, tuple)
+    preset: str = parameter("ripple", _spectra.PRESET)
+    wavelet: AnyWavelet = parameter(*WAVELET)
+    input_speed_hz: float = parameter(*INPUT_SPEED_HZ)
+    n_lobes: int = parameter(*N_LOBES)
+    speed_tolerance: float = parameter(*SPEED_TOLERANCE)
+    n_jobs: int | None = parameter(None, Integral, None)
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         names = _ALL if isinstance(self.features, str) else tuple(self.features)
@@ -177,45 +151,28 @@ class TorqueFeatures(WindowTransformer):
         return list(parallel(joblib.delayed(self._compute_features)(chunk) for chunk in chunks))
 
     def _compute_features(self, X: NDArray[Any]) -> Float:
-        results: dict[str, Float] = {}
-        spectral = {n: part for n, part in self.parts_.items() if isinstance(part, SpectralTransformer)}
-        if spectral:
-            # One power spectral density for all; coherence shares its transforms where it has the same ones.
-            transforms = welch_transforms(X.shape[1], get_preset(self.preset))
-            shares = self.preset == "matlab_pwelch"
-            coherent: Any = self.parts_.get("CoherenceToReference") if shares else None
-            references = coherent._of_references(transforms) if coherent is not None else None
-            scale = welch_scale(transforms, self.sampling_rate)
-            psd, rows = np.empty((len(X), scale.size)), []
-            for row, x in enumerate(X):
-                of_x = transforms(x[np.newaxis])
-                power = power_over_segments(of_x)[0]
-                psd[row] = power * scale
-                if coherent is not None:
-                    rows.append(coherent._of_window(x, of_x[0], power, references))
-            frequencies = welch_frequencies(X.shape[1], self.sampling_rate)
-            results = {name: part._from_psd(frequencies, psd) for name, part in spectral.items()}
-            if coherent is not None:
-                results["CoherenceToReference"] = np.vstack(rows)
+        parts = self.parts_.values()
+        spectral = [part for part in parts if isinstance(part, _spectra.SpectralTransformer)]
+        density = welch_psd(X, self.sampling_rate, self.preset) if spectral else None
         # The lobe lines of LobeMap serve other parts too; windows of less than two lobe periods have none.
         lobe_map = self.parts_.get("LobeMap")
         period = self.sampling_rate / lobes.lobe_frequency(self.input_speed_hz, self.n_lobes)
         lines = lobe_map.lines(X) if isinstance(lobe_map, LobeMap) and X.shape[1] >= 2 * period else None
-        depth = max(
-            (p._deepest_level() for p in self.parts_.values() if isinstance(p, WaveletTransformer)), default=0
-        )
+        wavelets = [part for part in parts if isinstance(part, WaveletTransformer)]
+        depth = max((part._deepest_level() for part in wavelets), default=0)
         coefficients = dwt(X, self.wavelet, depth) if depth else []
-        for name, part in self.parts_.items():
-            if name in results:
-                continue
-            if isinstance(part, WaveletMinimaOverlap):
-                results[name] = part._from_coefficients(X, coefficients, lines)
+        results = []
+        for part in parts:
+            if density is not None and isinstance(part, _spectra.SpectralTransformer):
+                results.append(part._from_psd(*density))
+            elif isinstance(part, WaveletMinimaOverlap):
+                results.append(part._from_coefficients(X, coefficients, lines))
             elif isinstance(part, WaveletTransformer):
-                results[name] = part._from_coefficients(X, coefficients)
+                results.append(part._from_coefficients(X, coefficients))
             elif lines is not None and isinstance(part, LobeMap):
-                results[name] = part.from_lines(lines)
+                results.append(part.from_lines(lines))
             elif lines is not None and isinstance(part, OrderSpectrum):
-                results[name] = part._from_speed(X, lines.input_speed_hz)
+                results.append(part._from_speed(X, lines.input_speed_hz))
             else:
-                results[name] = part._compute_features(X)
-        return np.hstack([results[name] for name in self.parts_])
+                results.append(part._compute_features(X))
+        return np.hstack(results)

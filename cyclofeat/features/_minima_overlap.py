@@ -4,27 +4,29 @@ from __future__ import annotations
 
 import hashlib
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Integral, Real
-from typing import Any, ClassVar
+from numbers import Real
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.utils import check_consistent_length, column_or_1d
 
-from cyclofeat._base.sklearn_private import Interval, StrOptions
-from cyclofeat.features._wavelets import WaveletTransformer
-from cyclofeat.features.base import SPEED_CONSTRAINTS, check_reach, half_turn
-from cyclofeat.features.registry import DEEPEST_LEVEL, HALF_TURN, REGISTRY
+from cyclofeat._base.sklearn_private import StrOptions
+from cyclofeat.features._wavelets import COLOURS, LEVELS, WaveletTransformer
+from cyclofeat.features.base import (
+    INPUT_SPEED_HZ,
+    N_LOBES,
+    SPEED_TOLERANCE,
+    check_reach,
+    half_output_turn,
+    parameter,
+    reference_windows,
+)
+from cyclofeat.features.registry import REGISTRY, label_qualifier
 from cyclofeat.signal import lobes
 from cyclofeat.signal.wavelets import dwt, lowest_colour, visible, wavelet_qualifier
 from cyclofeat.signal.windows import Float
-
-_N_REFERENCES = 8
-# Samples that are compared before a whole window is.
-_N_PROBES = 16
 
 
 @dataclass(eq=False, repr=False)
@@ -92,29 +94,18 @@ class WaveletMinimaOverlap(WaveletTransformer):
     array([0.5, 0.5, 0.8, 0.8, 0.9, 0.9])
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **WaveletTransformer._parameter_constraints,
-        "levels": [Interval(Integral, 1, 30, closed="both")],
-        "colours": [Interval(Integral, 2, None, closed="left")],
-        "reference": [str, Real],
-        "align": [StrOptions({"energy", "none"})],
-        **SPEED_CONSTRAINTS,
-    }
+    levels: int = parameter(*LEVELS)
+    colours: int = parameter(*COLOURS)
+    reference: float | str = parameter("worst", str, Real)
+    align: str = parameter("energy", StrOptions({"energy", "none"}))
+    input_speed_hz: float = parameter(*INPUT_SPEED_HZ)
+    n_lobes: int = parameter(*N_LOBES)
+    speed_tolerance: float = parameter(*SPEED_TOLERANCE)
 
-    needs: ClassVar[str] = f"{DEEPEST_LEVEL}; to be aligned, {HALF_TURN}"
-
-    levels: int = 12
-    colours: int = 64
-    reference: float | str = "worst"
-    align: str = "energy"
-    input_speed_hz: float = 500 / 60
-    n_lobes: int = 15
-    speed_tolerance: float = 0.015
-
-    def needed_samples(self) -> int:
-        aligned = self.align == "energy"
-        turn = half_turn(self.sampling_rate, self.input_speed_hz, self.n_lobes) if aligned else 0
-        return int(max(1 << self.levels, turn))
+    def _shortest_window(self) -> tuple[int, str]:
+        deepest, what = 1 << self.levels, "one coefficient of the deepest level"
+        turn, of_turn = half_output_turn(self.sampling_rate, self.input_speed_hz, self.n_lobes)
+        return max(deepest, turn if self.align == "energy" else 0), f"{what}; to be aligned, {of_turn}"
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         super()._fit_windows(X, y)
@@ -124,32 +115,14 @@ class WaveletMinimaOverlap(WaveletTransformer):
             )
             what = f"placing {self.n_lobes} lobes"
             check_reach(self, highest, what, "takes", "use a higher rate or align='none'")
-        if y is None and self.reference != "worst":
-            raise ValueError(f"reference={self.reference!r} is a label of y, but fit was given no y")
-        self.reference_class_: Any = None
-        members = np.arange(len(X))
-        if y is not None:
-            labels = column_or_1d(y)
-            check_consistent_length(labels, np.empty(len(X)))
-            classes = np.unique(labels)
-            if self.reference != "worst" and self.reference not in classes.tolist():
-                raise ValueError(
-                    f"reference must be 'worst' or a label in y ({', '.join(map(repr, classes.tolist()))}), "
-                    f"got {self.reference!r}"
-                )
-            self.reference_class_ = classes[-1] if self.reference == "worst" else self.reference
-            members = np.flatnonzero(labels == self.reference_class_)
-        spread = np.linspace(0, len(members) - 1, min(_N_REFERENCES, len(members))).round().astype(int)
-        windows = np.ascontiguousarray(X[members[spread]], dtype=np.float64)
-        self._probes = windows[:, self._probe_samples(X.shape[1])]
+        windows, self.reference_class_ = reference_windows(X, y, self.reference, ("worst", -1))
+        windows = np.ascontiguousarray(windows, dtype=np.float64)
         self._digests = [_hash_window(window) for window in windows]
         coefficients = dwt(windows, self.wavelet, self.levels)
         self.reference_minima_ = [minima for minima, _ in self._level_minima(windows, coefficients)]
 
     def _feature_names(self) -> list[str]:
-        row = REGISTRY["minima_overlap"]
-        # Labels may hold what names may not.
-        label = re.sub(r"[^\w.+-]", "_", str(self.reference), flags=re.ASCII)
+        row, label = REGISTRY["minima_overlap"], label_qualifier(self.reference)
         definition = (wavelet_qualifier(self.wavelet), f"{self.colours}colours", self.align, label)
         return [row.column(*definition, f"level{level:02d}") for level in range(1, self.levels + 1)]
 
@@ -160,24 +133,19 @@ class WaveletMinimaOverlap(WaveletTransformer):
         self, X: NDArray[Any], coefficients: Sequence[Float], lines: lobes.LobeLines | None = None
     ) -> Float:
         # ``lines``: lobe lines of X, if they are at hand (LobeMap's of the same speed, lobes and tolerance).
-        # Share of cells that are lowest in both; its median over the references (axis 1) that are not
-        # excluded, or over all where all are.
-        shared = np.empty((len(X), len(self._digests), self.levels))
+        shared = np.empty((len(X), len(self._digests), self.levels))  # share of cells that are lowest in both
         of_level = zip(self._level_minima(X, coefficients, lines), self.reference_minima_, strict=True)
         for level, ((minima, cells), reference) in enumerate(of_level):
             # Whole numbers in single precision: exact in windows of up to 2^24 samples.
             weighted = (reference * cells).astype(np.float32)
             shared[:, :, level] = minima.astype(np.float32) @ weighted.T
             shared[:, :, level] /= cells.sum()
-        # Windows that are identical to one of the reference.
-        probes = np.asarray(X[:, self._probe_samples(X.shape[1])], dtype=np.float64)
-        excluded: NDArray[np.bool_] = (probes[:, np.newaxis] == self._probes).all(axis=2)
-        for row in np.flatnonzero(excluded.any(axis=1)):
-            digest = _hash_window(np.asarray(X[row], dtype=np.float64))
-            excluded[row] &= [digest == other for other in self._digests]
         medians = np.median(shared, axis=1)
-        for row in np.flatnonzero(excluded.any(axis=1) & ~excluded.all(axis=1)):
-            medians[row] = np.median(shared[row, ~excluded[row]], axis=0)
+        for row, x in enumerate(X):
+            digest = _hash_window(np.asarray(x, dtype=np.float64))
+            others = [digest != other for other in self._digests]
+            if any(others) and not all(others):
+                medians[row] = np.median(shared[row, others], axis=0)
         return medians
 
     def _level_minima(
@@ -208,7 +176,7 @@ class WaveletMinimaOverlap(WaveletTransformer):
 
     def _phase_starts(self, X: NDArray[Any], lines: lobes.LobeLines | None) -> NDArray[np.int64] | None:
         """Sample of each window that its lobe phase begins at; None if they are not aligned."""
-        lines = lines or self.lines(X)
+        lines = lines or self._lines(X)
         if lines is None:
             return None
         phase = np.mod(lobes.energy_centre(lobes.fold(lines.lines, self.n_lobes)), 1.0)
@@ -216,18 +184,8 @@ class WaveletMinimaOverlap(WaveletTransformer):
         starts = np.floor(phase * period).astype(np.int64)
         return np.minimum(starts, self._longest_period() - 1)
 
-    def lines(self, X: NDArray[Any]) -> lobes.LobeLines | None:
-        """Return the lobe lines that place windows; None if these are not aligned.
-
-        Parameters
-        ----------
-        X : ndarray, shape (n_windows, n_samples)
-            Windows of torque in Nm.
-
-        Returns
-        -------
-        LobeLines or None
-        """
+    def _lines(self, X: NDArray[Any]) -> lobes.LobeLines | None:
+        """Return the lobe lines that place windows; None if these are not aligned."""
         nominal = lobes.lobe_frequency(self.input_speed_hz, self.n_lobes)
         # The same limit as in lobe_lines; the comparison then has something left to compare.
         if self.align == "none" or X.shape[1] * nominal < 2 * self.sampling_rate:
@@ -237,9 +195,6 @@ class WaveletMinimaOverlap(WaveletTransformer):
         comb = lobes.LobeComb(self.n_lobes, n_lines, speed_tolerance=self.speed_tolerance)
         windows = np.asarray(X, dtype=np.float64)
         return lobes.lobe_lines(windows, self.sampling_rate, self.input_speed_hz, comb)
-
-    def _probe_samples(self, n_samples: int) -> NDArray[np.intp]:
-        return np.linspace(0, n_samples - 1, _N_PROBES).astype(np.intp)
 
 
 def _hash_window(window: Float) -> bytes:

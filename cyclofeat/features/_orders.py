@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from numbers import Integral
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat._base.sklearn_private import Interval, StrOptions
-from cyclofeat.features.base import SPEED_CONSTRAINTS, WindowTransformer, check_reach, half_turn
-from cyclofeat.features.registry import HALF_TURN, REGISTRY
+from cyclofeat._base.sklearn_private import StrOptions
+from cyclofeat.features.base import (
+    INPUT_SPEED_HZ,
+    N_LOBES,
+    SPEED_TOLERANCE,
+    WindowTransformer,
+    at_least,
+    check_reach,
+    half_output_turn,
+    parameter,
+)
+from cyclofeat.features.registry import REGISTRY
 from cyclofeat.signal.orders import COMBS, comb_lines, estimate_input_speed, order_lines
 from cyclofeat.signal.windows import Float
 
@@ -61,22 +69,12 @@ class OrderSpectrum(WindowTransformer):
     240 1.0
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **WindowTransformer._parameter_constraints,
-        **SPEED_CONSTRAINTS,
-        "n_lines": [Interval(Integral, 1, None, closed="left")],
-        "n_mesh_lines": [Interval(Integral, 0, None, closed="left")],
-        "comb": [StrOptions(set(COMBS))],
-    }
-
-    needs: ClassVar[str] = HALF_TURN
-
-    input_speed_hz: float = 500 / 60
-    n_lines: int = 48
-    n_mesh_lines: int = 2
-    n_lobes: int = 15
-    speed_tolerance: float = 0.015
-    comb: str = "lobe"
+    input_speed_hz: float = parameter(*INPUT_SPEED_HZ)
+    n_lines: int = parameter(48, at_least(1))
+    n_mesh_lines: int = parameter(2, at_least(0))
+    n_lobes: int = parameter(*N_LOBES)
+    speed_tolerance: float = parameter(*SPEED_TOLERANCE)
+    comb: str = parameter("lobe", StrOptions(set(COMBS)))
 
     def _line_numbers(self) -> NDArray[np.intp]:
         """Numbers of the lines that are features."""
@@ -86,8 +84,8 @@ class OrderSpectrum(WindowTransformer):
         lines = np.union1d(np.arange(1, self.n_lines + 1), around)
         return lines[lines > 0]
 
-    def needed_samples(self) -> int:
-        return half_turn(self.sampling_rate, self.input_speed_hz, self.n_lobes)
+    def _shortest_window(self) -> tuple[int, str]:
+        return half_output_turn(self.sampling_rate, self.input_speed_hz, self.n_lobes)
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         last = int(self._line_numbers()[-1])

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from numbers import Integral, Real
-from typing import Any, ClassVar
+from functools import partial
+from numbers import Real
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.sklearn_private import Interval, StrOptions
-from cyclofeat.features.base import WindowTransformer
-from cyclofeat.features.registry import EIGHT_SEGMENTS, ONE_BLOCK, REGISTRY, band_qualifier
+from cyclofeat.features.base import POSITIVE, WindowTransformer, at_least, parameter
+from cyclofeat.features.registry import REGISTRY, band_qualifier
 from cyclofeat.signal import (
     amplitude_spectrum,
     band_power,
@@ -25,14 +26,12 @@ from cyclofeat.signal import (
     spectral_rolloff,
     welch_psd,
 )
-from cyclofeat.signal.density import band_mask, checked_bands, narrowband_mask
-from cyclofeat.signal.welch import AMPLITUDE_WINDOWS, FEWEST_SAMPLES, PRESETS, welch_frequencies
+from cyclofeat.signal.density import band_slice, checked_bands, narrowband_mask
+from cyclofeat.signal.welch import AMPLITUDE_WINDOWS, EIGHT_SEGMENTS, PRESETS, welch_frequencies
 from cyclofeat.signal.windows import Float
 
-
-def lines_of(frequencies: Float, band: tuple[float, float] | None) -> NDArray[np.bool_] | slice:
-    """Lines of a spectrum in a band, all of them for None; ``ValueError`` where the band does not fit."""
-    return slice(None) if band is None else band_mask(frequencies, band)
+BAND = None, tuple, list, None  # default and constraints of a parameter
+PRESET = StrOptions(set(PRESETS))
 
 
 @dataclass(eq=False, repr=False)
@@ -43,17 +42,10 @@ class SpectralTransformer(WindowTransformer):
     density. ``frequencies_`` are those of the density in Hz. Windows, or their parts, must hold 288 samples.
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **WindowTransformer._parameter_constraints,
-        "preset": [StrOptions(set(PRESETS))],
-    }
+    preset: str = parameter("matlab_pwelch", PRESET)
 
-    needs: ClassVar[str] = EIGHT_SEGMENTS
-
-    preset: str = "matlab_pwelch"
-
-    def needed_samples(self) -> int:
-        return FEWEST_SAMPLES
+    def _shortest_window(self) -> tuple[int, str]:
+        return EIGHT_SEGMENTS
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         self.frequencies_ = welch_frequencies(X.shape[1], self.sampling_rate)
@@ -70,40 +62,37 @@ class SpectralTransformer(WindowTransformer):
 class CourseTransformer(SpectralTransformer):
     """Base of the transformers that give one number per density, of whole windows or of their parts.
 
-    A subclass implements ``_compute_value``, and ``_feature_names`` by :meth:`_columns`.
+    A subclass implements ``_value_of``.
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **SpectralTransformer._parameter_constraints,
-        "band": [tuple, list, None],
-        "n_parts": [Interval(Integral, 1, None, closed="left")],
-    }
-
     preset: str = "ripple"
-    band: tuple[float, float] | None = None
-    n_parts: int = 1
+    band: tuple[float, float] | None = parameter(*BAND)
+    n_parts: int = parameter(1, at_least(1))
 
-    def needed_samples(self) -> int:
-        return super().needed_samples() * self.n_parts
+    def _shortest_window(self) -> tuple[int, str]:
+        of_part, what = super()._shortest_window()
+        return of_part * self.n_parts, what
 
     @abstractmethod
-    def _compute_value(self, frequencies: Float, psd: Float) -> Float:
-        """Value, shape (n_windows,), of densities of shape (n_windows, n_bins)."""
+    def _value_of(self) -> Callable[..., Float]:
+        """Return the function of density, frequencies and band that gives the value."""
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         self.frequencies_ = welch_frequencies(max(1, X.shape[1] // self.n_parts), self.sampling_rate)
-        lines_of(self.frequencies_, self.band)  # raises where the band does not fit
+        band_slice(self.frequencies_, self.band)  # raises where the band does not fit
 
-    def _columns(self, name: str, *qualifiers: str) -> list[str]:
-        """Names of the columns of a row of the registry: one, or one for each part."""
-        band = [] if self.band is None else [band_qualifier(self.band)]
-        stated = [self.preset, *band, *qualifiers]
-        row, digits = REGISTRY[name], len(str(self.n_parts))
+    def _feature_names(self) -> list[str]:
+        stated = [self.preset, *([] if self.band is None else [band_qualifier(self.band)])]
+        value_of, digits = self._value_of(), len(str(self.n_parts))
+        if isinstance(value_of, partial):
+            stated += [f"{name}{value:.12g}" for name, value in value_of.keywords.items()]
+            value_of = value_of.func
         parts = [[f"part{i:0{digits}d}of{self.n_parts}"] for i in range(self.n_parts)]
+        row = REGISTRY[value_of.__name__]
         return [row.column(*stated, *part) for part in (parts if self.n_parts > 1 else [[]])]
 
     def _from_psd(self, frequencies: Float, psd: Float) -> Float:
-        return self._compute_value(frequencies, psd)[:, np.newaxis]
+        return self._value_of()(psd, frequencies, band=self.band)[:, np.newaxis]
 
     def _compute_features(self, X: NDArray[Any]) -> Float:
         if self.n_parts == 1:
@@ -113,7 +102,7 @@ class CourseTransformer(SpectralTransformer):
         begins = np.minimum(np.arange(self.n_parts) * length, X.shape[1] - length)
         parts = X[:, begins[:, np.newaxis] + np.arange(length)]
         frequencies, psd = welch_psd(parts.reshape(-1, length), self.sampling_rate, self.preset)
-        return self._compute_value(frequencies, psd).reshape(len(X), self.n_parts)
+        return self._from_psd(frequencies, psd).reshape(len(X), self.n_parts)
 
 
 @dataclass(eq=False, repr=False)
@@ -156,20 +145,11 @@ class SpectralEntropy(CourseTransformer):
            [1.39 ]])
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **CourseTransformer._parameter_constraints,
-        "normalize": ["boolean"],
-    }
-
     preset: str = "matlab_pwelch"
-    normalize: bool = False
+    normalize: bool = parameter(False, "boolean")
 
-    def _feature_names(self) -> list[str]:
-        return self._columns("normalized_entropy" if self.normalize else "shannon_entropy")
-
-    def _compute_value(self, frequencies: Float, psd: Float) -> Float:
-        entropy = normalized_entropy if self.normalize else shannon_entropy
-        return entropy(psd, frequencies, self.band)
+    def _value_of(self) -> Callable[..., Float]:
+        return normalized_entropy if self.normalize else shannon_entropy
 
 
 class SpectralFlatness(CourseTransformer):
@@ -193,11 +173,8 @@ class SpectralFlatness(CourseTransformer):
            [0.  ]])
     """
 
-    def _feature_names(self) -> list[str]:
-        return self._columns("spectral_flatness")
-
-    def _compute_value(self, frequencies: Float, psd: Float) -> Float:
-        return spectral_flatness(psd, frequencies, self.band)
+    def _value_of(self) -> Callable[..., Float]:
+        return spectral_flatness
 
 
 class SpectralCentroid(CourseTransformer):
@@ -221,11 +198,8 @@ class SpectralCentroid(CourseTransformer):
     array([[ 500., 2000.]])
     """
 
-    def _feature_names(self) -> list[str]:
-        return self._columns("spectral_centroid")
-
-    def _compute_value(self, frequencies: Float, psd: Float) -> Float:
-        return spectral_centroid(psd, frequencies, self.band)
+    def _value_of(self) -> Callable[..., Float]:
+        return spectral_centroid
 
 
 @dataclass(eq=False, repr=False)
@@ -255,18 +229,10 @@ class SpectralRolloff(CourseTransformer):
     array([[403.125]])
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **CourseTransformer._parameter_constraints,
-        "fraction": [Interval(Real, 0, 1, closed="right")],
-    }
+    fraction: float = parameter(0.95, Interval(Real, 0, 1, closed="right"))
 
-    fraction: float = 0.95
-
-    def _feature_names(self) -> list[str]:
-        return self._columns("spectral_rolloff", f"fraction{self.fraction:.12g}")
-
-    def _compute_value(self, frequencies: Float, psd: Float) -> Float:
-        return spectral_rolloff(psd, frequencies, self.fraction, self.band)
+    def _value_of(self) -> Callable[..., Float]:
+        return partial(spectral_rolloff, fraction=self.fraction)
 
 
 @dataclass(eq=False, repr=False)
@@ -294,17 +260,10 @@ class NarrowbandRatio(SpectralTransformer):
     array([[0.5]])
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **SpectralTransformer._parameter_constraints,
-        "fundamental_hz": [Interval(Real, 0, None, closed="neither")],
-        "half_width_hz": [Interval(Real, 0, None, closed="left")],
-        "n_harmonics": [Interval(Integral, 1, None, closed="left"), None],
-    }
-
     preset: str = "ripple"
-    fundamental_hz: float = 100.0
-    half_width_hz: float = 5.0
-    n_harmonics: int | None = None
+    fundamental_hz: float = parameter(100.0, POSITIVE)
+    half_width_hz: float = parameter(5.0, Interval(Real, 0, None, closed="left"))
+    n_harmonics: int | None = parameter(None, at_least(1), None)
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         super()._fit_windows(X, y)
@@ -345,12 +304,7 @@ class BandPower(SpectralTransformer):
     'band_power_nm2(matlab_pwelch;0..50Hz)'
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **SpectralTransformer._parameter_constraints,
-        "bands": [tuple, list, None],
-    }
-
-    bands: Sequence[tuple[float, float]] | None = None
+    bands: Sequence[tuple[float, float]] | None = parameter(*BAND)
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         super()._fit_windows(X, y)
@@ -393,26 +347,20 @@ class WelchPSD(SpectralTransformer):
     'psd_nm2_per_hz(ripple;400Hz)'
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **SpectralTransformer._parameter_constraints,
-        "band": [tuple, list, None],
-        "decibels": ["boolean"],
-    }
-
-    band: tuple[float, float] | None = None
-    decibels: bool = False
+    band: tuple[float, float] | None = parameter(*BAND)
+    decibels: bool = parameter(False, "boolean")
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         super()._fit_windows(X, y)
-        lines_of(self.frequencies_, self.band)  # raises where the band does not fit
+        band_slice(self.frequencies_, self.band)  # raises where the band does not fit
 
     def _feature_names(self) -> list[str]:
         row = REGISTRY["psd_level" if self.decibels else "psd"]
-        frequencies = self.frequencies_[lines_of(self.frequencies_, self.band)]
+        frequencies = self.frequencies_[band_slice(self.frequencies_, self.band)]
         return [row.column(self.preset, f"{frequency:.12g}Hz") for frequency in frequencies]
 
     def _from_psd(self, frequencies: Float, psd: Float) -> Float:
-        inside = psd[:, lines_of(frequencies, self.band)]
+        inside = psd[:, band_slice(frequencies, self.band)]
         return 10 * np.log10(np.maximum(inside, _FLOOR)) if self.decibels else inside
 
 
@@ -440,32 +388,23 @@ class AmplitudeSpectrum(WindowTransformer):
     array([[3.  , 1.28]])
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **WindowTransformer._parameter_constraints,
-        "n_fft": [Interval(Integral, 2, None, closed="left")],
-        "window": [StrOptions(set(AMPLITUDE_WINDOWS))],
-        "band": [tuple, list, None],
-    }
+    n_fft: int = parameter(8192, at_least(2))
+    window: str = parameter("hamming", StrOptions(set(AMPLITUDE_WINDOWS)))
+    band: tuple[float, float] | None = parameter(*BAND)
 
-    needs: ClassVar[str] = ONE_BLOCK
-
-    n_fft: int = 8192
-    window: str = "hamming"
-    band: tuple[float, float] | None = None
-
-    def needed_samples(self) -> int:
-        return self.n_fft
+    def _shortest_window(self) -> tuple[int, str]:
+        return self.n_fft, "one block of the transform"
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         # One window's spectrum: raises where a parameter does not fit.
         self.frequencies_, _ = amplitude_spectrum(X[:1], self.sampling_rate, self.n_fft, self.window)
-        lines_of(self.frequencies_, self.band)
+        band_slice(self.frequencies_, self.band)
 
     def _feature_names(self) -> list[str]:
-        frequencies = self.frequencies_[lines_of(self.frequencies_, self.band)]
+        frequencies = self.frequencies_[band_slice(self.frequencies_, self.band)]
         definition = f"{self.window}{self.n_fft}"
         return [REGISTRY["amplitude"].column(definition, f"{frequency:.12g}Hz") for frequency in frequencies]
 
     def _compute_features(self, X: NDArray[Any]) -> Float:
         _, amplitudes = amplitude_spectrum(X, self.sampling_rate, self.n_fft, self.window)
-        return amplitudes[:, lines_of(self.frequencies_, self.band)]
+        return amplitudes[:, band_slice(self.frequencies_, self.band)]

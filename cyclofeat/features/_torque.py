@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from numbers import Integral, Real
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import OneToOneFeatureMixin
 
-from cyclofeat._base.sklearn_private import Interval, check_feature_names_in
-from cyclofeat.features.base import WindowTransformer
+from cyclofeat._base.sklearn_private import check_feature_names_in
+from cyclofeat.features.base import POSITIVE, WindowTransformer, at_least, parameter
 from cyclofeat.features.registry import REGISTRY
 from cyclofeat.signal import high_pass, torque_statistics
 from cyclofeat.signal.windows import STATISTICS, Float
@@ -71,19 +70,11 @@ class HighPass(OneToOneFeatureMixin, WindowTransformer):
     0.707
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **WindowTransformer._parameter_constraints,
-        "cutoff_hz": [Interval(Real, 0, None, closed="neither")],
-        "order": [Interval(Integral, 1, None, closed="left")],
-    }
+    cutoff_hz: float = parameter(10.0, POSITIVE)
+    order: int = parameter(4, at_least(1))
 
-    needs: ClassVar[str] = "half a period of the cut-off"
-
-    cutoff_hz: float = 10.0
-    order: int = 4
-
-    def needed_samples(self) -> int:
-        return int(self.sampling_rate / self.cutoff_hz / 2)
+    def _shortest_window(self) -> tuple[int, str]:
+        return int(self.sampling_rate / self.cutoff_hz / 2), "half a period of the cut-off"
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         high_pass(X[:1, :1], self.sampling_rate, self.cutoff_hz, self.order)  # raises where they do not fit

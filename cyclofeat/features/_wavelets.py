@@ -5,16 +5,16 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Integral, Real
-from typing import Any, ClassVar
+from numbers import Integral
+from typing import Any
 
 import numpy as np
 import pywt
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.sklearn_private import Interval
-from cyclofeat.features.base import WindowTransformer
-from cyclofeat.features.registry import DEEPEST_LEVEL, FOUR_PERIODS, REGISTRY
+from cyclofeat.features.base import INPUT_SPEED_HZ, SPEED_TOLERANCE, WindowTransformer, at_least, parameter
+from cyclofeat.features.registry import REGISTRY
 from cyclofeat.signal.wavelets import (
     AnyWavelet,
     as_wavelet,
@@ -27,6 +27,11 @@ from cyclofeat.signal.wavelets import (
 )
 from cyclofeat.signal.windows import Float
 
+# Defaults and constraints of parameters.
+WAVELET = "mb32.3", str, pywt.Wavelet, "array-like"
+LEVELS = 12, Interval(Integral, 1, 30, closed="both")
+COLOURS = 64, at_least(2)
+
 
 @dataclass(eq=False, repr=False)
 class WaveletTransformer(WindowTransformer):
@@ -36,12 +41,7 @@ class WaveletTransformer(WindowTransformer):
     which lets a composite share one transform, as deep as the deepest of its parts needs.
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **WindowTransformer._parameter_constraints,
-        "wavelet": [str, pywt.Wavelet, "array-like"],
-    }
-
-    wavelet: AnyWavelet = "mb32.3"
+    wavelet: AnyWavelet = parameter(*WAVELET)
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         as_wavelet(self.wavelet)  # raises where it is none
@@ -103,19 +103,11 @@ class WaveletLevelStatistics(WaveletTransformer):
     array([0.01, 0.31])
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **WaveletTransformer._parameter_constraints,
-        "levels": [Interval(Integral, 1, 30, closed="both")],
-        "colours": [Interval(Integral, 2, None, closed="left")],
-    }
+    levels: int = parameter(*LEVELS)
+    colours: int = parameter(*COLOURS)
 
-    needs: ClassVar[str] = DEEPEST_LEVEL
-
-    levels: int = 12
-    colours: int = 64
-
-    def needed_samples(self) -> int:
-        return int(1 << self.levels)
+    def _shortest_window(self) -> tuple[int, str]:
+        return 1 << self.levels, "one coefficient of the deepest level"
 
     def _feature_names(self) -> list[str]:
         columns = []
@@ -187,26 +179,16 @@ class WaveletEnvelopeSpectrum(WaveletTransformer):
     [0.98 0.39 0.   0.1 ]
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **WaveletTransformer._parameter_constraints,
-        "shaft_hz": [Interval(Real, 0, None, closed="neither")],
-        "n_pins": [Interval(Integral, 1, None, closed="left")],
-        "n_shaft_harmonics": [Interval(Integral, 0, None, closed="left")],
-        "n_mesh_harmonics": [Interval(Integral, 0, None, closed="left")],
-        "speed_tolerance": [Interval(Real, 0, 0.2, closed="left")],
-    }
+    shaft_hz: float = parameter(*INPUT_SPEED_HZ)
+    n_pins: int = parameter(16, at_least(1))
+    n_shaft_harmonics: int = parameter(15, at_least(0))
+    n_mesh_harmonics: int = parameter(3, at_least(0))
+    speed_tolerance: float = parameter(*SPEED_TOLERANCE)
 
-    needs: ClassVar[str] = FOUR_PERIODS
-
-    shaft_hz: float = 500 / 60
-    n_pins: int = 16
-    n_shaft_harmonics: int = 15
-    n_mesh_harmonics: int = 3
-    speed_tolerance: float = 0.015
-
-    def needed_samples(self) -> int:
+    def _shortest_window(self) -> tuple[int, str]:
         lowest = self.shaft_hz if self.n_shaft_harmonics else self.shaft_hz * self.n_pins
-        return int(4 * self.sampling_rate / lowest)
+        what = "four turns of the shaft, or four periods of the mesh without shaft harmonics"
+        return int(4 * self.sampling_rate / lowest), what
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         super()._fit_windows(X, y)

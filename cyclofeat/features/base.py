@@ -6,7 +6,7 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import Field, dataclass, field
 from numbers import Integral, Real
 from typing import Any, ClassVar, Self
 
@@ -14,25 +14,35 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn import get_config
 from sklearn.base import BaseEstimator, TransformerMixin
-from sklearn.utils import gen_batches
+from sklearn.utils import check_consistent_length, column_or_1d, gen_batches
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from cyclofeat._base.sklearn_private import (
-    Interval,
-    check_feature_names_in,
-    fit_context,
-)
-from cyclofeat.features.registry import TWO_SAMPLES
+from cyclofeat._base.sklearn_private import Interval, check_feature_names_in, fit_context
 from cyclofeat.signal.windows import Float
 
-# Parameters of the transformers that refine the input speed by the lobe lines.
+POSITIVE = Interval(Real, 0, None, closed="neither")
+# Defaults and constraints of the parameters by which transformers refine the input speed.
+INPUT_SPEED_HZ = 500 / 60, POSITIVE
+N_LOBES = 15, Interval(Integral, 3, None, closed="left")
+SPEED_TOLERANCE = 0.015, Interval(Real, 0, 0.2, closed="left")
 SPEED_CONSTRAINTS: dict[str, list[Any]] = {
-    "input_speed_hz": [Interval(Real, 0, None, closed="neither")],
-    "n_lobes": [Interval(Integral, 3, None, closed="left")],
-    "speed_tolerance": [Interval(Real, 0, 0.2, closed="left")],
+    "input_speed_hz": [INPUT_SPEED_HZ[1]],
+    "n_lobes": [N_LOBES[1]],
+    "speed_tolerance": [SPEED_TOLERANCE[1]],
 }
+_MOST_REFERENCES = 8
 _CHUNK_SAMPLES = 2**20  # 8 MiB of float64 samples at one time
 _CHUNK_WINDOWS = 4096  # short windows have results that are larger than themselves
+
+
+def parameter(default: Any, *constraints: Any) -> Any:
+    """Return the dataclass field of a parameter; scikit-learn checks that a value meets one constraint."""
+    return field(default=default, metadata={"constraints": list(constraints)})
+
+
+def at_least(least: int) -> Interval:
+    """Return the constraint of whole numbers from a least one on."""
+    return Interval(Integral, least, None, closed="left")
 
 
 class ShortWindowWarning(UserWarning, ValueError):
@@ -58,28 +68,59 @@ def check_reach(transformer: Any, highest: float, what: str, verb: str, advice: 
 
 
 def half_turn(sampling_rate: float, input_speed_hz: float, n_lobes: int) -> int:
-    """Return the samples of half an output turn, without which no lobe differs from run-out."""
-    return int(sampling_rate * n_lobes / input_speed_hz / 2)
+    return half_output_turn(sampling_rate, input_speed_hz, n_lobes)[0]
+
+
+def half_output_turn(sampling_rate: float, input_speed_hz: float, n_lobes: int) -> tuple[int, str]:
+    """Return the samples of half an output turn, without which no lobe differs from run-out, in words too."""
+    return int(sampling_rate * n_lobes / input_speed_hz / 2), "half an output turn"
+
+
+def reference_windows(
+    X: NDArray[Any], y: ArrayLike | None, label: Any, by_default: tuple[str, int]
+) -> tuple[NDArray[Any], Any]:
+    """Return up to 8 windows of a class, evenly spread over its windows, and its label.
+
+    ``by_default`` is the label that stands for another where no window has it, and the place of that one in
+    sorted order. Without labels in ``y`` it stands for all windows; the label returned is then None.
+    """
+    name, place = by_default
+    rows = np.arange(len(X))
+    if y is not None:
+        labels = column_or_1d(y)
+        check_consistent_length(rows, labels)
+        classes = np.unique(labels).tolist()
+        if label == name and name not in classes:
+            label = classes[place]
+        if label not in classes:
+            known = ", ".join(map(repr, classes))
+            raise ValueError(f"reference must be {name!r} or a label in y ({known}), got {label!r}")
+        rows = np.flatnonzero(labels == label)
+    elif label != name:
+        raise ValueError(f"reference={label!r} is a label of y, but fit was given no y")
+    spread = np.linspace(0, rows.size - 1, min(rows.size, _MOST_REFERENCES))
+    return X[rows[np.rint(spread).astype(int)]], None if y is None else label
 
 
 @dataclass(eq=False, repr=False)
 class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
     """Base of the transformers that turn each window into one row of features.
 
-    A subclass states its parameters as fields of a dataclass (``eq=False, repr=False``) or stores them in
-    ``__init__``, extends ``_parameter_constraints`` by one entry per parameter, and implements
-    ``_feature_names`` and ``_compute_features``. One that learns from training windows, or whose parameters
-    must fit the windows, implements ``_fit_windows``. One whose method needs windows of some length states it
-    in ``needs`` and ``needed_samples``. Windows are processed in chunks: spectra never fill the memory.
+    A subclass is a dataclass (``eq=False, repr=False``), states its parameters as fields by
+    :func:`parameter`, and implements ``_feature_names`` and ``_compute_features``. One that learns from
+    training windows, or whose parameters must fit the windows, implements ``_fit_windows``. One whose method
+    needs windows of some length states it in ``_shortest_window``. Windows are processed in chunks: spectra
+    never fill the memory.
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        "sampling_rate": [Interval(Real, 0, None, closed="neither")],
-    }
-
-    needs: ClassVar[str] = TWO_SAMPLES
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {"sampling_rate": [POSITIVE]}
 
     sampling_rate: float
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        own = {name: x.metadata["constraints"] for name, x in vars(cls).items() if isinstance(x, Field)}
+        cls._parameter_constraints = cls._parameter_constraints | own
 
     def needed_samples(self) -> int:
         """Return the fewest samples of a window from which the features mean something.
@@ -88,14 +129,20 @@ class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
         -------
         int
         """
-        return 2
+        return self._shortest_window()[0]
+
+    def _shortest_window(self) -> tuple[int, str]:
+        """Return ``needed_samples()``, and in words what these hold."""
+        return 2, "two samples"
 
     def _warn_of_short_windows(self, X: NDArray[Any]) -> None:
-        (n_windows, n_samples), needed = X.shape, self.needed_samples()
+        (n_windows, n_samples), (needed, what) = X.shape, self._shortest_window()
+        if hasattr(self, "needs"):
+            needed, what = self.needed_samples(), self.needs
         if n_samples < needed:
             turned = f"; is X, of shape {X.shape}, transposed?" if n_windows > n_samples else ""
             warnings.warn(
-                f"{type(self).__name__} needs windows of at least {needed} samples ({self.needs}), got "
+                f"{type(self).__name__} needs windows of at least {needed} samples ({what}), got "
                 f"{n_samples}: its features mean little{turned}",
                 ShortWindowWarning,
                 stacklevel=1,  # from one place, so that fit_transform shows it once

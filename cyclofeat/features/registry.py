@@ -13,19 +13,13 @@ qualifier (``v2``), so that a stored model never meets a new definition under an
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from types import MappingProxyType
+from typing import Any
 
-#: What methods need of a window.
-TWO_SAMPLES = "two samples"
 HALF_TURN = "half an output turn"
-EIGHT_SEGMENTS = "eight half-overlapping segments of 64 samples"
-ONE_BLOCK = "one block of the transform"
-DEEPEST_LEVEL = "one coefficient of the deepest level"
-FOUR_PERIODS = "four turns of the shaft, or four periods of the mesh without shaft harmonics"
-
 _UNIT_IN_NAME = {
     "Nm": "_nm",
     "Nm^2": "_nm2",
@@ -42,7 +36,7 @@ class Feature:
     """One row of the registry: unique name in snake case, without unit; unit, formula in plain text, source.
 
     Units are ``"Nm"``, ``"Nm^2"``, ``"Nm^2/Hz"``, ``"Hz"``, ``"bit"``, ``"dB"`` or ``"1"`` for a pure number;
-    ``version`` is that of the definition, ``needs`` the shortest window from which it means something.
+    ``version`` is that of the definition.
     """
 
     name: str
@@ -50,7 +44,6 @@ class Feature:
     formula: str
     source: str
     version: int = 1
-    needs: str = TWO_SAMPLES
 
     def column(self, *qualifiers: str) -> str:
         """Return the name of the feature's column; qualifiers are preset, band, lobe, level and the like.
@@ -66,64 +59,61 @@ class Feature:
         return f"{self.name}{_UNIT_IN_NAME[self.unit]}{stated}"
 
 
+def label_qualifier(label: object) -> str:
+    """Return the label of a class as a qualifier; labels may hold what names may not."""
+    return re.sub(r"[^\w.+-]", "_", str(label), flags=re.ASCII)
+
+
 def band_qualifier(band: tuple[float, float]) -> str:
     """Return a band in Hz as a qualifier, such as ``0..1500Hz``."""
     low, high = band
     return f"{low:.12g}..{high:.12g}Hz"
 
 
-# Rows of features that need more than two samples.
-_psd = partial(Feature, needs=EIGHT_SEGMENTS)
-_turns = partial(Feature, needs=HALF_TURN)
-_levels = partial(Feature, needs=DEEPEST_LEVEL)
-_ROWS = (
-    Feature("torque_min", "Nm", "min(x)", "paper A table 4"),
-    Feature("torque_max", "Nm", "max(x)", "paper A table 4"),
-    Feature("torque_mean", "Nm", "sum(x) / n", "paper A table 4"),
-    Feature("torque_std", "Nm", "sqrt(sum((x - mean)^2) / (n - 1))", "paper A table 4, MATLAB std"),
-    Feature("torque_range", "Nm", "max(x) - min(x)", "paper A table 4"),
-    Feature("torque_rms", "Nm", "sqrt(sum(x^2) / n)", "standard definition"),
-    Feature("torque_crest_factor", "1", "max(abs(x)) / rms", "standard definition"),
-    Feature("torque_skewness", "1", "m3 / m2^(3/2), mk = sum((x - mean)^k) / n", "MATLAB skewness"),
-    Feature("torque_kurtosis", "1", "m4 / m2^2, mk = sum((x - mean)^k) / n", "MATLAB kurtosis"),
-    Feature("torque_ripple", "1", "std / abs(mean)", "standard definition"),
-    _psd("shannon_entropy", "bit", "-sum(p log2(p)), p = psd / sum(psd)", "paper A eq. 8"),
-    _psd("normalized_entropy", "1", "-sum(p log2(p + 2^-52)) / log2(N), p = psd / sum(psd)",
+_ROWS: tuple[Any, ...] = (
+    ("torque_min", "Nm", "min(x)", "paper A table 4"),
+    ("torque_max", "Nm", "max(x)", "paper A table 4"),
+    ("torque_mean", "Nm", "sum(x) / n", "paper A table 4"),
+    ("torque_std", "Nm", "sqrt(sum((x - mean)^2) / (n - 1))", "paper A table 4, MATLAB std"),
+    ("torque_range", "Nm", "max(x) - min(x)", "paper A table 4"),
+    ("torque_rms", "Nm", "sqrt(sum(x^2) / n)", "standard definition"),
+    ("torque_crest_factor", "1", "max(abs(x)) / rms", "standard definition"),
+    ("torque_skewness", "1", "m3 / m2^(3/2), mk = sum((x - mean)^k) / n", "MATLAB skewness"),
+    ("torque_kurtosis", "1", "m4 / m2^2, mk = sum((x - mean)^k) / n", "MATLAB kurtosis"),
+    ("torque_ripple", "1", "std / abs(mean)", "standard definition"),
+    ("shannon_entropy", "bit", "-sum(p log2(p)), p = psd / sum(psd)", "paper A eq. 8"),
+    ("normalized_entropy", "1", "-sum(p log2(p + 2^-52)) / log2(N), p = psd / sum(psd)",
         "paper A eq. 4-7, epsilon assumed"),
-    _psd("spectral_flatness", "1", "N exp(sum(log(p)) / N), p = psd / sum(psd)", "paper A eq. 9, log domain"),
-    _psd("spectral_centroid", "Hz", "sum(f psd) / sum(psd)", "paper A 5.4"),
-    _psd("spectral_rolloff", "Hz", "min f with cumsum(psd) >= fraction sum(psd)", "paper A 5.4"),
-    _psd("narrowband_ratio", "1", "sum(psd within half a width of n f0 and nearest to it) / sum(psd)",
+    ("spectral_flatness", "1", "N exp(sum(log(p)) / N), p = psd / sum(psd)", "paper A eq. 9, log domain"),
+    ("spectral_centroid", "Hz", "sum(f psd) / sum(psd)", "paper A 5.4"),
+    ("spectral_rolloff", "Hz", "min f with cumsum(psd) >= fraction sum(psd)", "paper A 5.4"),
+    ("narrowband_ratio", "1", "sum(psd within half a width of n f0 and nearest to it) / sum(psd)",
         "paper A 5.5, width assumed"),
-    _psd("band_power", "Nm^2", "df sum(psd in the band)", "standard definition"),
-    _psd("psd", "Nm^2/Hz", "Welch's density, one-sided", "paper A 5.3, MATLAB pwelch"),
-    _psd("psd_level", "dB", "10 log10(max(psd, 1e-30)), psd in Nm^2/Hz", "paper A 5.3, MATLAB pwelch"),
-    Feature("amplitude", "Nm", "c sqrt(mean over blocks(|dft(w x)|^2)) / sum(w)",
-        "paper B 6, average assumed", needs=ONE_BLOCK),
-    _psd("coherence", "1", "median over references(mean in the band(|Sxr|^2 / (Sxx Srr)))",
+    ("band_power", "Nm^2", "df sum(psd in the band)", "standard definition"),
+    ("psd", "Nm^2/Hz", "Welch's density, one-sided", "paper A 5.3, MATLAB pwelch"),
+    ("psd_level", "dB", "10 log10(max(psd, 1e-30)), psd in Nm^2/Hz", "paper A 5.3, MATLAB pwelch"),
+    ("amplitude", "Nm", "c sqrt(mean over blocks(|dft(w x)|^2)) / sum(w)", "paper B 6, average assumed"),
+    ("coherence", "1", "median over references(mean in the band(|Sxr|^2 / (Sxx Srr)))",
         "paper A 5.2, paper B 5, MATLAB mscohere"),
-    _turns("order_amplitude", "Nm", "2 |mean(x exp(-2 pi i f k t))| over whole turns, f refined",
+    ("order_amplitude", "Nm", "2 |mean(x exp(-2 pi i f k t))| over whole turns, f refined",
         "cyclofeat.signal.orders", 2),
-    _turns("lobe_slot_mean", "1", "mean of the whitened, folded torque in a slot",
+    ("lobe_slot_mean", "1", "mean of the whitened, folded torque in a slot", "cyclofeat.signal.lobes", 2),
+    ("lobe_slot_rms", "1", "std of the whitened, folded torque in a slot", "cyclofeat.signal.lobes", 2),
+    ("lobe_line_prominence", "dB", "10 log10(|c_k|^2 / floor_k + 0.001)", "cyclofeat.signal.lobes", 2),
+    ("lobe_line_contrast", "dB", "10 log10(|c_k|^2 / mean(|c_(k-2..k+2)|^2) + 0.001)",
         "cyclofeat.signal.lobes", 2),
-    _turns("lobe_slot_rms", "1", "std of the whitened, folded torque in a slot", "cyclofeat.signal.lobes", 2),
-    _turns("lobe_line_prominence", "dB", "10 log10(|c_k|^2 / floor_k + 0.001)", "cyclofeat.signal.lobes", 2),
-    _turns("lobe_line_contrast", "dB", "10 log10(|c_k|^2 / mean(|c_(k-2..k+2)|^2) + 0.001)",
-        "cyclofeat.signal.lobes", 2),
-    _turns("minima_overlap", "1",
+    ("minima_overlap", "1",
         "median over the reference of: cells of a level with the lowest colour in both / cells",
-        "paper B section 7, paper A section 5.1", 2),
-    Feature("wavelet_envelope_mean", "Nm", "mean(abs(analytic signal of the level that holds the mesh))",
-        "paper A 5.1", needs=FOUR_PERIODS),
-    Feature("wavelet_envelope_line", "Nm",
-        "largest Hann amplitude of that envelope within the speed tolerance of a harmonic",
-        "paper A section 5.1", needs=FOUR_PERIODS),
-    _levels("wavelet_rms", "Nm", "sqrt(mean(c^2) / 2^level) over cells", "paper B figs. 10-12"),
-    _levels("wavelet_energy_share", "1", "rms^2 / sum over levels(rms^2)", "paper B figs. 10-12"),
-    _levels("wavelet_kurtosis", "1", "m4 / m2^2, mk = mean((c - mean)^k) over cells", "standard definition"),
-    _levels("wavelet_lowest_colour", "1", "cells of a level with the lowest colour / cells",
-        "paper B figs. 10-12"),
+        "paper B section 7, paper A 5.1", 2),
+    ("wavelet_envelope_mean", "Nm", "mean(abs(analytic signal of the level that holds the mesh))",
+        "paper A 5.1"),
+    ("wavelet_envelope_line", "Nm",
+        "largest Hann amplitude of that envelope within the speed tolerance of a harmonic", "paper A 5.1"),
+    ("wavelet_rms", "Nm", "sqrt(mean(c^2) / 2^level) over cells", "paper B figs. 10-12"),
+    ("wavelet_energy_share", "1", "rms^2 / sum over levels(rms^2)", "paper B figs. 10-12"),
+    ("wavelet_kurtosis", "1", "m4 / m2^2, mk = mean((c - mean)^k) over cells", "standard definition"),
+    ("wavelet_lowest_colour", "1", "cells of a level with the lowest colour / cells", "paper B figs. 10-12"),
 )  # fmt: skip
 
-REGISTRY: Mapping[str, Feature] = MappingProxyType({row.name: row for row in _ROWS})
+REGISTRY: Mapping[str, Feature] = MappingProxyType({row[0]: Feature(*row) for row in _ROWS})
 """Rows by name."""

@@ -14,8 +14,10 @@ from cyclofeat.signal.windows import Float, check_sampling_rate, ratio
 _EPSILON = float(np.finfo(np.float64).eps)  # assumed in paper A eq. 5: MATLAB's eps
 
 
-def band_mask(frequencies: ArrayLike, band: tuple[float, float]) -> NDArray[np.bool_]:
-    """Mark the spectral lines in a band in Hz, its limits included; ``frequencies`` increase."""
+def band_slice(frequencies: ArrayLike, band: tuple[float, float] | None) -> slice:
+    """Return which lines of increasing frequencies lie in a band in Hz, its limits included; all for None."""
+    if band is None:
+        return slice(None)
     frequencies = np.asarray(frequencies, dtype=np.float64)
     try:
         low, high = (float(limit) for limit in band)
@@ -28,48 +30,40 @@ def band_mask(frequencies: ArrayLike, band: tuple[float, float]) -> NDArray[np.b
             f"band {band!r} Hz reaches beyond the highest frequency, {frequencies[-1]:g} Hz "
             "(half of the sampling rate)"
         )
-    mask: NDArray[np.bool_] = (frequencies >= low) & (frequencies <= high)
-    if not mask.any():
+    inside = np.flatnonzero((frequencies >= low) & (frequencies <= high))
+    if not inside.size:
         raise ValueError(
             f"band {band!r} Hz holds none of the {frequencies.size} spectral lines, which are "
             f"{np.diff(frequencies[:2]).sum():g} Hz apart"
         )
-    return mask
-
-
-def _in_band(
-    psd: ArrayLike, frequencies: ArrayLike | None = None, band: tuple[float, float] | None = None
-) -> Float:
-    """Checked density of the lines in the band."""
-    psd = np.asarray(psd, dtype=np.float64)
-    if band is not None:
-        if frequencies is None:
-            raise ValueError(f"frequencies are needed to find the band {band!r} Hz, got None")
-        psd = psd[..., band_slice(frequencies, band)]
-    if not (np.isfinite(psd).all() and (psd >= 0).all()):
-        raise ValueError("psd must be finite and not negative")
-    return psd
-
-
-def band_slice(frequencies: ArrayLike, band: tuple[float, float]) -> slice:
-    """Lines of a band: frequencies increase, so they lie side by side."""
-    inside = np.flatnonzero(band_mask(frequencies, band))
     return slice(int(inside[0]), int(inside[-1]) + 1)
 
 
-def _frequencies_in_band(frequencies: ArrayLike, n_bins: int, band: tuple[float, float] | None) -> Float:
+def _cut_band(
+    psd: ArrayLike, frequencies: ArrayLike | None, band: tuple[float, float] | None = None
+) -> tuple[Float, Float]:
+    """Return the checked density and the frequencies of the lines in the band."""
+    psd = np.asarray(psd, dtype=np.float64)
+    if frequencies is None:
+        if band is not None:
+            raise ValueError(f"frequencies are needed to find the band {band!r} Hz, got None")
+        frequencies = np.zeros(psd.shape[-1])
     frequencies = np.asarray(frequencies, dtype=np.float64)
-    if frequencies.shape != (n_bins,):
+    if frequencies.shape != psd.shape[-1:]:
         raise ValueError(
-            f"frequencies must hold one frequency for each of the {n_bins} lines, "
+            f"frequencies must hold one frequency for each of the {psd.shape[-1]} lines, "
             f"got shape {frequencies.shape}"
         )
-    return frequencies if band is None else frequencies[band_slice(frequencies, band)]
+    inside = band_slice(frequencies, band)
+    psd = psd[..., inside]
+    if not (np.isfinite(psd).all() and (psd >= 0).all()):
+        raise ValueError("psd must be finite and not negative")
+    return psd, frequencies[inside]
 
 
 def _power_share(psd: ArrayLike, frequencies: ArrayLike | None, band: tuple[float, float] | None) -> Float:
     """PSD over its sum in the band (paper A eq. 4); zero everywhere if there is no power."""
-    psd = _in_band(psd, frequencies, band)
+    psd, _ = _cut_band(psd, frequencies, band)
     return ratio(psd, psd.sum(axis=-1, keepdims=True))
 
 
@@ -205,8 +199,8 @@ def spectral_centroid(
     >>> print(spectral_centroid([3.0, 0.0, 1.0], [0.0, 50.0, 100.0]))
     25.0
     """
-    inside = _frequencies_in_band(frequencies, np.shape(psd)[-1], band)
-    return np.asarray(_power_share(psd, frequencies, band) @ inside)
+    psd, frequencies = _cut_band(psd, frequencies, band)
+    return np.asarray(ratio(psd, psd.sum(axis=-1, keepdims=True)) @ frequencies)
 
 
 def spectral_rolloff(
@@ -239,11 +233,11 @@ def spectral_rolloff(
     """
     if not 0 < fraction <= 1:
         raise ValueError(f"fraction must be above 0 and at most 1, got {fraction!r}")
-    inside = _frequencies_in_band(frequencies, np.shape(psd)[-1], band)
-    power = np.cumsum(_in_band(psd, frequencies, band), axis=-1)
+    psd, frequencies = _cut_band(psd, frequencies, band)
+    power = np.cumsum(psd, axis=-1)
     total = power[..., -1]
     reached = power >= fraction * total[..., np.newaxis]
-    return np.asarray(np.where(total > 0, inside[reached.argmax(axis=-1)], 0.0))
+    return np.asarray(np.where(total > 0, frequencies[reached.argmax(axis=-1)], 0.0))
 
 
 def octave_bands(sampling_rate: float) -> tuple[tuple[float, float], ...]:
@@ -282,7 +276,7 @@ def checked_bands(
     if len(bands) == 0 or not all(np.iterable(band) for band in bands):
         raise ValueError(f"bands must be a sequence of (low, high) in Hz, got {bands!r}")
     for band in bands:
-        band_mask(frequencies, band)  # raises where a band does not fit
+        band_slice(frequencies, band)  # raises where a band does not fit
     return tuple(bands)
 
 
@@ -314,8 +308,7 @@ def band_power(
     >>> print(band_power([1.0, 2.0, 3.0], [0.0, 10.0, 20.0], [(0.0, 20.0), (15.0, 20.0)]))
     [60. 30.]
     """
-    psd = _in_band(psd, None, None)
-    frequencies = _frequencies_in_band(frequencies, psd.shape[-1], None)
+    psd, frequencies = _cut_band(psd, frequencies)
     distance = frequencies[-1] / max(frequencies.size - 1, 1)
     bands = checked_bands(frequencies, bands)
     sums = [psd[..., band_slice(frequencies, band)].sum(axis=-1) for band in bands]
@@ -393,7 +386,6 @@ def narrowband_ratio(
     >>> print(narrowband_ratio([2.0, 0.0, 1.0, 0.0, 1.0], [0.0, 50.0, 100.0, 150.0, 200.0]))
     0.5
     """
-    psd = _in_band(psd, None, None)
-    frequencies = _frequencies_in_band(frequencies, psd.shape[-1], None)
+    psd, frequencies = _cut_band(psd, frequencies)
     mask = narrowband_mask(frequencies, fundamental_hz, half_width_hz, n_harmonics)
     return np.asarray(ratio(psd @ mask.astype(np.float64), psd.sum(axis=-1)))

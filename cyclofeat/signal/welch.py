@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Mapping
-from dataclasses import dataclass
-from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.fft
@@ -18,39 +14,20 @@ from cyclofeat._base.checks import one_of, whole
 from cyclofeat.signal.windows import Complex, Float, as_windows, check_sampling_rate, chunks, ratio
 
 
-@dataclass(frozen=True)
-class WelchPreset:
-    """One complete definition of Welch's power spectral density.
+class WelchPreset(NamedTuple):
+    """Window of :mod:`scipy.signal.windows`, periodic unless symmetric, and what becomes of the mean."""
 
-    All presets share MATLAB's segmentation: segments of ``floor(n_samples / 4.5)`` samples with 50 % overlap
-    (8 of them), zero-padded to ``max(256, 2**nextpow2(segment))``, one-sided, as a density.
-
-    ``window`` is a name of :mod:`scipy.signal.windows`; one that is not symmetric is periodic.
-    """
-
-    name: str
     window: str
     symmetric: bool
     remove_mean: bool
 
-    @functools.lru_cache(maxsize=16)  # noqa: B019  (a few presets, which live as long as the module)
-    def taper(self, n_samples: int) -> Float:
-        """Window of ``n_samples`` samples, shape (n_samples,), without unit."""
-        return np.asarray(signal.get_window(self.window, n_samples, fftbins=not self.symmetric))
 
-
-PRESETS: Mapping[str, WelchPreset] = MappingProxyType(
-    {
-        preset.name: preset
-        for preset in (
-            WelchPreset("matlab_pwelch", window="hamming", symmetric=True, remove_mean=False),
-            # Periodic: the Hann window for spectra. It also never vanishes, as the symmetric one of two
-            # samples does.
-            WelchPreset("ripple", window="hann", symmetric=False, remove_mean=True),
-        )
-    }
-)
-"""The presets by name.
+PRESETS = {
+    "matlab_pwelch": WelchPreset("hamming", symmetric=True, remove_mean=False),
+    # Periodic: the Hann window for spectra. It also never vanishes, as the symmetric one of two samples does.
+    "ripple": WelchPreset("hann", symmetric=False, remove_mean=True),
+}
+"""Definitions of Welch's power spectral density by name, all with MATLAB's segments.
 
 ``"matlab_pwelch"``
     MATLAB's ``pwelch(x, [], [], [], fs)``, which paper A used: symmetric Hamming window, mean kept. The mean
@@ -60,29 +37,23 @@ PRESETS: Mapping[str, WelchPreset] = MappingProxyType(
 """
 
 
-def get_preset(name: str) -> WelchPreset:
-    """Return a preset by its name in :data:`PRESETS`; ``ValueError`` for any other name."""
-    return PRESETS[one_of("preset", name, PRESETS)]
+#: Samples of the shortest window whose density means something, in words too.
+EIGHT_SEGMENTS = 288, "eight half-overlapping segments of 64 samples"
 
 
-#: Samples of a window whose segments hold 64.
-FEWEST_SAMPLES = 288
+def segment_lengths(n_samples: int) -> tuple[int, int]:
+    """Return the samples in each of 8 segments with 50 % overlap, at least 1, and those when zero-padded.
 
-
-def segment_length(n_samples: int) -> int:
-    """Samples in a segment, at least 1: ``floor(n_samples / 4.5)``, 8 segments with 50 % overlap."""
-    return max(1, 2 * n_samples // 9)
-
-
-def fft_length(n_samples: int) -> int:
-    """Samples to which a segment is zero-padded: ``max(256, 2**nextpow2(segment))``."""
-    return max(256, 1 << (segment_length(n_samples) - 1).bit_length())
+    These are ``floor(n_samples / 4.5)`` and ``max(256, 2**nextpow2(segment))``.
+    """
+    segment = max(1, 2 * n_samples // 9)
+    return segment, max(256, 1 << (segment - 1).bit_length())
 
 
 def welch_frequencies(n_samples: int, sampling_rate: float) -> Float:
     """Frequencies in Hz of the lines of :func:`welch_psd`, shape (n_bins,), to half of the sampling rate."""
     check_sampling_rate(sampling_rate)
-    n_fft = fft_length(n_samples)
+    _, n_fft = segment_lengths(n_samples)
     return np.arange(n_fft // 2 + 1) * float(sampling_rate) / n_fft
 
 
@@ -114,18 +85,12 @@ class SegmentTransforms:
         return np.asarray(scipy.fft.rfft(padded, axis=-1))
 
 
-def welch_transforms(n_samples: int, definition: WelchPreset) -> SegmentTransforms:
+def welch_transforms(n_samples: int, preset: str) -> SegmentTransforms:
     """Transforms of the segments that a preset makes of windows of ``n_samples`` samples."""
-    segment = segment_length(n_samples)
-    taper = definition.taper(segment)
-    return SegmentTransforms(taper, n_samples, segment // 2, fft_length(n_samples), definition.remove_mean)
-
-
-def welch_scale(transforms: SegmentTransforms, sampling_rate: float) -> Float:
-    """Return the factor from power over segments to a density in Nm^2/Hz, shape (n_bins,)."""
-    taper = transforms.taper
-    norm = float(sampling_rate) * (taper @ taper) * transforms.n_segments
-    return one_sided(transforms.n_fft // 2 + 1) / norm
+    window, symmetric, remove_mean = PRESETS[one_of("preset", preset, PRESETS)]
+    segment, n_fft = segment_lengths(n_samples)
+    taper = np.asarray(signal.get_window(window, segment, fftbins=not symmetric))
+    return SegmentTransforms(taper, n_samples, segment // 2, n_fft, remove_mean)
 
 
 def power_over_segments(transforms: Complex) -> Float:
@@ -190,14 +155,15 @@ def welch_psd(X: ArrayLike, sampling_rate: float, preset: str = "matlab_pwelch")
     >>> print(round(psd.sum() * frequencies[1], 6))  # the sine's mean square
     0.5
     """
-    definition = get_preset(preset)
     X = as_windows(X)
     n_samples = X.shape[-1]
     frequencies = welch_frequencies(n_samples, sampling_rate)
+    transforms = welch_transforms(n_samples, preset)
+    taper = transforms.taper
+    norm = float(sampling_rate) * (taper @ taper) * transforms.n_segments
+    scale = one_sided(frequencies.size) / norm
     windows = X.reshape(-1, n_samples)
     psd = np.empty((len(windows), frequencies.size))
-    transforms = welch_transforms(n_samples, definition)
-    scale = welch_scale(transforms, sampling_rate)
     for chunk in chunks(len(windows), transforms.n_segments * frequencies.size):
         psd[chunk] = power_over_segments(transforms(windows[chunk])) * scale
     return frequencies, psd.reshape(*X.shape[:-1], frequencies.size)
@@ -351,7 +317,7 @@ def magnitude_squared_coherence(
         )
     n_samples = x.shape[-1]
     frequencies = welch_frequencies(n_samples, sampling_rate)
-    transforms = welch_transforms(n_samples, PRESETS["matlab_pwelch"])
+    transforms = welch_transforms(n_samples, "matlab_pwelch")
     windows: NDArray[Any] = x.reshape(-1, n_samples)
     references: NDArray[Any] = reference.reshape(-1, n_samples)
     coherence = np.empty((len(windows), frequencies.size))

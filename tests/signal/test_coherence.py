@@ -198,9 +198,9 @@ def test_which_windows_become_references():
 @pytest.mark.parametrize(
     ("reference", "y", "message"),
     [
-        (7, [0, 1, 2], r"one of the labels in y, \[0, 1, 2\]; got 7"),
+        (7, [0, 1, 2], r"reference must be 'healthy' or a label in y \(0, 1, 2\), got 7"),
         ("worn", [0, 1, 2], "got 'worn'"),
-        (3, None, "reference=3 is a label, so y must hold the labels of the windows, got None"),
+        (3, None, "reference=3 is a label of y, but fit was given no y"),
         ("healthy", [0, 1], "inconsistent numbers of samples"),
     ],
 )
