@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import KW_ONLY, dataclass
 from numbers import Integral, Real
 from typing import Any, ClassVar, Self
 
@@ -28,6 +29,7 @@ from cyclofeat.features import LobeMap
 _NUMBERED = re.compile(r"\((k|slot)(\d+)")
 
 
+@dataclass(eq=False, repr=False)
 class TrainingDomain(OutlierMixin, BaseEstimator):
     """Domain of the training windows in the space of their features.
 
@@ -82,19 +84,10 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
     }
 
     lowest: ArrayLike | None = None  # of models saved before there was one, too
-
-    def __init__(
-        self,
-        lowest: ArrayLike | None = None,
-        *,
-        false_refusal: float = 0.03,
-        n_splits: int = 5,
-        random_state: int | None = 0,
-    ) -> None:
-        self.lowest = lowest
-        self.false_refusal = false_refusal
-        self.n_splits = n_splits
-        self.random_state = random_state
+    _: KW_ONLY
+    false_refusal: float = 0.03
+    n_splits: int = 5
+    random_state: int | None = 0
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X: ArrayLike, y: ArrayLike | None = None, groups: ArrayLike | None = None) -> Self:
@@ -175,18 +168,8 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         squared = np.einsum("nci,ij,ncj->nc", offset, self.precision_, offset, optimize=True)
         return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
 
-    def class_distances(self, X: ArrayLike) -> Float:
-        """Return the distance to each class of training.
-
-        Parameters
-        ----------
-        X : array-like, shape (n_windows, n_features)
-
-        Returns
-        -------
-        ndarray, shape (n_windows, n_classes)
-            In units of the largest distance to that class inside the domain.
-        """
+    def _class_distances(self, X: ArrayLike) -> Float:
+        """Return the distance to each class in units of the largest inside, shape (n_windows, n_classes)."""
         check_is_fitted(self)
         features: Float = validate_data(self, X, reset=False, dtype=np.float64)
         return np.asarray(self._mahalanobis(self._raise_lowest(features)) / self.thresholds_)
@@ -203,12 +186,12 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         ndarray of int, shape (n_windows, n_features)
             Numbers of the features.
         """
-        nearest = self.means_[self.class_distances(X).argmin(axis=1)]
+        nearest = self.means_[self._class_distances(X).argmin(axis=1)]
         offset = (self._raise_lowest(np.asarray(X)) - self.location_) / self.scale_ - nearest
         return np.asarray(np.argsort(-offset * (offset @ self.precision_), axis=1))
 
     def distance(self, X: ArrayLike) -> Float:
-        """Return the distance to the nearest class, in the units of :meth:`class_distances`.
+        """Return the distance to the nearest class, in units of the largest distance to it inside the domain.
 
         Parameters
         ----------
@@ -218,7 +201,7 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         -------
         ndarray, shape (n_windows,)
         """
-        return np.asarray(self.class_distances(X).min(axis=1))
+        return np.asarray(self._class_distances(X).min(axis=1))
 
     def score_samples(self, X: ArrayLike) -> Float:
         """Return ``-distance(X)``: lower for windows less like those of training.
@@ -262,38 +245,30 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
 
 def lowest_seen(counter: Any) -> Float | None:
     """Return the values below which lobe lines are absent, of a fitted counter of a lobe map; else None."""
-    lobe_map = _lobe_map_of(counter)
-    return None if lobe_map is None else lobe_map.lowest_visible()
+    lobe_map = _features_of(counter)
+    return lobe_map.lowest_visible() if isinstance(lobe_map, LobeMap) else None
 
 
 def feature_words(counter: Any, n_features: int) -> list[str]:
     """Return each feature that a fitted counter sees in words."""
-    lobe_map = _lobe_map_of(counter)
-    if lobe_map is None:
+    lobe_map = _features_of(counter)
+    if not isinstance(lobe_map, LobeMap):
         return [f"feature {number}" for number in range(n_features)]
-    found = (_NUMBERED.search(name) for name in lobe_map.get_feature_names_out())
-    numbers = [(one[1], int(one[2])) for one in found if one]
-    return [f"lobe line {at}" if kind == "k" else f"lobe slot {at + 1}" for kind, at in numbers]
+    numbers = _NUMBERED.findall(" ".join(lobe_map.get_feature_names_out()))
+    return [f"lobe line {int(at)}" if kind == "k" else f"lobe slot {int(at) + 1}" for kind, at in numbers]
 
 
-def _lobe_map_of(counter: Any) -> LobeMap | None:
-    """Return the lobe map whose features a fitted counter sees as they are."""
+def _features_of(counter: Any) -> Any:
+    """Return what turns windows into the features of a fitted counter; None if it takes them as they are."""
     inner = getattr(counter, "counter_", None)
     if inner is not None:
-        return _lobe_map_of(inner)
-    if isinstance(counter, Pipeline) and len(counter) == 2 and isinstance(counter[0], LobeMap):
-        return counter[0]
+        return _features_of(inner)
+    if isinstance(counter, Pipeline) and len(counter) > 1:
+        return counter[0] if len(counter) == 2 else counter[:-1]
     return getattr(counter, "lobe_map_", None)
 
 
 def features_seen(counter: Any, X: NDArray[Any]) -> Float:
     """Return the features that a fitted counter uses, or the windows if it has no step for features."""
-    inner = getattr(counter, "counter_", None)
-    if inner is not None:
-        return features_seen(inner, X)
-    lobe_map = getattr(counter, "lobe_map_", None)
-    if lobe_map is not None:
-        return np.asarray(lobe_map.transform(X))
-    if isinstance(counter, Pipeline) and len(counter.steps) > 1:
-        return np.asarray(counter[:-1].transform(X))
-    return np.asarray(X)
+    features = _features_of(counter)
+    return np.asarray(X if features is None else features.transform(X))

@@ -83,14 +83,6 @@ def draw_per_count(recordings: Sequence[Recording], share: float, random_state: 
     return sorted(drawn)
 
 
-def windows_to_learn(
-    recordings: Sequence[Recording], turnings: Sequence[Turning], again: Sequence[int], windower: Windower
-) -> WindowSet:
-    """Return the windows of recordings, then those of some of them ``again``, as if without tachometer."""
-    assert windower.reduction is not None
-    return windows_at(recordings, angles_to_learn(recordings, turnings, again, windower.reduction), windower)
-
-
 def angles_to_learn(
     recordings: Sequence[Recording], turnings: Sequence[Turning], again: Sequence[int], n_lobes: int
 ) -> list[tuple[int, Float]]:

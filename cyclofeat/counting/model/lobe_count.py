@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -65,9 +65,7 @@ class LobeCount(WithCard):
     warnings : tuple of str
         What the reader should know.
     refused : bool
-        Whether most of the windows have a faulty signal or lie outside what the model was trained on, the
-        windows disagree, those left out could outvote the others, or the speed is doubted: the count is then
-        not reliable.
+        Whether the count is not reliable, see :meth:`LobeModel.count`.
     reason : str
         Why refused, else empty.
     distance : float
@@ -249,21 +247,16 @@ class AnsweredWindows:
     @classmethod
     def join_parts(cls, parts: Sequence[AnsweredWindows]) -> AnsweredWindows:
         """Return the answers of parts of one recording, one after the other."""
-        if len(parts) == 1:
-            return parts[0]
         located = [part.lobe_proba for part in parts if part.lobe_proba is not None]
         runs = [part.runs for part in parts if part.runs is not None]
-
-        def column(name: str) -> Any:
-            return np.concatenate([getattr(part, name) for part in parts])
-
+        names = "start_s", "stop_s", "proba", "distance"
         return cls(
-            column("start_s"), column("stop_s"), column("proba"), column("distance"),
+            **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
             faults=tuple(fault for part in parts for fault in part.faults),
             unlike=tuple(one for part in parts for one in part.unlike),
             lobe_proba=np.concatenate(located, axis=1) if len(located) == len(parts) else None,
             runs=np.concatenate(runs) if runs else None,
-        )  # fmt: skip
+        )
 
     def find_refusals(self, doubt: str) -> tuple[str, list[str]]:
         """Return why the recording is refused, and why each window is; empty where it is not."""
@@ -284,15 +277,9 @@ class AnsweredWindows:
 
     def window_counts(self, classes: NDArray[np.int64], reasons: Sequence[str]) -> tuple[WindowCount, ...]:
         """Return the answer of each window."""
-        columns = (
-            self.start_s.tolist(),
-            self.stop_s.tolist(),
-            classes[self.proba.argmax(axis=1)].tolist(),
-            self.proba.max(axis=1).tolist(),
-            self.distance.tolist(),
-            reasons,
-        )
-        return tuple(WindowCount(*answer) for answer in zip(*columns, strict=True))
+        counts = classes[self.proba.argmax(axis=1)]
+        columns = self.start_s, self.stop_s, counts, self.proba.max(axis=1), self.distance
+        return tuple(map(WindowCount, *(column.tolist() for column in columns), reasons))
 
     def mean_lobe_proba(self, used: NDArray[np.bool_]) -> Float:
         """Return the probability of each lobe of being worn, by some windows; empty if it is not known.
@@ -304,7 +291,3 @@ class AnsweredWindows:
             return np.zeros(0)
         places = self.lobe_proba[:, used].mean(axis=1)
         return np.asarray(places[np.abs(places - 0.5).sum(axis=1).argmax()])
-
-    def shift_time(self, seconds: float) -> AnsweredWindows:
-        """Return the same answers at a later time."""
-        return replace(self, start_s=self.start_s + seconds, stop_s=self.stop_s + seconds)

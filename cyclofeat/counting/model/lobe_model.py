@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from itertools import pairwise
 from typing import Any, Self
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import cumulative_trapezoid
 from sklearn.base import BaseEstimator, ClassifierMixin, clone
 from sklearn.pipeline import Pipeline
+from sklearn.utils import gen_batches
 from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._base.checks import whole
@@ -40,7 +41,6 @@ from cyclofeat.counting.model._training import (
     is_network,
     make_counter,
     windows_at,
-    windows_to_learn,
 )
 from cyclofeat.counting.model._verdicts import (
     disagreement_reason,
@@ -216,18 +216,15 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         counter = make_counter(
             kind, windows, n_lobes, n_trees=self.n_trees, epochs=self.epochs, random_state=self.random_state
         )
-        by_network = kind == "rows" or is_network(kind)
-        epochs = counter.n_epochs if by_network else None
-        if by_network and depths is not None:
+        epochs = getattr(counter, "n_epochs", None)
+        if is_network(counter) and depths is not None:
             counter.set_params(n_epochs=None)
         protocol = Protocol(n_splits=self.n_splits, random_state=self.random_state) if self.n_splits else None
         with reject_short_windows():
             self.counter_, scores, features = fit_counter(counter, windows, n_lobes, protocol)
-        assemblies = windows.recording if windows.groups is None else windows.groups
         self.domain_: TrainingDomain | None = None
-        if np.unique(assemblies).size > 1:
-            domain = TrainingDomain(lowest_seen(self.counter_), random_state=self.random_state)
-            self.domain_ = domain.fit(features, windows.y, groups=assemblies)
+        if np.unique(windows.recording if windows.groups is None else windows.groups).size > 1:
+            self.domain_ = self._fit_domain(windows, features)
         names = [] if windows.groups is None else np.unique(windows.groups).tolist()
         self.card_: dict[str, Any] = {
             "description": self.description,
@@ -245,9 +242,9 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         }
         self.wear_: RadialWear | None = None
         if depths is not None:
-            of_runs = clone(self.counter_).set_params(n_epochs=epochs) if by_network else None
+            network = clone(counter).set_params(n_epochs=epochs) if is_network(counter) else None
             self.wear_ = RadialWear.train(
-                windows_for_wear, depths, n_lobes=n_lobes, n_trees=self.n_trees, network=of_runs,
+                windows_for_wear, depths, n_lobes=n_lobes, n_trees=self.n_trees, network=network,
                 random_state=self.random_state,
             )  # fmt: skip
             self.card_["wear"] = self.wear_.summary()
@@ -275,7 +272,7 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         check_is_fitted(self)
         known, _ = _label_recordings(recordings, None, None)
         for recording in known:
-            self.check_recording(recording)
+            self._check_recording(recording)
         turnings = [turning_of(recording, self.n_lobes_, by_faint_lines=False) for recording in known]
         angles = angles_to_learn(known, turnings, range(len(known)), self.n_lobes_)
         return self._with_domain(known, angles)
@@ -283,14 +280,19 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
     def _with_domain(self, recordings: Sequence[Recording], angles: Sequence[tuple[int, Float]]) -> LobeModel:
         """Return the model and its coarser ones with domains of the windows over these angles."""
         windows = windows_at(recordings, angles, self.windower_)
-        features = np.concatenate([features_seen(self.counter_, part) for part in _parts(windows.X)])
-        domain = TrainingDomain(lowest_seen(self.counter_), random_state=self.random_state)
-        assemblies = windows.recording if windows.groups is None else windows.groups
+        parts = gen_batches(len(windows), max(1, _BATCH_SAMPLES // windows.X.shape[1]))
+        features = [features_seen(self.counter_, windows.X[rows]) for rows in parts]
         model = copy.copy(self)
-        model.domain_ = domain.fit(features, windows.y, groups=assemblies)
+        model.domain_ = self._fit_domain(windows, np.concatenate(features))
         model.coarser_ = None if self.coarser_ is None else self.coarser_._with_domain(recordings, angles)
         model.card_ = self.card_ | {"domain": f"{len(recordings)} recordings, {len(windows)} windows"}
         return model
+
+    def _fit_domain(self, windows: WindowSet, features: Float) -> TrainingDomain:
+        domain = TrainingDomain(lowest_seen(self.counter_), random_state=self.random_state)
+        assemblies = windows.recording if windows.groups is None else windows.groups
+        domain.fit(features, windows.y, groups=assemblies)
+        return domain
 
     @property
     def locator_(self) -> LobeCounter | None:
@@ -311,14 +313,16 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         per_turn = common_samples_per_turn(recordings, turnings, n_lobes, windower.samples_per_turn)
         windower = replace(windower, reduction=n_lobes, samples_per_turn=per_turn)
         by_network = self.counter == "rows" or is_network(self.counter)
-        repeated: Sequence[int] = ()
+        once = list(enumerate(turning.angle for turning in turnings))
+        angles = once
         if quantity == "motor_current":
-            repeated = range(len(recordings))
+            angles = angles_to_learn(recordings, turnings, range(len(recordings)), n_lobes)
         elif by_network and self.wear_um is None:
             repeated = draw_per_count(recordings, _REPEATED_SHARE, self.random_state)
-        windows = windows_for_wear = windows_to_learn(recordings, turnings, repeated, windower)
-        if repeated and self.wear_um is not None:
-            windows_for_wear = windows_to_learn(recordings, turnings, (), windower)
+            angles = angles_to_learn(recordings, turnings, repeated, n_lobes)
+        windows = windows_for_wear = windows_at(recordings, angles, windower)
+        if angles is not once and self.wear_um is not None:
+            windows_for_wear = windows_at(recordings, once, windower)
         if by_network and self.wear_um is not None:
             # Runs make the count. The windows of a recording are alike: the network learns the first.
             windows = windows.part(np.flatnonzero(np.diff(windows.recording, prepend=-1)))
@@ -510,13 +514,8 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             text += f", with at least {least.samples_per_turn_} samples per input turn"
         return text
 
-    def check_recording(self, recording: Recording) -> None:
-        """Raise ``ValueError`` if the recording's quantity or number of lobes is not the model's.
-
-        Parameters
-        ----------
-        recording : Recording
-        """
+    def _check_recording(self, recording: Recording) -> None:
+        """Raise ``ValueError`` if the recording's quantity or number of lobes is not the model's."""
         quantity = self.card_.get("quantity", "output_torque")
         if recording.quantity != quantity:
             raise ValueError(
@@ -542,7 +541,7 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         WindowSet
         """
         check_is_fitted(self)
-        self.check_recording(recording)
+        self._check_recording(recording)
         model = self.suited_to(recording)
         return model.windower_.windows([recording], [turning_of(recording, self.n_lobes_).angle])
 
@@ -632,7 +631,7 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
 
     def _prepare_windows(self, recording: Recording) -> PreparedWindows:
         """Cut a recording that suits the model into windows, and look for faults."""
-        self.check_recording(recording)
+        self._check_recording(recording)
         recording = recording.for_counting()
         turning = turning_of(recording, self.n_lobes_)
         windows = self.windower_.windows([recording], [turning.angle])
@@ -653,7 +652,7 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         length = windows.X.shape[1], windows.sampling_rate
         stops = ends_by_angle(windows.start_angle, *length, turning.angle, recording.sampling_rate)
         faults = window_faults(recording, windows, stops, self.n_lobes_)
-        doubt = turning.doubt or self.untrained_speed(turning.speed_hz)
+        doubt = turning.doubt or self._untrained_speed(turning.speed_hz)
         return PreparedWindows(windows, stops, faults, doubt, tuple(notes), float(windows.start_angle[0]))
 
     def _count_prepared(self, batch: Sequence[PreparedWindows]) -> list[LobeCount]:
@@ -737,7 +736,7 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             return []
         X = np.concatenate([prepared.windows.X for prepared in batch])
         # Lobe lines and features take most of the time: locator and domain reuse those of the counter.
-        counter, lines, features = self.counter_, None, None
+        counter, lines = self.counter_, None
         if isinstance(counter, LobeCounter):
             lines = counter.lobe_map_.lines(X)
             features = counter.lobe_map_.from_lines(lines)
@@ -747,12 +746,16 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             proba, features = np.asarray(counter[-1].predict_proba(transformed)), np.asarray(transformed)
         else:
             proba = np.asarray(counter.predict_proba(X))
-            features = None if self.domain_ is None else features_seen(counter, X)
+            features = features_seen(counter, X)
         distances, unlike = np.full(len(X), np.nan), [OUTSIDE] * len(X)
-        if self.domain_ is not None and features is not None:
+        if self.domain_ is not None:
             distances = self.domain_.distance(features)
             outside = np.flatnonzero(distances > 1)
-            for place, words in zip(outside, self._words_of_unlike(features[outside]), strict=True):
+            names = feature_words(counter, features.shape[1]) if outside.size else []
+            ranks = self.domain_.rank_unlike(features[outside]).tolist() if outside.size else []
+            for place, rank in zip(outside.tolist(), ranks, strict=True):
+                # The two lines or slots by which it differs most from the training.
+                words = " and ".join([*dict.fromkeys(names[at] for at in rank)][:2])
                 unlike[place] = f"{OUTSIDE}: {distances[place]:.2f} times the limit, most by {words}"
         ends = [0, *np.cumsum([len(prepared.windows) for prepared in batch]).tolist()]
         rows = [slice(start, stop) for start, stop in pairwise(ends)]
@@ -776,15 +779,6 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             for prepared, row, lobes in zip(batch, rows, located, strict=True)
         ]
 
-    def _words_of_unlike(self, features: Float) -> list[str]:
-        """Return for each window the two lines or slots by which it differs most from the training."""
-        assert self.domain_ is not None
-        if not len(features):
-            return []
-        names = feature_words(self.counter_, features.shape[1])
-        ranks = self.domain_.rank_unlike(features).tolist()
-        return [" and ".join([*dict.fromkeys(names[at] for at in rank)][:2]) for rank in ranks]
-
     @property
     def _deciding_part(self) -> Any:
         """The counter, or what decides behind a lobe map, which learns nothing from other windows."""
@@ -793,18 +787,8 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             return counter[1]
         return counter
 
-    def untrained_speed(self, speed_hz: float) -> str:
-        """Return why a mean speed is not one of training; else empty.
-
-        Parameters
-        ----------
-        speed_hz : float
-            Mean speed of the input shaft in turns per second.
-
-        Returns
-        -------
-        str
-        """
+    def _untrained_speed(self, speed_hz: float) -> str:
+        """Return why a mean speed of the input shaft is not one of training; else empty."""
         low, high = self.card_["speeds_rpm"]
         rpm = 60 * speed_hz
         if low * (1 - SPEED_MARGIN) <= rpm <= high * (1 + SPEED_MARGIN):
@@ -855,11 +839,9 @@ def _label_recordings(
     if groups is not None:
         assemblies = np.asarray(groups).tolist()
         known = [one.replace(assembly=name) for one, name in zip(known, assemblies, strict=True)]
-    if y is None:
-        if any(recording.defect_count is None for recording in known):
-            raise ValueError("recordings must all state their defect_count to train on, some do not")
-        return known, {count: count for count in {int(r.defect_count or 0) for r in known}}
-    labels = np.asarray(y).tolist()
+    labels = [one.defect_count for one in known] if y is None else np.asarray(y).tolist()
+    if None in labels:
+        raise ValueError("recordings must all state their defect_count to train on, some do not")
     known = [
         recording if recording.defect_count is not None else recording.replace(defect_count=label)
         for recording, label in zip(known, labels, strict=True)
@@ -867,16 +849,9 @@ def _label_recordings(
     # cross_val_predict numbers the classes for predict_proba: other labels of the same counts.
     counts = [int(recording.defect_count or 0) for recording in known]
     label_of = dict(zip(counts, labels, strict=True))
-    stored = [label_of[count] for count in counts]
-    if stored != labels or len({*stored}) < len(label_of):
+    if [label_of[count] for count in counts] != labels or len({*labels}) < len(label_of):
         raise ValueError("y contradicts the defect_count of recordings: leave one of them out")
     return known, label_of
-
-
-def _parts(X: Float) -> Iterator[Float]:
-    """Yield windows in parts of moderate size."""
-    n_at_once = max(1, _BATCH_SAMPLES // X.shape[1])
-    return (X[first : first + n_at_once] for first in range(0, len(X), n_at_once))
 
 
 def _value_range(values: Sequence[float]) -> list[float] | None:

@@ -79,7 +79,7 @@ class LobeStream:
             "quantity": str(model.card_.get("quantity", "output_torque")),
         }
         nothing = Recording(np.zeros(8), self.sampling_rate, **self._labels)
-        model.check_recording(nothing)  # quantity and number of lobes
+        model._check_recording(nothing)  # quantity and number of lobes
         if speed_rpm is not None:
             self.model = model.suited_to(nothing)
         self._block = 0
@@ -196,7 +196,7 @@ class LobeStream:
             )
         if self._angles is not None:
             turns = (self._angles[1] - self._angles[0]) / (2 * np.pi)
-            doubt = self.model.untrained_speed(turns / (self._n_samples - 1) * self.sampling_rate)
+            doubt = self.model._untrained_speed(turns / (self._n_samples - 1) * self.sampling_rate)
         else:
             assert self.block_turns is not None
             blocks = number_of(self.block_turns, "output turn")
@@ -227,8 +227,7 @@ class LobeStream:
             if len(self._run) >= wear.n_windows:  # the window completes a run
                 of_run = wear.answers(np.array(self._run), [""] * len(self._run))
                 self._run = []
-        answered = dataclasses.replace(answered, runs=of_run)
-        self._keep_answers(answered.shift_time(window.first_sample / self.sampling_rate))
+        self._keep_answers(dataclasses.replace(answered, runs=of_run), window.first_sample)
 
     def _count_blocks(self, torque: Float) -> None:
         """Count the blocks that the samples complete."""
@@ -247,12 +246,16 @@ class LobeStream:
                 (answered,) = self.model._answer_windows([prepared])
                 faults = tuple(fault or prepared.doubt for fault in answered.faults)
                 answered = dataclasses.replace(answered, faults=faults, lobe_proba=None)
-                self._keep_answers(answered.shift_time((first + begin - self._block) / self.sampling_rate))
+                self._keep_answers(answered, first + begin - self._block)
         finally:
             self._pieces = [joined[begin:].copy()]
             self._n_kept = self._pieces[0].size
 
-    def _keep_answers(self, answered: AnsweredWindows) -> None:
+    def _keep_answers(self, answered: AnsweredWindows, first_sample: int) -> None:
+        start_s, stop_s = (
+            ends + first_sample / self.sampling_rate for ends in (answered.start_s, answered.stop_s)
+        )
+        answered = dataclasses.replace(answered, start_s=start_s, stop_s=stop_s)
         self._answers.append(answered)
         classes: NDArray[np.int64] = self.model.counter_.classes_
         self._counted += answered.window_counts(classes, answered.window_reasons())
