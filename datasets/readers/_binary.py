@@ -17,8 +17,14 @@ from numpy.typing import NDArray
 
 from cyclofeat._base.quantities import QUANTITY_UNITS
 from cyclofeat.datasets.readers import _words as words
-from cyclofeat.datasets.readers._columns import Channel, Source
-from cyclofeat.datasets.readers._damage import check_claim, check_unpacked, explain_damage, open_with
+from cyclofeat.datasets.readers._columns import (
+    Channel,
+    Source,
+    check_claim,
+    check_unpacked,
+    explain_damage,
+    open_with,
+)
 from cyclofeat.recordings import Recording
 
 _Header: TypeAlias = tuple[str, tuple[int, ...], np.dtype[Any]]  # name in the archive, shape and dtype
@@ -38,10 +44,9 @@ def open_npz(path: Path) -> Source:
     small = {name: _read_array(path, headers[name]) for name in _RESERVED & headers.keys()}
     rates = []
     if (rate := small.get("sampling_rate")) is not None:
-        where = f"{path.name}: array 'sampling_rate'"
         if rate.size != 1 or rate.dtype.kind not in "iuf":
-            raise ValueError(f"{where} must be one number in Hz, got {rate!r}")
-        words.check_rate(rate.item(), where)
+            raise ValueError(f"array 'sampling_rate' must be one number in Hz, got {rate!r}")
+        words.check_rate(rate.item(), "array 'sampling_rate'")
         rates.append((float(rate.item()), "array 'sampling_rate'"))
     labels = {key: small[key].tolist() for key in (*words.LABELS, words.WORN) if key in small}
     if "meta" in labels:
@@ -49,14 +54,14 @@ def open_npz(path: Path) -> Source:
         with suppress(TypeError, ValueError):
             labels["meta"] = json.loads(text)
         if not isinstance(labels["meta"], dict):
-            raise ValueError(f"{path.name}: array 'meta' must be a JSON object as text, got {text!r}")
+            raise ValueError(f"array 'meta' must be a JSON object as text, got {text!r}")
     version = small[words.FORMAT_KEY].tolist() if words.FORMAT_KEY in small else None
-    labels = words.labels_of_file(path.name, labels, version)
-    angle_unit = str(small["angle_unit"].tolist()) if "angle_unit" in small else None
-    if angle_unit not in (None, "rad", "deg"):
-        raise ValueError(f"{path.name}: array 'angle_unit' must be 'rad' or 'deg', got {angle_unit!r}")
+    labels = words.labels_of_file(labels, version)
+    angle_unit = None if version is None else "rad"
+    if "angle_unit" in small and (angle_unit := str(small["angle_unit"].tolist())) not in ("rad", "deg"):
+        raise ValueError(f"array 'angle_unit' must be 'rad' or 'deg', got {angle_unit!r}")
     if version is not None and not rates:
-        raise ValueError(f"{path.name}: no sampling rate: add an array 'sampling_rate'")
+        raise ValueError("no sampling rate: add an array 'sampling_rate'")
     channels = []
     for name, header in headers.items():
         _, shape, dtype = header
@@ -72,10 +77,8 @@ def open_npz(path: Path) -> Source:
         elif channel.base.endswith("angle"):
             channel.unit = channel.unit or angle_unit
         channels.append(channel)
-    own = None if version is None else labels | {"sampling_rate": rates[0][0]}
-    return Source(
-        path.name, channels, "array", by_index=False, labels=own, other_labels=labels, angle_unit="rad"
-    )
+    own = version is not None
+    return Source(path.name, channels, "array", by_index=False, labels=labels, is_own=own, angle_unit="rad")
 
 
 def load_arrays(path: Path) -> dict[str, NDArray[Any]]:
@@ -163,7 +166,7 @@ def open_parquet(path: Path) -> Source:
     if rate is not None:
         with suppress(ValueError):
             rate = float(rate)
-        words.check_rate(rate, f"{path.name}: metadata 'sampling_rate'")
+        words.check_rate(rate, "metadata 'sampling_rate'")
         rates = [(rate, "metadata 'sampling_rate'")]
 
     def read_column(name: str, kind: str, usable: bool) -> NDArray[Any]:

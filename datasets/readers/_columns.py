@@ -1,11 +1,16 @@
-"""Channels of files, which of them holds the torque, and how their values are read."""
+"""Channels of files, which of them holds the torque, and how files are opened and their values read."""
 
 from __future__ import annotations
 
 import math
+import re
 import reprlib
-from collections.abc import Callable, Collection, Sequence
+import warnings
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -21,6 +26,11 @@ ANGLE_REMEDY = "give angle_unit='rad', 'deg' or 'rev', or angle_channel=False to
 # Names that a message lists, and what it quotes of each.
 _MOST_NAMES, _SHORT_NAMES = 40, reprlib.Repr()
 _SHORT_NAMES.maxstring = 100
+# Deflate, the strongest compression of these files, packs at most 1032:1. A small file that claims more is
+# damaged, or made to fill the memory.
+_LARGEST_RATIO, _ALWAYS_ALLOWED = 1100, 2**26
+# Records pack at most so tightly; what unpacks to more is refused above a size that memories hold.
+_USUAL_RATIO, LARGEST_UNPACKED = 30, 2 * 10**9
 _CHOICES: dict[str, Collection[str]] = {
     "quantity": QUANTITIES, "time_unit": words.TIME_UNITS, "angle_unit": words.ANGLE_UNITS,
     "decimal": (",", "."), "delimiter": (",", ";", "\t", " "), "gaps": ("refuse", "cut"),
@@ -100,36 +110,29 @@ class Channel:
 
 @dataclass
 class Source:
-    """Channels of a file, and its labels: in ``labels`` if :func:`write_recording` wrote it."""
+    """Channels and labels of a file; its name is added to all errors by ``name_errors``."""
 
     file: str
     channels: list[Channel]
     noun: str = "channel"
     by_index: bool = True  # channels have an order that people can count
     named: bool = True
-    labels: dict[str, Any] | None = None
-    other_labels: dict[str, Any] = field(default_factory=dict)
+    labels: dict[str, Any] = field(default_factory=dict)
+    is_own: bool = False  # written by write_recording
     angle_unit: str | None = None  # of an angle that states none
 
     def call(self, channel: Channel) -> str:
         """Return what messages call a channel."""
-        return f"{self.file}: {self.noun} {channel.name!r}"
+        return f"{self.noun} {channel.name!r}"
 
     def column_values(self, channel: Channel, read: NDArray[Any] | None = None) -> Float:
         """Return a channel's numbers; raise ``ValueError`` unless real, finite and at least two."""
-        called, values = self.call(channel), channel.read() if read is None else read
-        if values.dtype.kind not in "iuf" or values.ndim != 1:
-            raise ValueError(
-                f"{called} must be 1-D and hold real numbers, got shape {values.shape} of dtype "
-                f"{values.dtype}"
-            )
-        if values.size < 2:
-            raise ValueError(f"{called} must hold at least 2 samples, got {values.size}")
-        numbers = np.asarray(values, dtype=np.float64)
-        if not np.all(np.isfinite(numbers)):
-            where = int(np.argmax(~np.isfinite(numbers)))
-            raise ValueError(f"{called} must be finite, got {numbers[where]} at {channel.place(where)}")
-        return numbers
+        values = channel.read() if read is None else read
+        try:
+            return checks.number_series(self.call(channel), values, 2)
+        except (TypeError, ValueError) as error:
+            where = re.sub(r"sample (\d+)$", lambda match: channel.place(int(match[1])), str(error))
+            raise ValueError(where) from None
 
     def list_names(self, channels: Sequence[Channel] | None = None) -> str:
         """Return the names of channels, by default of all, for messages."""
@@ -157,15 +160,13 @@ class Source:
             if self.by_index:
                 which = f"{[self.channels.index(channel) for channel in matches]}; give one index"
             problem = f"fits several {self.noun}s: {which}"
-        raise ValueError(f"{self.file}: {argument} = {wanted!r} {problem}")
+        raise ValueError(f"{argument} = {wanted!r} {problem}")
 
     def find_only(self, argument: str, matches: Sequence[Channel]) -> Channel | None:
         """Return the only match, or None without one; raise ``ValueError`` for several."""
         if len(matches) > 1:
-            raise ValueError(
-                f"{self.file}: {argument}= must be given, since several {self.noun}s fit: "
-                f"{self.list_names(matches)}"
-            )
+            which = self.list_names(matches)
+            raise ValueError(f"{argument}= must be given, since several {self.noun}s fit: {which}")
         return matches[0] if matches else None
 
     def find_torque(
@@ -177,7 +178,7 @@ class Source:
         is taken only if both the channel and the quantity were stated.
         """
         if not self.channels:
-            raise ValueError(f"{self.file} holds no {self.noun}")
+            raise ValueError(f"the file holds no {self.noun}")
         sought = quantity or "output_torque"
         if wanted is None:
             free = [channel for channel in self.channels if channel not in others]
@@ -192,9 +193,9 @@ class Source:
             known = [channel for channel in usable if words.states_quantity(channel.base, channel.unit)]
             only = next((channels for channels in (usable, known) if len(channels) == 1), None)
             if only is None:
+                name = in_words(quantity) if quantity else "torque"
                 raise ValueError(
-                    f"{self.file}: channel= must be given, to say which {self.noun} is the "
-                    f"{in_words(quantity) if quantity else 'torque'}: {self.list_names()}"
+                    f"channel= must be given, to say which {self.noun} is the {name}: {self.list_names()}"
                 )
             channel = only[0]
         else:
@@ -241,13 +242,71 @@ class Source:
         """Radians per unit of the angle's channel, and whether that is assumed."""
         known, stated = words.ANGLE_UNITS, channel.unit
         if stated in known and angle_unit not in (None, stated):
-            raise ValueError(
-                f"{self.file}: angle_unit = {angle_unit!r} contradicts the {self.noun} {channel.name!r}, "
-                f"which is in {stated}"
-            )
+            raise ValueError(f"angle_unit = {angle_unit!r} contradicts its unit, {stated}")
         unit = angle_unit or stated or self.angle_unit
         if unit not in known:
-            raise ValueError(
-                f"{self.call(channel)} does not state its unit (rad, deg or rev); {ANGLE_REMEDY}"
-            )
+            raise ValueError(f"angle does not state its unit (rad, deg or rev); {ANGLE_REMEDY}")
         return known[unit], angle_unit is None and stated is None
+
+
+def check_claim(path: Path, n_bytes: int) -> None:
+    """Raise ``ValueError`` where a file claims more data than one of its size can hold."""
+    if n_bytes > max(_LARGEST_RATIO * path.stat().st_size, _ALWAYS_ALLOWED):
+        raise ValueError(
+            f"{path.name} is damaged: it claims {n_bytes / 1e9:.3g} GB of data in {path.stat().st_size} bytes"
+        )
+
+
+def check_unpacked(path: Path, n_bytes: int, of_it: str = "") -> None:
+    """Raise ``ValueError`` where a compressed file unpacks to over 2 GB and over 30 times its size."""
+    limit = max(LARGEST_UNPACKED, _USUAL_RATIO * path.stat().st_size)
+    if n_bytes > limit:
+        raise ValueError(
+            f"{path.name} takes {n_bytes / 1e9:.3g} GB when unpacked{of_it}; at most {limit / 1e9:.3g} GB "
+            f"are unpacked from {path.stat().st_size / 1e6:.3g} MB: split it, or save it unpacked"
+        )
+
+
+@contextmanager
+def name_errors(name: str) -> Iterator[None]:
+    """Begin the texts of errors with what they are of, a file or a channel."""
+    try:
+        yield
+    except (TypeError, ValueError) as error:
+        text, kind = str(error), TypeError if isinstance(error, TypeError) else ValueError
+        if re.match("(angle|signal) must", text):
+            text += " (angle_channel=False leaves the angle out)"
+        raise kind(text if text.startswith(name) else f"{name}: {text}") from None
+
+
+@contextmanager
+def explain_damage(path: Path, kind: str) -> Iterator[None]:
+    """Raise ``ValueError`` that calls the file damaged for whatever a library raises while it reads."""
+    try:
+        yield
+    except (MemoryError, PermissionError, ImportError):
+        raise
+    except Exception as error:  # libraries let all kinds of exceptions through where a file is damaged
+        if isinstance(error, ValueError) and path.name in str(error):
+            raise
+        text = " ".join(str(error).split())
+        text = text if len(text) <= 200 else f"{text[:200]}..."  # some quote what they found, at any length
+        raise ValueError(
+            f"{path.name} is damaged, it cannot be read as {kind} ({type(error).__name__}: {text})"
+        ) from None
+
+
+@contextmanager
+def open_with(
+    path: Path, kind: str, library: str, open_file: Callable[[Any], AbstractContextManager[Any]]
+) -> Iterator[Any]:
+    """Open a file with the module of a library, which may not be installed; explain damage meanwhile."""
+    package = {"nptdms": "npTDMS"}.get(library, library.partition(".")[0])
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # of libraries that these import
+            module = import_module(library)
+    except ImportError:
+        raise ImportError(f"reading {path.name} as {kind} needs {package}: pip install {package}") from None
+    with explain_damage(path, kind), open_file(module) as file:
+        yield file

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import QUANTITIES, from_1, join_errors
-from cyclofeat.datasets.readers._csv import TextLines
+from cyclofeat.datasets.readers._columns import name_errors
+from cyclofeat.datasets.readers._csv import TextLines, split_row
 from cyclofeat.datasets.readers._read import SOURCES, file_path, read_stretches, write_recording
-from cyclofeat.datasets.readers._table import split_row
 from cyclofeat.datasets.readers._words import WORN, check_no_bare_lobes
 from cyclofeat.recordings import Recording
 
@@ -164,7 +164,8 @@ def folder_entries(path: str | os.PathLike[str]) -> list[Entry]:
     known = (file for file in folder.iterdir() if file.name.lower().endswith(tuple(SOURCES)))
     files = sorted(file for file in known if file.name != MANIFEST)
     if (folder / MANIFEST).is_file():
-        entries = _read_manifest(folder)
+        with name_errors(MANIFEST):
+            entries = _read_manifest(folder)
         if left_out := {file.name for file in files} - {entry.path.name for entry in entries}:
             shown = ", ".join(sorted(left_out)[:5]) + (", ..." if len(left_out) > 5 else "")
             warnings.warn(f"{MANIFEST} does not name {shown}: not read", stacklevel=3)
@@ -196,24 +197,24 @@ def _read_run(data: CampaignData, run: int, path: Path, **arguments: Any) -> lis
 def _read_manifest(folder: Path) -> list[Entry]:
     lines = [(number, line) for number, line in enumerate(TextLines(folder / MANIFEST), 1) if line.strip()]
     if not lines:
-        raise ValueError(f"{MANIFEST} is empty; its first line names the columns: {', '.join(_COLUMNS)}")
+        raise ValueError(f"the file is empty; its first line names the columns: {', '.join(_COLUMNS)}")
     (first, names_line), *rows = lines
     delimiter = next((d for d in "\t;," if d in names_line), ",")
-    names = [name.strip().lower() for name in split_row(names_line, delimiter, MANIFEST)]
-    head = f"{MANIFEST}: line {first}"
-    check_no_bare_lobes(head, names)
-    for name in names:
-        if name not in _COLUMNS:
-            raise ValueError(f"{head}: unknown column {name!r}; known are {', '.join(_COLUMNS)}")
-        if names.count(name) > 1:
-            raise ValueError(f"{head}: column {name!r} is there {names.count(name)} times")
-    if "file" not in names:
-        raise ValueError(f"{head}: no column 'file'; columns are {', '.join(names)}")
+    names = [name.strip().lower() for name in split_row(names_line, delimiter)]
+    with name_errors(f"line {first}"):
+        check_no_bare_lobes(names)
+        for name in names:
+            if name not in _COLUMNS:
+                raise ValueError(f"unknown column {name!r}; known are {', '.join(_COLUMNS)}")
+            if names.count(name) > 1:
+                raise ValueError(f"column {name!r} is there {names.count(name)} times")
+        if "file" not in names:
+            raise ValueError(f"no column 'file'; columns are {', '.join(names)}")
     entries: list[Entry] = []
     wrong: list[str] = []
     lines_of: dict[tuple[Any, ...], int] = {}
     for number, line in rows:
-        cells = [cell.strip() for cell in split_row(line, delimiter, MANIFEST)]
+        cells = [cell.strip() for cell in split_row(line, delimiter)]
         try:
             if len(cells) != len(names):
                 raise ValueError(f"{len(names)} columns are right, got {len(cells)}")
@@ -225,9 +226,9 @@ def _read_manifest(folder: Path) -> list[Entry]:
         except ValueError as error:
             wrong.append(f"line {number}: {error}")
     if wrong:
-        raise ValueError(f"{MANIFEST}: {join_errors(wrong)}")
+        raise ValueError(join_errors(wrong))
     if not entries:
-        raise ValueError(f"{MANIFEST} names no recording")
+        raise ValueError("it names no recording")
     return entries
 
 

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat.datasets.readers import _words as words
-from cyclofeat.datasets.readers._columns import Channel, Source
-from cyclofeat.datasets.readers._damage import check_claim, explain_damage, open_with
+from cyclofeat.datasets.readers._columns import Channel, Source, check_claim, explain_damage, open_with
 
 _DEEPEST, _MOST_VARIABLES, _MOST_COLUMNS, _LONGEST = 8, 10_000, 64, 1000
 _COMPRESSED, _MATRIX = 15, 14  # types of elements

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
 from dataclasses import fields
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -15,20 +15,36 @@ from cyclofeat._base.checks import check_type
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import QUANTITIES, QUANTITY_UNITS
 from cyclofeat.datasets.readers import _words as words
-from cyclofeat.datasets.readers._columns import ANGLE_REMEDY, Channel, Float, ReadingOptions, Source
+from cyclofeat.datasets.readers._binary import (
+    open_mdf,
+    open_npz,
+    open_parquet,
+    open_universal,
+    open_wav,
+    write_npz,
+)
+from cyclofeat.datasets.readers._columns import (
+    ANGLE_REMEDY,
+    Channel,
+    Float,
+    ReadingOptions,
+    Source,
+    name_errors,
+)
+from cyclofeat.datasets.readers._csv import open_text, open_xlsx, write_csv
+from cyclofeat.datasets.readers._matlab import open_hdf5, open_matlab
+from cyclofeat.datasets.readers._tdms import open_tdms
 from cyclofeat.datasets.readers._times import time_base, time_channels
 from cyclofeat.recordings import Recording
 from cyclofeat.signal.tachometer import angle_from_pulses, continuous_angle
 
-# Function of the path that returns the channels of each kind of file, or its name in a module of this folder,
-# which is then imported when needed.
-SOURCES: dict[str, Any] = {
-    ".csv": "_csv.open_text", ".csv.gz": "_csv.open_text", ".npz": "_binary.open_npz",
-    ".tdms": "_tdms.open_tdms", ".mat": "_matlab.open_matlab", ".h5": "_matlab.open_hdf5",
-    ".hdf5": "_matlab.open_hdf5", ".mf4": "_binary.open_mdf", ".unv": "_binary.open_universal",
-    ".uff": "_binary.open_universal", ".parquet": "_binary.open_parquet", ".wav": "_binary.open_wav",
-    ".xlsx": "_csv.open_xlsx",
+# Function that returns the channels of each kind of file.
+SOURCES: dict[str, Callable[..., Source]] = {
+    ".csv": open_text, ".csv.gz": open_text, ".npz": open_npz, ".tdms": open_tdms, ".mat": open_matlab,
+    ".h5": open_hdf5, ".hdf5": open_hdf5, ".mf4": open_mdf, ".unv": open_universal, ".uff": open_universal,
+    ".parquet": open_parquet, ".wav": open_wav, ".xlsx": open_xlsx,
 }  # fmt: skip
+_TABLES = {".csv", ".csv.gz", ".xlsx"}  # whose functions take options
 # Read as these where they are named; a folder's other text files are notes.
 _TEXT_FILES = {
     **dict.fromkeys((".txt", ".asc", ".dat", ".lvm", ".log", ".tsv"), ".csv"), ".txt.gz": ".csv.gz",
@@ -135,32 +151,32 @@ def read_stretches(path: str | os.PathLike[str], **options: Any) -> list[Recordi
         known = ", ".join(sorted({*_OPTIONS, *words.LABELS}))
         raise TypeError(f"unknown option or label {min(unknown)!r}; known are {known}")
     reading = ReadingOptions(**{name: options[name] for name in options.keys() & _OPTIONS})
-    source = _open_source(path, reading)
-    parameters, angle, stretches = _read_parameters(source, reading)
-    meta = parameters.pop("meta", {}) | dict(labels.pop("meta", None) or {})
-    if labels.get("worn_lobes") is not None:
-        parameters.pop("defect_count", None)  # the file's count belongs to the file's lobes
-    elif labels.get("defect_count") is not None:
-        parameters.pop("worn_lobes", None)
-    given, torque = parameters | labels, parameters["torque"]
-    edges = [*(start for start, _ in stretches), torque.size]
-    long = [(a, b, rate) for (a, rate), b in zip(stretches, edges[1:], strict=True) if b - a > 1]
-    recordings = []
-    for number, (begin, end, rate) in enumerate(long, 1):
-        samples = torque if end - begin == torque.size else torque[begin:end]
-        part = given | {"torque": samples, "meta": dict(meta)}
-        if len(long) > 1:
-            part["meta"]["part"] = f"{number} of {len(long)}, from sample {begin}"
-            part["meta"].pop("gaps", None)  # they lie between the parts
-        part |= {"sampling_rate": rate} if "sampling_rate" not in labels else {}
-        if angle is not None:
-            part["angle"], angle_meta = _read_angle(source, angle[0], angle[1][begin:end], reading)
-            part["meta"] |= angle_meta
-        recordings.append(_make_recording(path, part))
+    with name_errors(path.name):
+        source = _open_source(path, reading)
+        parameters, angle, stretches = _read_parameters(source, reading)
+        meta = parameters["meta"] | dict(labels.pop("meta", None) or {})
+        if labels.get("worn_lobes") is not None:
+            parameters.pop("defect_count", None)  # the file's count belongs to the file's lobes
+        elif labels.get("defect_count") is not None:
+            parameters.pop("worn_lobes", None)
+        torque = parameters["torque"]
+        edges = [*(start for start, _ in stretches), torque.size]
+        long = [(a, b, rate) for (a, rate), b in zip(stretches, edges[1:], strict=True) if b - a > 1]
+        recordings = []
+        for number, (begin, end, rate) in enumerate(long, 1):
+            samples = torque if end - begin == torque.size else torque[begin:end]
+            part = parameters | {"sampling_rate": rate} | labels | {"torque": samples, "meta": dict(meta)}
+            if len(long) > 1:
+                part["meta"]["part"] = f"{number} of {len(long)}, from sample {begin}"
+                part["meta"].pop("gaps", None)  # they lie between the parts
+            if angle is not None:
+                with name_errors(source.call(angle[0])):
+                    part["angle"] = _read_angle(source, angle[0], angle[1][begin:end], reading, part["meta"])
+            recordings.append(_make_recording(part))
     return recordings
 
 
-def _make_recording(path: Path, given: dict[str, Any]) -> Recording:
+def _make_recording(given: dict[str, Any]) -> Recording:
     """Return the recording of these parameters; a falling angle is turned, an unlikely unit is an error."""
     angle, meta = given.get("angle"), given["meta"]
     if angle is not None and given.get("angle_of", "input") == "input" and angle[-1] < angle[0]:
@@ -169,13 +185,7 @@ def _make_recording(path: Path, given: dict[str, Any]) -> Recording:
         meta["angle_from"] = first + _TURNED
     for name in {"torque", "angle"} & given.keys():
         given[name].flags.writeable = False  # so that it is not copied
-    try:
-        recording = Recording(**given)
-    except TypeError as error:
-        raise TypeError(f"{path.name}: {error}") from None
-    except ValueError as error:
-        hint = " (angle_channel=False leaves the angle out)" if str(error).startswith("angle must") else ""
-        raise ValueError(f"{path.name}: {error}{hint}") from None
+    recording = Recording(**given)
     if meta.get("angle_unit_assumed"):
         # An angle without a unit may turn as fast as only degrees would.
         assert recording.angle is not None
@@ -188,8 +198,8 @@ def _make_recording(path: Path, given: dict[str, Any]) -> Recording:
         suits = recording.angle_of == "input" and nominal is not None and hertz * in_degrees > nominal**2
         if hertz > limit or suits:
             raise ValueError(
-                f"{path.name}: angle does not state its unit, and in rad it would turn at {60 * hertz:.5g} "
-                f"RPM (in deg at {60 * in_degrees:.5g} RPM); {ANGLE_REMEDY}"
+                f"angle does not state its unit, and in rad it would turn at {60 * hertz:.5g} RPM (in deg at "
+                f"{60 * in_degrees:.5g} RPM); {ANGLE_REMEDY}"
             )
     return recording
 
@@ -199,9 +209,12 @@ def list_channels(path: str | os.PathLike[str], **options: Any) -> dict[str, str
 
     Options and errors are those of :func:`read_recording`.
     """
-    reading = ReadingOptions(**{name: options[name] for name in options.keys() & _OPTIONS})
-    source = _open_source(file_path(path), reading)
-    return {channel.name: channel.unit for channel in source.channels}
+    path, reading = (
+        file_path(path),
+        ReadingOptions(**{key: options[key] for key in options.keys() & _OPTIONS}),
+    )
+    with name_errors(path.name):
+        return {channel.name: channel.unit for channel in _open_source(path, reading).channels}
 
 
 def write_recording(path: str | os.PathLike[str], recording: Recording) -> None:
@@ -233,9 +246,7 @@ def write_recording(path: str | os.PathLike[str], recording: Recording) -> None:
     check_type("recording", recording, Recording)
     if path.is_dir():
         raise ValueError(f"{path} is a directory; give a file name")
-    from cyclofeat.datasets.readers import _binary, _csv
-
-    write = {".csv": _csv.write_csv, ".npz": _binary.write_npz}.get(path.suffix.lower())
+    write = {".csv": write_csv, ".npz": write_npz}.get(path.suffix.lower())
     if write is None:
         raise ValueError(f"{path.name}: unknown kind of file {path.suffix!r}; .csv and .npz can be written")
     labels = words.labels_to_write(recording)
@@ -250,40 +261,35 @@ def file_path(path: Any) -> Path:
 
 def _open_source(path: Path, reading: ReadingOptions) -> Source:
     """Channels of a file; an error if it is not of the kind that its name says."""
-    if path.is_dir():
-        raise ValueError(f"{path} is a directory; give a file in it, or use read_folder")
     if not path.exists():
         raise FileNotFoundError(f"no such file: {path}")
     if not path.is_file():
-        raise ValueError(f"{path} is no ordinary file")
+        problem = (
+            "is a directory; give a file in it, or use read_folder" if path.is_dir() else "no ordinary file"
+        )
+        raise ValueError(problem)
     # The ending that says how the file is read; the name's own if none does.
     suffix = next((end for end in (*SOURCES, *_TEXT_FILES) if path.name.lower().endswith(end)), path.suffix)
     suffix = _TEXT_FILES.get(suffix, suffix)
     if suffix not in SOURCES:
         *others, last = SOURCES
-        raise ValueError(
-            f"{path.name}: unknown kind of file {path.suffix!r}; {', '.join(others)} and {last} can be read"
-        )
-    if path.stat().st_size == 0:
-        raise ValueError(f"{path.name} is empty")
+        raise ValueError(f"unknown kind of file {path.suffix!r}; {', '.join(others)} and {last} can be read")
     with path.open("rb") as file:
         start = file.read(16)
+    if not start:
+        raise ValueError(f"{path.name} is empty")
     looks = next((kinds for begin, *kinds in _SIGNATURES if start.startswith(begin)), [suffix])
     if suffix not in looks:
         kinds = " or ".join(looks)
-        raise ValueError(
-            f"{path.name} is no {suffix} file: it begins like a {kinds} file"
-            + (f"; rename it to end in {kinds}" if looks[0] in SOURCES else "")
-        )
-    module, open_file = "", SOURCES[suffix]
-    if isinstance(open_file, str):
-        module, function = open_file.split(".")
-        open_file = getattr(import_module(f"cyclofeat.datasets.readers.{module}"), function)
+        remedy = f"; rename it to end in {kinds}" if looks[0] in SOURCES else ""
+        raise ValueError(f"not a {suffix} file: it begins like a {kinds} file{remedy}")
+    open_file = SOURCES[suffix]
+    if suffix in _TABLES:
+        return open_file(path, reading)
     for name in ("delimiter", "decimal", "table_line"):
-        if module != "_csv" and (value := getattr(reading, name)) is not None:
-            raise ValueError(f"{name} is for CSV files, got {value!r} for {path.name}")
-    source: Source = open_file(path, reading) if module == "_csv" else open_file(path)
-    return source
+        if (value := getattr(reading, name)) is not None:
+            raise ValueError(f"{name} is for CSV files, got {value!r}")
+    return open_file(path)
 
 
 def _read_parameters(
@@ -294,30 +300,24 @@ def _read_parameters(
     if reading.time_channel is not None and not reading.without_times:
         others.append(source.find_channel("time_channel", reading.time_channel))
     angle = _find_angle(source, reading)
-    labels = dict(source.other_labels if source.labels is None else source.labels)
-    stated = labels.get("quantity")
+    stated = source.labels.get("quantity")
     if stated is not None and reading.quantity not in (None, stated):
-        raise ValueError(
-            f"{source.file}: quantity = {reading.quantity!r} contradicts the file, which says {stated!r}"
-        )
-    sought = reading.quantity or stated
-    quantity = sought or QUANTITIES[0]
-    torque = source.find_torque(reading.channel, [*others, angle], sought)
+        raise ValueError(f"quantity = {reading.quantity!r} contradicts the file, which says {stated!r}")
+    quantity = reading.quantity or stated or QUANTITIES[0]
+    torque = source.find_torque(reading.channel, [*others, angle], reading.quantity or stated)
     factor, unit = source.unit_factor(torque, reading.scale, quantity)
     # The rate first: it is known without reading a long record.
     stretches, meta = time_base(source, torque, reading)
     samples = source.column_values(torque)
     samples = samples if factor == 1 else samples * factor
     meta |= {"unit": unit} if unit not in (None, QUANTITY_UNITS[quantity]) else {}
-    if source.labels is None:
+    if not source.is_own:
         meta |= {"file": source.file, "channel": torque.name, "unit_assumed": unit is None} | torque.meta
         meta |= {"scale": factor} if factor != 1 else {}
-        meta |= labels.get("meta", {})
-    else:
-        if reading.sampling_rate is None:
-            meta.pop("rate_from")
-        meta = labels.get("meta", {}) | meta
-    parameters = {"torque": samples, "quantity": quantity} | labels | {"meta": meta}
+    elif reading.sampling_rate is None:
+        meta.pop("rate_from")
+    meta = source.labels.get("meta", {}) | meta
+    parameters = {"quantity": quantity} | source.labels | {"torque": samples, "meta": meta}
     if angle is None:  # then the file's labels of the angle are void
         return {key: x for key, x in parameters.items() if not key.startswith("angle")}, None, stretches
     parameters.setdefault("angle_of", "disc" if angle.base in words.DISC_ANGLE_NAMES else "input")
@@ -338,32 +338,25 @@ def _find_angle(source: Source, reading: ReadingOptions) -> Channel | None:
     angle = source.find_only("angle_channel", [x for x in source.channels if x.base in names])
     if angle is None and content:
         raise ValueError(
-            f"{source.file}: angle_channel= must be given, to say which {source.noun} holds the {content}: "
+            f"angle_channel= must be given, to say which {source.noun} holds the {content}: "
             f"{source.list_names()}"
         )
     return angle
 
 
 def _read_angle(
-    source: Source, channel: Channel, values: Float, reading: ReadingOptions
-) -> tuple[Float, dict[str, Any]]:
-    """Return the angle in rad by values of a channel, and what was done for it."""
-    meta: dict[str, Any] = {}
-    try:
-        if reading.pulses_per_turn is not None:
-            return angle_from_pulses(values, reading.pulses_per_turn), {"angle_from": "follows from pulses"}
-        if reading.counts_per_turn is not None:
-            factor = 2 * math.pi / reading.counts_per_turn
-        else:
-            factor, assumed = source.angle_factor(channel, reading.angle_unit)
-            if assumed and source.labels is None:  # by the layout of written files it is in rad
-                meta["angle_unit_assumed"] = True
-        given = values * factor
-        angle = continuous_angle(given)
-    except ValueError as error:
-        if str(error).startswith(source.file):
-            raise
-        raise ValueError(
-            f"{source.call(channel)}: {error} (angle_channel=False leaves the angle out)"
-        ) from None
-    return angle, meta if angle is given else meta | {"angle_from": "was made continuous"}
+    source: Source, channel: Channel, values: Float, reading: ReadingOptions, meta: dict[str, Any]
+) -> Float:
+    """Return the angle in rad by values of a channel; ``meta`` then says what was done for it."""
+    if reading.pulses_per_turn is not None:
+        meta["angle_from"] = "follows from pulses"
+        return angle_from_pulses(values, reading.pulses_per_turn)
+    if reading.counts_per_turn is not None:
+        factor = 2 * math.pi / reading.counts_per_turn
+    else:
+        factor, assumed = source.angle_factor(channel, reading.angle_unit)
+        meta |= {"angle_unit_assumed": True} if assumed else {}
+    given = values * factor
+    angle = continuous_angle(given)
+    meta |= {} if angle is given else {"angle_from": "was made continuous"}
+    return angle

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat.datasets.readers import _words as words
-from cyclofeat.datasets.readers._columns import Channel, Source
-from cyclofeat.datasets.readers._damage import open_with
+from cyclofeat.datasets.readers._columns import Channel, Source, open_with
 
 _LEAD_IN = 28
 _BIG_ENDIAN = 1 << 6

@@ -67,8 +67,7 @@ def time_base(
     starts = torque.segments() if cut and torque.segments else [(0, 0.0)]
     if len(starts) > 1 and given is None:
         return starts, {"rate_from": "the segments"}
-    rates = torque.rates if source.labels is None else [(source.labels["sampling_rate"], "header")]
-    stated, times = [Statement(rate, where) for rate, where in rates], list[Statement]()
+    stated, times = [Statement(rate, where) for rate, where in torque.rates], list[Statement]()
     meta, notes, foreign = dict[str, Any](), list[str](), ""
     for channel in _candidates(source, torque, reading):
         name = f"time {source.noun} {channel.name!r}"
@@ -78,7 +77,7 @@ def time_base(
                 "it belongs to another one"
             )
             if asked is not None and given is None:
-                raise ValueError(f"{source.file}: {foreign}")
+                raise ValueError(foreign)
             continue
         try:
             statement, found, jitter = _times_statement(source, channel, reading, stated)
@@ -92,21 +91,21 @@ def time_base(
             if gaps:
                 meta["gaps"] = gaps[:_MOST_GAPS]
                 starts = [(0, 0.0), *((place, 0.0) for place, _ in gaps)] if cut else starts
-            notes.append(str(error).partition("; ")[0].removeprefix(f"{source.file}: "))
+            notes.append(str(error).partition("; ")[0])
             times += [Statement(usual, name)] if usual else []
     statements = times if asked is not None and times else [*stated, *times]
     if given is not None:
         taken, chosen = [Statement(float(given), "argument")], "sampling rate given"
     elif not statements:
         raise ValueError(
-            f"{source.file}: no sampling rate{': ' * bool(foreign)}{foreign}; give sampling_rate= (Hz), or "
+            f"no sampling rate{': ' * bool(foreign)}{foreign}; give sampling_rate= (Hz), or "
             f"time_channel= for a {source.noun} of times; {source.noun}s are {source.list_names()}"
         )
     else:
         chosen = "time channel chosen"
         taken = [statement for statement in statements if statement.agrees(statements[0].rate)]
         if len(taken) < len(statements):
-            raise ValueError(f"{source.file}: {_contradiction(statements, torque.segments is not None)}")
+            raise ValueError(_contradiction(statements, torque.segments is not None))
     rate = taken[0].rate
     notes += [
         f"the {chosen}, {rate:.6g} Hz, overrides {other.source}, which says {other.rate:.6g} Hz"
@@ -129,7 +128,7 @@ def _contradiction(statements: Sequence[Statement], cut: bool) -> str:
 
 def _candidates(source: Source, torque: Channel, reading: ReadingOptions) -> Sequence[Channel]:
     """Return the channels whose times may be those of the torque, of its own group if that has any."""
-    if reading.without_times or source.labels is not None:
+    if reading.without_times:
         return []
     if reading.time_channel is not None:
         return [source.find_channel("time_channel", reading.time_channel)]
@@ -148,14 +147,13 @@ def _times_statement(
     stated_unit, origin, assumed = reading.time_unit or channel.unit, "", False
     if values.dtype.kind in "mM":
         if values.size < 2 or np.any(np.isnat(values)):
-            raise ValueError(f"{source.file}: {name} has times missing")
+            raise ValueError(f"{name} has times missing")
         seconds = (values - values[0]) / np.timedelta64(1, "s")
     else:
         values, factor = source.column_values(channel, values), TIME_UNITS.get(stated_unit or "s", 0.0)
         if not factor:
             raise ValueError(
-                f"{source.file}: {name} must be in {', '.join(TIME_UNITS)}, got {stated_unit!r}; "
-                "give time_unit="
+                f"{name} must be in {', '.join(TIME_UNITS)}, got {stated_unit!r}; give time_unit="
             )
         if stated_unit is None:
             for low, high, unit, words in _EPOCHS:
@@ -166,7 +164,7 @@ def _times_statement(
         seconds = values - values[0]  # dates in ns would lose the digits that matter
         seconds *= factor
     del values  # each is as long as the record
-    rate, jitter = _even_rate(f"{source.file}: {name}", seconds, channel)
+    rate, jitter = _even_rate(name, seconds, channel)
     if assumed and not _is_sensible(rate):
         by_unit = {unit: rate / factor for unit, factor in TIME_UNITS.items()}
         same = [unit for unit in by_unit for statement in stated if statement.agrees(by_unit[unit])]
@@ -175,7 +173,7 @@ def _times_statement(
             units = [f"time_unit={unit!r} ({hertz:.6g} Hz)" for unit, hertz in sensible]
             units.append("time_channel='none' with sampling_rate= if it counts samples")
             raise ValueError(
-                f"{source.file}: {name} states no unit, and in s the sampling rate would be {rate:.6g} Hz; "
+                f"{name} states no unit, and in s the sampling rate would be {rate:.6g} Hz; "
                 f"give {', '.join(units)}, or time_unit='s'"
             )
         rate, assumed, origin = by_unit[same[0]], False, f" (in {same[0]})"

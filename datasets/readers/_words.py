@@ -162,39 +162,35 @@ def with_spaces(name: str) -> str:
     return re.sub(r"[\s_.\-]+", " ", name).strip()
 
 
-def labels_of_file(file: str, stated: Mapping[str, Any], version: Any = None) -> dict[str, Any]:
+def labels_of_file(stated: Mapping[str, Any], version: Any = None) -> dict[str, Any]:
     """Return the labels that a file states, with lobes counted from 0.
 
     ``version`` is that of the format, None in files that other programs wrote. ``ValueError`` if version or
     quantity are unknown, or the file's worn lobes are not counted from 1.
     """
     if version not in (None, 1, VERSION):
-        raise ValueError(
-            f"{file} is of format {version!r}, but 1 and {VERSION} can be read; update cyclofeat"
-        )
+        raise ValueError(f"it is of format {version!r}, but 1 and {VERSION} can be read; update cyclofeat")
     labels = dict(stated)
     if "quantity" in labels:
-        checks.one_of(f"{file}: quantity", labels["quantity"], QUANTITIES)
+        checks.one_of("quantity", labels["quantity"], QUANTITIES)
     if version == 1:
         return labels
-    check_no_bare_lobes(file, labels)
+    check_no_bare_lobes(labels)
     if WORN in labels:
         lobes = labels.pop(WORN)
         whole = isinstance(lobes, (list, tuple)) and all(map(checks.is_whole, lobes))
         if not whole or min(lobes, default=1) < 1:
-            raise ValueError(
-                f"{file}: {WORN} must be lobes counted from 1, like [1, 5], got {checks.repr_of(lobes)}"
-            )
+            got = checks.repr_of(lobes)
+            raise ValueError(f"{WORN} must be lobes counted from 1, like [1, 5], got {got}")
         labels["worn_lobes"] = tuple(lobe - 1 for lobe in lobes)
     return labels
 
 
-def check_no_bare_lobes(file: str, names: Collection[str]) -> None:
+def check_no_bare_lobes(names: Collection[str]) -> None:
     """Raise ``ValueError`` for a name that does not say from where the lobes are counted."""
     if "worn_lobes" in names:
         raise ValueError(
-            f"{file}: worn_lobes does not say whether lobes count from 0 or from 1: name it {WORN} and "
-            "count from 1"
+            f"worn_lobes does not say whether lobes count from 0 or from 1: name it {WORN} and count from 1"
         )
 
 

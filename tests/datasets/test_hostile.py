@@ -16,7 +16,7 @@ from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
 from cyclofeat.datasets import read_recording
-from cyclofeat.datasets.readers import _damage
+from cyclofeat.datasets.readers import _columns
 
 MANY = 500_000
 
@@ -92,7 +92,7 @@ HOSTILE = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", HOSTILE)
 def test_hostile_files_give_one_clear_error_in_little_memory(tmp_path, monkeypatch, name):
-    monkeypatch.setattr(_damage, "LARGEST_UNPACKED", 10**7)  # in place of 2 GB: the test stays cheap
+    monkeypatch.setattr(_columns, "LARGEST_UNPACKED", 10**7)  # in place of 2 GB: the test stays cheap
     path, content = tmp_path / name, HOSTILE[name]
     path.write_bytes(content) if isinstance(content, bytes) else content(path)
     with peak_bytes() as peak, pytest.raises(ValueError, match=name) as caught:

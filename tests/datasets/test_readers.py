@@ -17,7 +17,7 @@ from small_model import recording as burst_recording
 from small_model import shaft_model
 
 from cyclofeat.datasets import describe, read_recording, write_recording
-from cyclofeat.datasets.readers import _damage, one_line
+from cyclofeat.datasets.readers import _columns, one_line
 from cyclofeat.recordings import Recording
 
 STEADY = settings(derandomize=True, deadline=None, max_examples=20)
@@ -248,7 +248,7 @@ def test_one_missing_sample_is_noticed(tmp_path, missing):
 def test_the_angle_is_read_in_its_own_unit(tmp_path):
     path = write(tmp_path / "rig.csv", "torque,angle [deg]\n1,0\n2,90\n3,180\n")
     np.testing.assert_allclose(read_recording(path, sampling_rate=1).angle, [0, np.pi / 2, np.pi])
-    with pytest.raises(ValueError, match=r"angle_unit = 'rad' contradicts the column 'angle"):
+    with pytest.raises(ValueError, match=r"column 'angle .*: angle_unit = 'rad' contradicts its unit, deg"):
         read_recording(path, sampling_rate=1, angle_unit="rad")
     bare = write(tmp_path / "bare.csv", "torque,disc_angle\n1,0\n2,90\n3,180\n")
     recording = read_recording(bare, sampling_rate=1, angle_unit="deg")
@@ -302,7 +302,7 @@ BAD_CSV = {
     "a long row": ("a,torque\n1,2\n1,2,3\n1,2\n", "line 3 ... 2 columns ... got 3 columns"),
     "an empty line": ("torque\n1\n\n2\n", "line 3 ... 1 columns ... an empty line"),
     "one sample": ("torque\n1\n", "at least 2 samples ... got 1"),
-    "names only": ("torque,a\n", "no table of numbers in its first 1 lines ... table_line="),
+    "names only": ("torque,a\n", "no table of numbers in the first 1 lines ... table_line="),
     "blank": ("\n \n", "no row of data"),
     "an angle that leaps": (
         "torque,angle_deg\n1,200\n2,300\n3,40\n",
@@ -412,7 +412,7 @@ def test_packed_text_is_bounded_and_whole(tmp_path, monkeypatch):
     path = tmp_path / "rig.csv.gz"
     path.write_bytes(gzip.compress(content))
     assert read_recording(path, sampling_rate=1).n_samples == 300_000
-    monkeypatch.setattr(_damage, "LARGEST_UNPACKED", 1_400_000)
+    monkeypatch.setattr(_columns, "LARGEST_UNPACKED", 1_400_000)
     with pytest.raises(ValueError, match=r"rig.csv.gz takes .* GB when unpacked"):
         read_recording(path, sampling_rate=1)
     for damaged in (path.read_bytes()[:-9], content):
