@@ -63,7 +63,7 @@ class Machines:
     def courses(self, n_steps: int, dt: float) -> list[np.ndarray]:
         """Drive and load of each machine at half steps."""
         return [
-            DriveAndLoad(gearbox, 2 * n_steps + 1, dt / 2, 25_600.0, 1.0 + 7.0 * k).piece()
+            DriveAndLoad(gearbox, 2 * n_steps + 1, dt / 2, 1.0 + 7.0 * k).piece()
             for k, gearbox in enumerate(self.gearboxes)
         ]
 

@@ -81,7 +81,7 @@ def real_time() -> list[Row]:
 def kernel(gearbox: CycloidalGearbox, defects: LobeDefects) -> Work:
     """Return a run of the kernel alone, with tables, drive and load computed in advance."""
     n = round(DURATION_S / DT)
-    course = DriveAndLoad(gearbox, 2 * n + 1, DT / 2, 25_600.0).piece()
+    course = DriveAndLoad(gearbox, 2 * n + 1, DT / 2).piece()
     integration = Integration(gearbox, kernel_input(gearbox, defects), course, DT)
     return partial(integration.run, rest_state(gearbox), 0, n, np.zeros(0, dtype=int))
 

@@ -18,8 +18,6 @@ from cyclofeat.simulators.gearbox import CycloidalGearbox
 
 Float = NDArray[np.float64]
 
-_KIND = "class"
-
 
 @dataclass(frozen=True)
 class Simulator(ABC):
@@ -33,9 +31,9 @@ class Simulator(ABC):
     Notes
     -----
     Files hold the name of the class and its fields: it must be defined before they are read, and two modules
-    cannot both define one of that name. Where results
-    are kept (``cache``, :func:`cyclofeat.gap.prepare_world`), these identify the simulator: take
-    another folder after a change of its code.
+    cannot both define one of that name. Where results are kept (``cache``,
+    :func:`cyclofeat.gap.prepare_world`), these identify the simulator: take another folder after a change of
+    its code.
 
     Examples
     --------
@@ -97,18 +95,8 @@ class Simulator(ABC):
             Angle of the input shaft in rad, as a tachometer has it.
         """
 
-    def check(self) -> Self:
-        """Return the simulator itself after a check of its class and fields.
-
-        Returns
-        -------
-        Simulator
-
-        Raises
-        ------
-        TypeError
-            If it is no dataclass, or a field is no finite number, text, True or False.
-        """
+    def _check(self) -> Self:
+        """Return the simulator itself; raise TypeError for no dataclass or a field that no file can hold."""
         if "__dataclass_fields__" not in vars(type(self)):
             raise TypeError(f"{type(self).__name__} must have the decorator @dataclass(frozen=True)")
         for name, value in self.to_dict().items():
@@ -127,7 +115,7 @@ class Simulator(ABC):
         """
         fields = {one.name: getattr(self, one.name) for one in dataclasses.fields(self)}
         plain = {name: one.item() if isinstance(one, np.generic) else one for name, one in fields.items()}
-        return {_KIND: type(self).__name__, **plain}
+        return {"class": type(self).__name__, **plain}
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Simulator:
@@ -144,13 +132,11 @@ class Simulator(ABC):
 
         Raises
         ------
-        ValueError
-            If its class is not defined, or more than one module defines one of its name.
-        TypeError
-            If it has other fields.
+        TypeError, ValueError
+            If it has other fields, or not exactly one module defines its class.
         """
         given = dict(content)
-        name = given.pop(_KIND, None)
+        name = given.pop("class", None)
         known = cls._known.get(name, {})
         if not known:
             raise ValueError(
@@ -160,4 +146,4 @@ class Simulator(ABC):
             modules = " and ".join(sorted(known))
             raise ValueError(f"simulator must be of one class, but {modules} define {name}: rename one")
         (of_name,) = known.values()
-        return of_name(**given).check()
+        return of_name(**given)._check()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -10,13 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat._base.checks import repr_of
+from cyclofeat._base.checks import number, repr_of
 from cyclofeat.simulators._jit import njit
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
 Float = NDArray[np.float64]
-TimeCourse = float | ArrayLike | Callable[[Float], ArrayLike]
+TimeCourse = float | Callable[[Float], ArrayLike]
 
+_COURSE = "a number or a function of time that returns numbers"
 MARGIN = 40  # samples that a run is longer than its result, for the anti-alias filter
 
 
@@ -24,15 +24,14 @@ MARGIN = 40  # samples that a run is longer than its result, for the anti-alias 
 class Courses:
     """Input speed and load of one run over time, in place of the gearbox's.
 
-    Each is a number, an array with one value per sample of the result (linearly interpolated), or a function
-    that takes times of shape (n,) in s and returns as many values, each from its own time alone: batches ask
-    for the times of a run in pieces.
+    Each is a number, or a function that takes times of shape (n,) in s and returns as many values, each from
+    its own time alone: batches ask for the times of a run in pieces.
 
     Parameters
     ----------
-    speed, load : float, array or function of time, optional
+    speed, load : float or function of time, optional
         Input speed in rad/s and load torque in Nm. Only a number rises over the gearbox's ramp.
-    speed_fluctuation, load_fluctuation : float, array or function of time, optional
+    speed_fluctuation, load_fluctuation : float or function of time, optional
         Added to input speed (rad/s) and load torque (Nm), under the ramp.
 
     Examples
@@ -49,8 +48,8 @@ class Courses:
 class DriveAndLoad:
     """Angle (rad), speed (rad/s) and acceleration (rad/s2) of the input, and load (Nm), of one run in pieces.
 
-    At ``n`` times, ``step`` s apart from 0. Arrays among the courses are at ``sampling_rate``. Pieces follow
-    one another and stay in the processor's cache; to the last bit, they hold what the whole does.
+    At ``n`` times, ``step`` s apart from 0. Pieces follow one another and stay in the processor's cache; to
+    the last bit, they hold what the whole does.
     """
 
     def __init__(
@@ -58,19 +57,16 @@ class DriveAndLoad:
         gearbox: CycloidalGearbox,
         n: int,
         step: float,
-        sampling_rate: float,
         start_angle: float = 0.0,
         courses: Courses | None = None,
     ) -> None:
-        self.n = n
-        self._gearbox, self._step, self._rate = gearbox, step, sampling_rate
+        self.n, self._gearbox, self._step = n, gearbox, step
         courses = courses or Courses()
-        speed, load = courses.speed, courses.load
-        self._speed = self._course_function("speed", gearbox.input_speed if speed is None else speed)
-        self._load = self._course_function("load", gearbox.load_torque if load is None else load)
+        self._speed = _course_function("speed", courses.speed, gearbox.input_speed)
+        self._load = _course_function("load", courses.load, gearbox.load_torque)
         self._fluctuates = courses.speed_fluctuation is not None
-        self._faster = self._course_function("speed_fluctuation", courses.speed_fluctuation)
-        self._heavier = self._course_function("load_fluctuation", courses.load_fluctuation)
+        self._faster = _course_function("speed_fluctuation", courses.speed_fluctuation)
+        self._heavier = _course_function("load_fluctuation", courses.load_fluctuation)
         self._start_angle = start_angle
         # Angle by the part of the speed that has no formula, at the first time of the next piece.
         self._turned = 0.0
@@ -130,26 +126,13 @@ class DriveAndLoad:
             torque[:n_rising] *= time[:n_rising] / self._gearbox.ramp_time
         return block
 
-    def _course_function(self, name: str, values: TimeCourse | None) -> Callable[[Float], Float]:
-        """Return a course as a function of times that gives a number where it is one."""
-        if values is None:
-            return lambda time: np.asarray(0.0)
-        if callable(values):
-            return _OfTime(name, values)
-        course = _check_finite(name, _as_floats(name, values))
-        if course.ndim > 1:
-            raise ValueError(f"{name} as an array must have one dimension, got shape {course.shape}")
-        if course.ndim == 0:
-            return lambda time: course
-        # The last value continues, because the run is longer for the anti-alias filter.
-        needed = max(math.floor((self.n - 1) * self._step * self._rate) - MARGIN, 1)
-        if course.size < needed:
-            raise ValueError(
-                f"{name} as an array must hold one value per sample of the result, at least {needed} at "
-                f"{self._rate:g} Hz, got {course.size}"
-            )
-        times = np.arange(course.size) / self._rate
-        return lambda time: np.asarray(on_lines(time, times, course))
+
+def _course_function(name: str, course: TimeCourse | None, default: float = 0.0) -> Callable[[Float], Float]:
+    """Return a course as a function of times that gives a number where it is one."""
+    if callable(course):
+        return _OfTime(name, course)
+    value = np.asarray(number(name, default if course is None else course, _COURSE), dtype=float)
+    return lambda time: value
 
 
 class _OfTime:
@@ -160,13 +143,19 @@ class _OfTime:
         self._known: tuple[Float, Float] | None = None  # the last times of the last piece, and the values
 
     def __call__(self, time: Float) -> Float:
-        course = _as_floats(self._name, self._function(time))
-        if course.ndim > 1 or (course.ndim == 1 and course.shape != time.shape):
+        given = self._function(time)
+        try:
+            course = np.asarray(given, dtype=float)
+        except (TypeError, ValueError):
+            raise TypeError(f"{self._name} must be {_COURSE}, got {repr_of(given)}") from None
+        if course.shape not in ((), time.shape):
             raise ValueError(
-                f"{self._name} must be a number, an array or a function of time that returns one value per "
-                f"time; it gave shape {course.shape} for {time.shape[0]} times"
+                f"{self._name} must be {_COURSE}, one per time; it gave shape {course.shape} for "
+                f"{time.shape[0]} times"
             )
-        course = _check_finite(self._name, np.broadcast_to(course, time.shape))
+        if not np.all(np.isfinite(course)):
+            raise ValueError(f"{self._name} must be finite, it gave NaN or infinity")
+        course = np.broadcast_to(course, time.shape)
         if self._known is not None:
             times, values = self._known
             again = course[np.searchsorted(time, times)]
@@ -177,22 +166,6 @@ class _OfTime:
                 )
         self._known = time[-2:].copy(), course[-2:].copy()
         return course
-
-
-def _check_finite(name: str, course: Float) -> Float:
-    if not np.all(np.isfinite(course)):
-        raise ValueError(f"{name} must be finite, it gave NaN or infinity")
-    return course
-
-
-def _as_floats(name: str, values: ArrayLike) -> Float:
-    try:
-        return np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise TypeError(
-            f"{name} must be a number, an array or a function of time, and hold or return numbers, "
-            f"got {repr_of(values)}"
-        ) from None
 
 
 def _ramp_share(gearbox: CycloidalGearbox, time: Float) -> Float:

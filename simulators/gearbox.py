@@ -24,6 +24,7 @@ from cyclofeat._base.checks import (
     one_of,
     positive,
     repr_of,
+    whole,
 )
 
 Complex = NDArray[np.complex128]
@@ -33,10 +34,6 @@ RPM = 2 * math.pi / 60
 MAX_SLEEVES = 128
 CONTACT_LAWS = ("paper", "hunt_crossley", "conservative")
 
-# Errors with two components; the others have one.
-_COMPLEX = ("wheel_runouts", "cam_errors")
-_REAL = (int, float, np.integer, np.floating)
-_PLANE = (*_REAL, complex, np.complexfloating)
 # Numbers above 0, apart from those that may be 0; others have checks of their own.
 _MAY_BE_ZERO = ("internal_sleeve_mass", "input_shaft_inertia", "contact_damping", "load_torque", "ramp_time")
 _OTHER = ("shortening", "wheel_poisson_ratio", "sleeve_poisson_ratio")
@@ -314,18 +311,7 @@ class CycloidalGearbox(Replaceable):
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             name, value = field.name, getattr(self, field.name)
-            if isinstance(field.default, tuple):
-                # Errors of pins, lobes, wheels or cams as a tuple of numbers.
-                given = list_members(value)
-                what, kinds = ("complex numbers", _PLANE) if name in _COMPLEX else ("numbers", _REAL)
-                if given is None or not all(isinstance(x, kinds) and not isinstance(x, bool) for x in given):
-                    raise TypeError(
-                        f"{name} must be a sequence of {what} (m), or empty, got {repr_of(value)}"
-                    )
-                if isinstance(value, (list, np.ndarray)):
-                    given = tuple(np.asarray(value).tolist())
-                object.__setattr__(self, name, given)
-            elif isinstance(field.default, int) or name in _OTHER:
+            if name in _OTHER:
                 number(name, value)
             elif isinstance(field.default, float):
                 (not_negative if field.default == 0 or name in _MAY_BE_ZERO else positive)(name, value)
@@ -344,17 +330,20 @@ class CycloidalGearbox(Replaceable):
             )
         self._check_teeth()
         for name, length in (
-            ("pin_radial_errors", self.n_pins),
-            ("pin_tangential_errors", self.n_pins),
-            ("lobe_pitch_errors", 2 * self.n_lobes),
-            ("wheel_runouts", 2),
-            ("cam_errors", 2),
-        ):
-            values = getattr(self, name)
+            ("pin_radial_errors", self.n_pins), ("pin_tangential_errors", self.n_pins),
+            ("lobe_pitch_errors", 2 * self.n_lobes), ("wheel_runouts", 2), ("cam_errors", 2),
+        ):  # fmt: skip
+            values = list_members(getattr(self, name))
+            what, kinds = ("complex numbers", "iufc") if length == 2 else ("numbers", "iuf")
+            if values is None or any(map(np.ndim, values)) or np.asarray(values).dtype.kind not in kinds:
+                raise TypeError(
+                    f"{name} must be a sequence of {what} (m), or empty, got {repr_of(getattr(self, name))}"
+                )
             if len(values) not in (0, length):
                 raise ValueError(f"{name} must be empty or hold {length} values, got {len(values)}")
-            if values and not np.all(np.isfinite(values)):
+            if not np.all(np.isfinite(values)):
                 raise ValueError(f"{name} must be finite, got {values!r}")
+            object.__setattr__(self, name, tuple(np.asarray(values).tolist()))
 
     def __repr__(self) -> str:
         """Return the parameters that are not the defaults."""
@@ -370,19 +359,14 @@ class CycloidalGearbox(Replaceable):
         if not 0 < self.shortening < 1:
             raise ValueError(f"shortening must lie between 0 and 1, got {self.shortening!r}")
         for name, least in (("n_pins", 4), ("n_internal_sleeves", 2)):
-            value = getattr(self, name)
-            if int(value) != value or not least <= value <= MAX_SLEEVES:
-                raise ValueError(
-                    f"{name} must be a whole number from {least} to {MAX_SLEEVES}, got {value!r}"
-                )
-            object.__setattr__(self, name, int(value))
-        points = self.profile_points
-        if int(points) != points or not (points == 0 or points >= 4 * self.n_lobes):
+            object.__setattr__(self, name, whole(name, getattr(self, name), least, MAX_SLEEVES))
+        points = whole("profile_points", self.profile_points, 0)
+        if 0 < points < 4 * self.n_lobes:
             raise ValueError(
-                "profile_points must be 0 (smooth) or a whole number of corners, at least 4 per lobe "
+                "profile_points must be 0 (smooth) or a number of corners, at least 4 per lobe "
                 f"({4 * self.n_lobes}), got {points!r}"
             )
-        object.__setattr__(self, "profile_points", int(points))
+        object.__setattr__(self, "profile_points", points)
         smallest = 1 / float(self.profile.curvature(np.linspace(0, math.pi / self.n_lobes, 181)).max())
         if self.pin_radius + self.pin_clearance >= smallest:
             raise ValueError(

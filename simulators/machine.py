@@ -108,7 +108,6 @@ class Machine:
         channels: dict[str, Float],
         sampling_rate: float,
         random_state: np.random.SeedSequence,
-        from_rest: bool,
         quantity: str = "output_torque",
     ) -> dict[str, Float]:
         """Return the channels of one run after all effects on the torque; no meter measures a current."""
@@ -120,7 +119,7 @@ class Machine:
                 continue
             measured = {}
             if meter is not None:
-                context = TorqueContext(self.gearbox, channels["input_angle"], from_rest)
+                context = TorqueContext(self.gearbox, channels["input_angle"])
                 random = library.stream(random_state, *key, library.TORQUE)
                 torque = effect.change_torque(scale * channels[meter], sampling_rate, random, context)
                 measured = {meter: torque / scale}
@@ -138,7 +137,6 @@ class PlannedRun:
     random_state: np.random.SeedSequence = dataclasses.field(repr=False)  #: Seed of the run
     n_samples: int  #: Length of a record
     n_settling: int  #: Number of samples before it
-    from_rest: bool  #: True if the record begins with the start
     quantity: str = "output_torque"  #: Quantity that is measured
 
     def simulate(self) -> MachineRun:
@@ -190,7 +188,7 @@ class MachineRun:
                 "its plan_run"
             )
         channels = {name: values[:needed] for name, values in channels.items()}
-        measured = machine.measure_channels(channels, rate, plan.random_state, plan.from_rest, plan.quantity)
+        measured = machine.measure_channels(channels, rate, plan.random_state, plan.quantity)
         changes: dict[str, Any] = {
             name: np.ascontiguousarray(values[: plan.n_samples]) for name, values in measured.items()
         }

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import joblib
@@ -22,6 +21,8 @@ if TYPE_CHECKING:  # compiled only where it is asked for
 
 _Gearboxes = CycloidalGearbox | Iterable[CycloidalGearbox] | None
 _Defects = LobeDefects | Iterable[LobeDefects] | None
+# Work of one worker: the arguments of its runs by number, and the batch that makes them, if one does.
+_Task = tuple[dict[int, dict[str, Any]], "Sequence[Request] | None"]
 
 
 def simulate_many(
@@ -30,7 +31,6 @@ def simulate_many(
     *,
     start_angles: Sequence[float] | None = None,
     n_jobs: int = 1,
-    progress: Callable[[int, int], None] | None = None,
     kernel: str = "exact",
     **options: Any,
 ) -> list[SimulationRun]:
@@ -45,8 +45,6 @@ def simulate_many(
         Input angle at t = 0 of each run, in rad.
     n_jobs : int
         Number of threads; -1 for all processors. ``joblib.parallel_config`` chooses other workers.
-    progress : callable, optional
-        Called after each run with the number done and their total.
     kernel : {"exact", "batch", "auto"}
         "exact" makes each run as :func:`simulate` does, in double precision. "batch" puts one gearbox into
         each lane of the processor's vectors, in single precision: several times as fast, with errors below
@@ -105,8 +103,6 @@ def simulate_many(
             result.add_note(f"in run {index} of {len(runs)} (counted from 0)")
             raise result
         results[index] = result
-        if progress is not None:
-            progress(len(results), len(runs))
     return [results[index] for index in range(len(runs))]
 
 
@@ -122,40 +118,33 @@ def simulate_each(
     made the run.
     """
     tasks = deque(_split_tasks(runs, kernel))
-    numbers = [tuple(task.runs) for task in tasks]
+    numbers = [tuple(of_task) for of_task, _ in tasks]
     del runs  # the arguments of a run that is done, with their courses, go with their task
     workers = joblib.Parallel(n_jobs=n_jobs, prefer="threads", return_as="generator")
-    made = workers(joblib.delayed(_Task.simulate_runs)(tasks.popleft(), then) for _ in numbers)
+    made = workers(joblib.delayed(_simulate_task)(*tasks.popleft(), then) for _ in numbers)
     with stopped_quietly(made):
         for indices, results in zip(numbers, made, strict=True):
             yield from zip(indices, results, strict=True)
 
 
-@dataclass(frozen=True)
-class _Task:
-    """Work of one worker: the arguments of its runs by number, and the batch that makes them, if one does."""
+def _simulate_task(runs: dict[int, dict[str, Any]], batch: Sequence[Request] | None, then: Any) -> list[Any]:
+    """Return the runs of a task, or their failures, or what ``then`` makes of them."""
+    batched: Sequence[SimulationRun | None] = [None] * len(runs)
+    if batch is not None:
+        from cyclofeat.simulators.batch.runs import run_batch
 
-    runs: dict[int, dict[str, Any]]
-    batch: Sequence[Request] | None = None
-
-    def simulate_runs(self, then: Callable[[int, SimulationRun | SimulationFailed], Any] | None) -> list[Any]:
-        """Return the runs, or their failures, or what ``then`` makes of them."""
-        if self.batch is None:
-            runs = [_simulate_or_fail(arguments) for arguments in self.runs.values()]
-        else:
-            from cyclofeat.simulators.batch.runs import run_batch
-
-            # A run that diverges or locks has its reason from the exact kernel.
-            runs = [
-                _simulate_or_fail(arguments) if run is None else run
-                for arguments, run in zip(self.runs.values(), run_batch(self.batch), strict=True)
-            ]
-        return runs if then is None else list(map(then, self.runs, runs))
+        batched = run_batch(batch)
+    # A run that diverges or locks in a batch has its reason from the exact kernel.
+    results = [
+        _simulate_or_fail(arguments) if run is None else run
+        for arguments, run in zip(runs.values(), batched, strict=True)
+    ]
+    return results if then is None else list(map(then, runs, results))
 
 
 def _split_tasks(runs: Sequence[dict[str, Any]], kernel: str) -> list[_Task]:
     """Return batches of runs, and runs alone; the task of the earliest run first."""
-    alone = [_Task({index: run}) for index, run in enumerate(runs)]
+    alone: list[_Task] = [({index: run}, None) for index, run in enumerate(runs)]
     of_gearbox = {index: run for index, run in enumerate(runs) if run.get("simulator") is None}
     if kernel == "exact" or not of_gearbox:
         return alone
@@ -178,8 +167,8 @@ def _split_tasks(runs: Sequence[dict[str, Any]], kernel: str) -> list[_Task]:
         return alone
     tasks = [task for index, task in enumerate(alone) if index not in suited]
     for batch in batches.group_requests(suited):
-        tasks.append(_Task({index: runs[index] for index in batch}, list(batch.values())))
-    return sorted(tasks, key=lambda task: min(task.runs))
+        tasks.append(({index: runs[index] for index in batch}, list(batch.values())))
+    return sorted(tasks, key=lambda task: min(task[0]))
 
 
 def _one_each(name: str, values: Any, one: type | None) -> list[Any] | None:

@@ -141,7 +141,7 @@ class Rig(Replaceable, WithCard):
         object.__setattr__(self, "effects", library.in_chain(library.checked_effects(self.effects)))
         if self.simulator is not None:
             check_type("simulator", self.simulator, Simulator)
-            self.simulator.check()
+            self.simulator._check()
         variants = library.read_variants(self.variants, library.checked_effects)
         object.__setattr__(self, "variants", variants)
         for index, effects in enumerate(self.effect_sets()):
@@ -462,7 +462,6 @@ class Rig(Replaceable, WithCard):
         sampling_rate: float = 25_600.0,
         random_state: RandomState | None = None,
         start_angle: float | None = None,
-        settled: bool = True,
         quantity: str = "output_torque",
         **options: Any,
     ) -> SimulationRun:
@@ -480,9 +479,6 @@ class Rig(Replaceable, WithCard):
             Equal seeds give equal records, to the last bit. Default: another record each time.
         start_angle : float, optional
             Angle of the input in rad when it starts from rest. Default: random within one output turn.
-        settled : bool, default True
-            Begin the record when the assembly has settled (``simulation.settling_time``), else
-            at rest, which a rig with a motor cannot.
         quantity : {"output_torque", "input_torque", "motor_current"}, default "output_torque"
             Quantity that is measured: ``torque_out``, ``torque_in`` or ``motor_current`` of the result. The
             torque meter's effects act on the torque measured; on the input they are smaller by the reduction,
@@ -495,8 +491,8 @@ class Rig(Replaceable, WithCard):
         Returns
         -------
         SimulationRun
-            ``round(duration * sampling_rate)`` samples; the quantity and ``gearbox`` with all effects on
-            them, the other channels at the same instants.
+            ``round(duration * sampling_rate)`` samples from when the assembly has settled; the quantity and
+            ``gearbox`` with all effects on them, the other channels at the same instants.
 
         Raises
         ------
@@ -508,7 +504,7 @@ class Rig(Replaceable, WithCard):
         """
         planned = self.plan_run(
             defects, duration=duration, sampling_rate=sampling_rate, random_state=random_state,
-            start_angle=start_angle, settled=settled, quantity=quantity, **options,
+            start_angle=start_angle, quantity=quantity, **options,
         )  # fmt: skip
         return planned.simulate().record()
 
@@ -521,7 +517,6 @@ class Rig(Replaceable, WithCard):
         random_state: RandomState | None = None,
         assembly: RandomState | None = None,
         start_angle: float | None = None,
-        settled: bool = True,
         quantity: str = "output_torque",
         chains: Sequence[Sequence[Effect]] = (),
         **options: Any,
@@ -530,7 +525,7 @@ class Rig(Replaceable, WithCard):
 
         Parameters
         ----------
-        defects, duration, sampling_rate, random_state, start_angle, settled, quantity, **options
+        defects, duration, sampling_rate, random_state, start_angle, quantity, **options
             See :meth:`simulate`.
         assembly : int or numpy.random.SeedSequence, optional
             Seed of the assembly; equal seeds give the same machine. Default: ``random_state``.
@@ -562,8 +557,8 @@ class Rig(Replaceable, WithCard):
         seed = seed_sequence(random_state)
         machine = self.draw(seed if assembly is None else seed_sequence(assembly, "assembly"))
         gearbox = machine.gearbox
-        settles = settled and self.simulator is None  # a user's runs already
-        n_settling = settling_samples(gearbox, sampling_rate) if settles else 0
+        # The machine of a user's simulator already ran.
+        n_settling = settling_samples(gearbox, sampling_rate) if self.simulator is None else 0
         motor = machine.motor
         self.check_quantity(quantity)
         if quantity == "motor_current" and motor is None:
@@ -571,12 +566,9 @@ class Rig(Replaceable, WithCard):
                 "quantity must be a torque for a rig without a motor, got 'motor_current': add "
                 "motor_effects() to its effects"
             )
-        if motor is not None:
-            if not settled:
-                raise ValueError("settled must be True for a rig with a motor, which begins in steady state")
-            n_settling += math.ceil(motor.warm_up * sampling_rate)
         n_run = max(machine.measured_by(chain).samples_needed(n_samples) for chain in ((), *chains))
         if motor is not None:
+            n_settling += math.ceil(motor.warm_up * sampling_rate)
             n_run += math.ceil(_LEAD_S * sampling_rate)
         total = (n_settling + n_run) / sampling_rate
         if start_angle is None:
@@ -596,7 +588,7 @@ class Rig(Replaceable, WithCard):
             arguments["torque_in"] = True
         return PlannedRun(
             machine=machine, arguments=arguments, random_state=seed, n_samples=n_samples,
-            n_settling=n_settling, from_rest=not settled, quantity=quantity,
+            n_settling=n_settling, quantity=quantity,
         )  # fmt: skip
 
     def check_quantity(self, quantity: str) -> str:

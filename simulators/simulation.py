@@ -288,7 +288,7 @@ def simulate(
     gearbox, defects = check_machine(gearbox, defects)
     if simulator is not None:
         n, steady = round(duration * sampling_rate), gearbox.replace(ramp_time=0.0)
-        course = DriveAndLoad(steady, n, 1 / sampling_rate, sampling_rate, start_angle, courses).piece()
+        course = DriveAndLoad(steady, n, 1 / sampling_rate, start_angle, courses).piece()
         return _run_simulator(simulator, gearbox, defects, course, sampling_rate)
     solver = solver or Solver()
     check_type("solver", solver, Solver)
@@ -298,7 +298,7 @@ def simulate(
     number("start_angle", start_angle)
     one_of("start", start, ("rest", "relaxed"))
     dt, n_steps, steps = solver.dt, sampling.n_steps, sampling.steps
-    course = DriveAndLoad(gearbox, 2 * n_steps + 1, dt / 2, sampling_rate, start_angle, courses).piece()
+    course = DriveAndLoad(gearbox, 2 * n_steps + 1, dt / 2, start_angle, courses).piece()
     integration = Integration(gearbox, kernel_input(gearbox, defects), course, dt, solver.integrator)
     state = rest_state(gearbox)
     if start == "relaxed":

@@ -87,7 +87,7 @@ _OPTIONS = {field.name for field in fields(Request)} - {"gearbox", "defects", "c
 def compile_error() -> str | None:
     """Return in one line why batches cannot be compiled here, or None."""
     gearbox = CycloidalGearbox.steel()
-    course = DriveAndLoad(gearbox, 3, 5e-6, 1e5)
+    course = DriveAndLoad(gearbox, 3, 5e-6)
     constants = kernel_input(gearbox, LobeDefects.healthy())
     try:
         list(BatchIntegration([constants], [course], [rest_state(gearbox)], Solver()).pieces())
@@ -136,9 +136,7 @@ class SampledCourse:
     def __init__(self, request: Request) -> None:
         solver, sampling, stages = request.solver, request.sampling, STAGES[request.solver.integrator]
         self.n, self._step, self._time = stages * sampling.n_steps + 1, solver.dt / stages, sampling.time
-        self._whole = DriveAndLoad(
-            request.gearbox, self.n, self._step, request.sampling_rate, request.start_angle, request.courses,
-        )  # fmt: skip
+        self._whole = DriveAndLoad(request.gearbox, self.n, self._step, request.start_angle, request.courses)
         self._evaluations = stages * sampling.steps if request.motion else sampling.steps[:0]
         self.angle, self.speed = np.empty(self._time.size), np.empty(self._evaluations.size)
 
@@ -285,9 +283,7 @@ def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
     states = [rest_state(request.gearbox) for request in requests]
     if first.start == "relaxed":
         for lane, one in enumerate(requests):
-            begin = DriveAndLoad(
-                one.gearbox, 3, one.solver.dt / 2, one.sampling_rate, one.start_angle, one.courses
-            ).piece()
+            begin = DriveAndLoad(one.gearbox, 3, one.solver.dt / 2, one.start_angle, one.courses).piece()
             held = Integration(one.gearbox, one.constants, begin, one.solver.dt, one.solver.integrator)
             states[lane] = simulation.relax(held, states[lane])
     batch = BatchIntegration([request.constants for request in requests], courses, states, first.solver)

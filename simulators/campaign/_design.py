@@ -447,8 +447,8 @@ def check_middle(campaign: Campaign) -> None:
         quantiles = quantile_functions(campaign)
         rig = _rig_at(campaign, {name: float(quantile(0.5)) for name, quantile in quantiles.items()})
         planned = rig.plan_run(
-            duration=duration, sampling_rate=campaign.sampling_rate, random_state=0, settled=rig.has_motor,
-            torque_in=False, motion=False,
+            duration=duration, sampling_rate=campaign.sampling_rate, random_state=0, torque_in=False,
+            motion=False,
         )  # fmt: skip
         (run,) = sample_runs([planned], kernel=campaign.kernel)
         if isinstance(run, ValueError):

@@ -250,15 +250,6 @@ class ContactDampingForm(Effect):
             damping = damping * per_force if self.form == "hunt_crossley" else damping / per_force
         return gearbox.replace(contact_law=self.form, contact_damping=damping * self.factor)
 
-    def neutral(self) -> ContactDampingForm:
-        """Return a copy with the form of the papers, neutral on a gearbox of that form.
-
-        Returns
-        -------
-        ContactDampingForm
-        """
-        return self.with_parameters(form="paper", factor=1.0)
-
 
 class SleeveFriction(Effect):
     """Friction of the sleeves on the wheels and on their axles: Coulomb, Stribeck and viscous.

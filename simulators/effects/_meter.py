@@ -38,8 +38,8 @@ class _MeterEffect(Effect):
     def change_torque(
         self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
     ) -> Float:
-        neutral = self._neutral_values()
-        unchanged = bool(neutral) and all(getattr(self, name) == value for name, value in neutral.items())
+        sizes = {name: one.neutral for name, one in self.parameters.items() if one.neutral is not None}
+        unchanged = bool(sizes) and all(getattr(self, name) == neutral for name, neutral in sizes.items())
         if unchanged or torque.size == 0:
             return torque
         return self._distort_torque(torque, sampling_rate, random, context or TorqueContext())
@@ -54,9 +54,8 @@ class TorqueMeterLowPass(_MeterEffect):
 
     |H(f)|^2 = 1 / (1 + (f/f_c)^(2n)) with f_c = ``cutoff_hz``, below the Nyquist frequency, and n =
     ``order``, by the bilinear transform, exact at 0 and f_c; near the Nyquist frequency it falls faster than
-    the analogue filter. A record of a running machine is continued before its first sample by its mirror
-    image, so that the mean begins without a transient (of a ripple A at f above f_c, less than A f_c/f is
-    left for some 1/f_c); a machine that starts from rest had, by assumption, its first value before. The
+    the analogue filter. The record is continued before its first sample by its mirror image, so that the mean
+    begins without a transient (of a ripple A at f above f_c, less than A f_c/f is left for some 1/f_c). The
     filter's edge stays where it is and does not ring.
 
     Parameters
@@ -85,8 +84,6 @@ class TorqueMeterLowPass(_MeterEffect):
             )
         sos = butter(self.order, self.cutoff_hz, fs=rate, output="sos")
         at_one = sosfilt_zi(sos)
-        if context.from_rest:
-            return np.asarray(sosfilt(sos, torque, zi=at_one * torque[0])[0])
         decay = math.ceil(decay_time(self.cutoff_hz, self.order) * rate)
         before = torque[1 : decay + 1][::-1]
         state = at_one * (before.mean() if before.size else torque[0])

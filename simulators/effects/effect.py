@@ -57,8 +57,6 @@ class TorqueContext:
 
     gearbox: CycloidalGearbox | None = None  #: with all effects on it
     input_angle: Float | None = None  #: angle of the input shaft at each sample, in rad
-    #: The machine stood still before the first sample; else it ran as in the record.
-    from_rest: bool = False
 
 
 class Of:
@@ -389,19 +387,6 @@ class Effect(BaseEstimator):
         if values:
             changed.set_params(**values)
         return changed.check()
-
-    def neutral(self) -> Self:
-        """Return a copy whose output equals its input to the last bit.
-
-        Returns
-        -------
-        Effect
-        """
-        return self.with_parameters(**self._neutral_values())
-
-    def _neutral_values(self) -> dict[str, float]:
-        """Return the neutral value of each parameter that has one."""
-        return {name: p.neutral for name, p in self.parameters.items() if p.neutral is not None}
 
     def vector_names(self) -> list[str]:
         """Return the names of the fitted parameters, in the order of :meth:`to_vector`.

@@ -229,26 +229,15 @@ def campaign(folder: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
 
 
 def described(values: np.ndarray) -> dict[str, Any]:
-    """A column: the values of text, the distribution of numbers."""
+    """A column: how often each text occurs, or mean, deviation and range of its numbers."""
     if values.dtype.kind not in "biuf":
         found, numbers = np.unique([text_of(value) for value in values], return_counts=True)
         if len(found) > FEW_TEXTS:
             return {"texts": "many"}
         return {"texts": dict(zip(found.tolist(), numbers.tolist(), strict=True))}
-    numbers = values.astype(float)
-    known = numbers[np.isfinite(numbers)]
-    if known.size == 0:
-        return {"n": 0}
-    away = known - known.mean()
-    spread = float(known.std())
-    return {
-        "n": known.size,
-        "mean": float(known.mean()),
-        "std": spread,
-        "kurtosis": float((away**4).mean() / spread**4) if spread > 1e-12 * np.abs(known).max() else None,
-        "min": float(known.min()),
-        "max": float(known.max()),
-    }
+    known = values[np.isfinite(values)].astype(float)
+    of_known = {name: float(getattr(known, name)()) for name in ("mean", "std", "min", "max") if known.size}
+    return {"n": known.size, **of_known}
 
 
 def text_of(value: Any) -> str:

@@ -65,7 +65,7 @@ def energy_audit(
 ) -> Energies:
     """Account for the energy of a run from ``start_time`` on, without the inertia of the input shaft."""
     first, last = round(start_time / dt), round((start_time + duration) / dt)
-    course = DriveAndLoad(gearbox, 2 * last + 3, dt / 2, 1 / dt).piece()
+    course = DriveAndLoad(gearbox, 2 * last + 3, dt / 2).piece()
     integration = Integration(gearbox, kernel_input(gearbox, defects), course, dt)
     state = rest_state(gearbox)
     if first > 0:

@@ -121,8 +121,8 @@ def test_defects_of_another_type_are_refused(given: dict, message: str) -> None:
         ({"eccentricity": math.nan}, "eccentricity must be positive and finite, got nan"),
         ({"clearance": -1e-6}, "clearance must be finite and not negative, got -1e-06"),
         ({"shortening": 1.0}, "shortening must lie between 0 and 1, got 1.0"),
-        ({"n_pins": 3}, "n_pins must be a whole number from 4 to 128, got 3"),
-        ({"n_internal_sleeves": 129}, "n_internal_sleeves must be a whole number from 2 to 128, got 129"),
+        ({"n_pins": 3}, "n_pins must be at least 4, got 3"),
+        ({"n_internal_sleeves": 129}, "n_internal_sleeves must be at most 128, got 129"),
         ({"wheel_poisson_ratio": 0.7}, "wheel_poisson_ratio must lie between 0 and 0.5, got 0.7"),
         ({"contact_law": "hertz"}, "contact_law must be one of .* got 'hertz'"),
         ({"brake_inertia": 0.1}, "brake_inertia needs a meter_stiffness above 0 .* got 0"),
@@ -142,7 +142,7 @@ def test_impossible_gearboxes_are_refused(changes: dict, message: str) -> None:
     [
         ({"load_torque": [22.0]}, "load_torque must be a number, got [22.0]"),
         ({"ramp_time": True}, "ramp_time must be a number, got True"),
-        ({"profile_points": "smooth"}, "profile_points must be a number, got 'smooth'"),
+        ({"profile_points": "smooth"}, "profile_points must be a whole number, got 'smooth'"),
         (
             {"pin_radial_errors": 0.0},
             "pin_radial_errors must be a sequence of numbers (m), or empty, got 0.0",
@@ -175,10 +175,8 @@ def test_drawn_lobes_are_there(arguments: tuple, error: type, message: str, cons
         LobeDefects.drawn(1, 15, 0, consecutive=consecutive)
 
 
-def test_arrays_and_whole_floats_are_taken_as_what_they_mean() -> None:
-    gearbox = CycloidalGearbox(n_pins=16.0, pin_radial_errors=np.zeros(16), wheel_runouts=[1e-6, 2e-6j])
-    assert gearbox.n_pins == 16
-    assert isinstance(gearbox.n_pins, int)
+def test_arrays_are_taken_as_what_they_mean() -> None:
+    gearbox = CycloidalGearbox(pin_radial_errors=np.zeros(16), wheel_runouts=[1e-6, 2e-6j])
     assert gearbox.pin_radial_errors == (0.0,) * 16
     assert gearbox.wheel_runouts == (1e-6, 2e-6j)
     assert hash(gearbox) == hash(gearbox.replace())

@@ -43,17 +43,6 @@ def test_a_failure_ends_everything() -> None:
     assert error.value.__notes__ == ["in run 1 of 2 (counted from 0)"]
 
 
-def test_progress_counts_the_runs() -> None:
-    calls: list[tuple[int, int]] = []
-    simulate_many(
-        defects=DEFECTS[:2],
-        duration=0.02,
-        n_jobs=2,
-        progress=lambda done, total: calls.append((done, total)),
-    )
-    assert calls == [(1, 2), (2, 2)]
-
-
 @pytest.mark.parametrize(
     ("error", "arguments", "message"),
     [

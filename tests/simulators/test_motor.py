@@ -80,7 +80,7 @@ def together(gearbox, motor, carried, n):
     proportional, integral, lag = gains(gearbox, motor)
     constants, nothing = kernel_input(gearbox, WORN), np.zeros(0, dtype=int)
     n_before = round(START / RATE / DT)
-    course = DriveAndLoad(gearbox, 2 * n_before + 1, DT / 2, RATE).piece()
+    course = DriveAndLoad(gearbox, 2 * n_before + 1, DT / 2).piece()
     state = Integration(gearbox, constants, course, DT).run(rest_state(gearbox), 0, n_before, nothing).state
     cam = cam_inertia(gearbox)
     inertia = motor.inertia + gearbox.input_shaft_inertia + cam
@@ -316,7 +316,6 @@ class Own(Simulator):
     ("act", "words"),
     [
         (current_of, "quantity must be a torque for a rig without a motor, .* add motor_effects"),
-        (lambda: current_of(ServoMotor(), settled=False), "settled must be True for a rig with a motor"),
         (
             lambda: Rig(effects=[Cogging(), Cogging()]),
             "each effect of the motor once at most, got cogging, c",

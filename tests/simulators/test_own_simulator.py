@@ -103,7 +103,7 @@ def test_effects_on_load_speed_and_torque_act_as_on_the_gearbox() -> None:
 def test_an_effect_changes_the_simulator() -> None:
     plain, more = (rig.simulate(random_state=0, **SHORT) for rig in (OWN, OWN.with_added(Misaligned(3.0))))
     np.testing.assert_allclose(more.torque_out - 20, 3 * (plain.torque_out - 20), atol=1e-12)
-    neutral = OWN.with_added(Misaligned().neutral()).simulate(random_state=0, **SHORT)
+    neutral = OWN.with_added(Misaligned(1.0)).simulate(random_state=0, **SHORT)
     np.testing.assert_array_equal(neutral.torque_out, plain.torque_out)
     drawn = OWN.with_added(Misaligned((2.0, 4.0))).draw(5)
     assert drawn.simulator == Cardan(0.1 * drawn.effects[0].factor)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import itertools
 import math
 
 import numpy as np
@@ -27,11 +25,10 @@ from cyclofeat.simulators import (
     Scale,
     SpeedWander,
     TorqueMeterLowPass,
-    known_effects,
     simulate,
 )
 from cyclofeat.simulators.effects import Effect
-from cyclofeat.simulators.effects.effect import PLACES, TorqueContext
+from cyclofeat.simulators.effects.effect import TorqueContext
 from cyclofeat.simulators.simulation import settling_time
 
 STEEL = CycloidalGearbox.steel()
@@ -68,12 +65,6 @@ def test_effects_of_one_place_are_applied_in_the_order_given():
         np.testing.assert_array_equal(
             Rig(STEEL, effects).simulate(random_state=0, **SHORT).torque_out, expected
         )
-
-
-def test_every_pair_of_the_library_is_sorted_by_place():
-    for one, other in itertools.permutations(known_effects(proposed=True).values(), 2):
-        first, second = Rig(STEEL, [one, other]).effects
-        assert PLACES.index(first.place) <= PLACES.index(second.place)
 
 
 # It is what its steps are
@@ -118,27 +109,6 @@ def test_the_composite_is_simulate_and_the_steps_by_hand():
     np.testing.assert_array_equal(found.torque_out, torque)
     np.testing.assert_array_equal(found.input_angle, run.input_angle[skipped:])
     np.testing.assert_array_equal(found.torque_in, run.torque_in[skipped:])
-
-
-NEUTRAL = [effect.neutral() for effect in known_effects(proposed=True).values()]
-
-
-@pytest.mark.parametrize("effects", [[], NEUTRAL], ids=len)
-def test_without_effects_and_from_rest_it_is_simulate(effects):
-    options = {"duration": 0.1, "sampling_rate": FS, "start_angle": 0.7, "forces": True}
-    found = Rig(STEEL, effects).simulate(LobeDefects.worn(1), settled=False, random_state=0, **options)
-    plain = simulate(STEEL, LobeDefects.worn(1), **options)
-    for item in dataclasses.fields(plain):
-        if isinstance(getattr(plain, item.name), np.ndarray):
-            assert getattr(found, item.name).tobytes() == getattr(plain, item.name).tobytes(), item.name
-    assert found.gearbox == plain.gearbox
-
-
-def test_the_record_begins_settled_by_default():
-    run = Rig(STEEL).simulate(random_state=0, **SHORT)
-    assert run.torque_out.size == run.input_angle.size == 640
-    assert abs(run.torque_out.mean() - 22) < 0.1
-    assert Rig(STEEL).simulate(settled=False, random_state=0, **SHORT).torque_out.mean() < 6
 
 
 # Each effect in the whole

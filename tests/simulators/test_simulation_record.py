@@ -122,15 +122,6 @@ def test_duration_includes_the_ramp() -> None:
     assert run.torque_in[0] == pytest.approx(2.462e-3, rel=1e-3)
 
 
-def test_output_turns_against_the_input() -> None:
-    run = raw(duration=0.5)
-    turned = run.output_angle[-1] - run.output_angle[25_000]
-    assert turned == pytest.approx(-(run.input_angle[-1] - run.input_angle[25_000]) / 15, rel=1e-3)
-    rest = run.output_angle + run.input_angle / 15
-    assert rest[0] == 0
-    assert rest[-1] == pytest.approx(4.14e-3, rel=0.02)  # the load turns it back
-
-
 def test_start_angle_shifts_the_record() -> None:
     """Once the start has died away; a whole number of pin pitches and turns changes nothing at all."""
     steps = 3000
@@ -181,13 +172,8 @@ def test_runs_are_the_same_bit_for_bit() -> None:
         ({"decimation": "pick"}, "sampling_rate must divide 1/dt = 100000 Hz .* got 25600 Hz"),
         (
             {"load_fluctuation": lambda t: np.zeros(3)},
-            r"load_fluctuation must be a number, an array or a function of time .* it gave shape \(3,\)",
+            r"load_fluctuation must be a number or a function of time .* it gave shape \(3,\)",
         ),
-        (
-            {"load_fluctuation": np.zeros(100)},
-            "load_fluctuation as an array must hold one value per sample .* at least 256 at 25600 Hz",
-        ),
-        ({"speed": np.zeros((300, 2))}, r"speed as an array must have one dimension, got shape \(300, 2\)"),
         ({"speed": lambda t: np.full_like(t, np.nan)}, "speed must be finite, it gave NaN or infinity"),
         ({"integrator": "euler"}, "integrator must be one of 'midpoint', 'adams_bashforth', 'leapfrog', got"),
         ({"start": "anywhere"}, "start must be 'rest' or 'relaxed', got 'anywhere'"),
@@ -211,8 +197,8 @@ def test_a_solver_is_more_than_its_integrators_name() -> None:
         ({"defects": 3}, "defects must be of type LobeDefects, got 3"),
         ({"duration": "1"}, "duration must be a number, got '1'"),
         ({"start_angle": [0.0]}, r"start_angle must be a number, got \[0.0\]"),
-        ({"load": "heavy"}, "load must be a number, an array or a function of time, .* got 'heavy'"),
-        ({"speed": lambda t: "fast"}, "speed must be a number, .* return numbers, got 'fast'"),
+        ({"load": np.full(300, 22.0)}, "load must be a number or a function of time that .* got array"),
+        ({"speed": lambda t: "fast"}, "speed must be a number .* returns numbers, got 'fast'"),
     ],
 )
 def test_arguments_of_another_type_are_refused(options: dict, message: str) -> None:
