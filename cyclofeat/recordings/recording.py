@@ -119,18 +119,15 @@ class Recording(checks.Replaceable, WithCard):
             "run": _checked_label("run", self.run),
             "n_lobes": whole("n_lobes", self.n_lobes, 2),
             "source": None if self.source is None else _checked_text("source", self.source),
-            "meta": {} if self.meta is None else self.meta,
+            "angle_of": one_of("angle_of", self.angle_of, ("input", "disc")),
         }
-        if not isinstance(checked["meta"], Mapping):
-            raise TypeError(f"meta must be a mapping from text to values, got {self.meta!r}")
-        checked["meta"] = dict(checked["meta"])
-        if others := [key for key in checked["meta"] if not isinstance(key, str)]:
-            raise TypeError(f"meta must have text as keys, got {others[0]!r}")
-        for name in {"bad_spans", "gaps"} & checked["meta"].keys():
-            for pair in checked["meta"][name]:
+        meta = {} if self.meta is None else self.meta
+        if not isinstance(meta, Mapping) or not all(isinstance(key, str) for key in meta):
+            raise TypeError(f"meta must be a mapping with text as keys, got {checks.repr_of(meta)}")
+        checked["meta"] = dict(meta)
+        for name in {"bad_spans", "gaps"} & meta.keys():
+            for pair in meta[name]:
                 checks.number_pair(f"{name} of meta", pair)
-        if self.angle_of not in ("input", "disc"):
-            raise ValueError(f"angle_of must be 'input' or 'disc', got {self.angle_of!r}")
         if self.speed_rpm is not None:
             checked["speed_rpm"] = positive("speed_rpm", self.speed_rpm, "a number (RPM)")
         if self.load_nm is not None:
@@ -239,16 +236,15 @@ class Recording(checks.Replaceable, WithCard):
             "n_lobes": getattr(run.gearbox, "n_lobes", 15),
             "source": "simulated",
         }
-        removed = tuple(getattr(run.defects, "removed_lobes", ()))
+        removed, meta = tuple(getattr(run.defects, "removed_lobes", ())), {}
         if not removed:
             known["worn_lobes"] = run.defects.worn_lobes
         elif not {"defect_count", "worn_lobes"} & labels.keys():
-            positions = {"worn_lobes_from_1": from_1(run.defects.worn_lobes)}
-            positions["removed_lobes_from_1"] = from_1(removed)
-            labels["meta"] = positions | dict(labels.get("meta") or {})
+            meta["worn_lobes_from_1"] = from_1(run.defects.worn_lobes)
+            meta["removed_lobes_from_1"] = from_1(removed)
         if (wear_um := getattr(run.defects, "wear_um", None)) is not None:
-            depths = np.asarray(wear_um if run.defects.worn_lobes else 0.0)
-            labels["meta"] = {"wear_um": depths.tolist()} | dict(labels.get("meta") or {})
+            meta["wear_um"] = np.asarray(wear_um if run.defects.worn_lobes else 0.0).tolist()
+        labels["meta"] = meta | dict(labels.get("meta") or {})
         if with_angle:
             known |= {"angle": run.input_angle, "angle_of": "input", "angle_is_absolute": True}
         if "worn_lobes" in labels:

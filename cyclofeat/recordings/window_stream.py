@@ -54,15 +54,13 @@ class WindowStream:
             raise ValueError(
                 f"windower must have reduction and samples_per_turn to cut a stream, got {windower}"
             )
-        if windower.skip_s or windower.overlap or windower.remainder != "drop":
-            raise ValueError(
-                f"windower must have no skip_s, overlap or remainder for a stream, got {windower}"
-            )
+        if windower.skip_s or windower.overlap:
+            raise ValueError(f"windower must have no skip_s or overlap for a stream, got {windower}")
         self._windower = windower
         self._rate = sampling_rate
         self._labels = labels
         self._per_turn = float(windower.samples_per_turn)
-        self._length = windower.angle_length()
+        self._length = windower._angle_length()
         self._grid = AngleGrid(windower.samples_per_turn, 0)  # filters follow from the first window
         self._pieces: list[tuple[Float, Float]] = []
         self._first_sample = 0  # of those kept
@@ -106,7 +104,7 @@ class WindowStream:
         """Cut the next window from the samples before ``stop``."""
         torque, angle = (values[:stop].copy() for values in self._join_pieces())
         if not self._grid.decimation:
-            self._grid = self._windower.grid_of(torque, angle, self._rate)
+            self._grid = self._windower._grid_of(torque, angle, self._rate)
         first, first_sample = self._first_point, self._first_sample
         assert first is not None
         self._first_point = first + self._length

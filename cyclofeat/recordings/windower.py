@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,9 +143,6 @@ class Windower:
         Time to leave out at the beginning of each recording (ramp and settling), in s.
     overlap : float, default 0.0
         Share of a window that the next one repeats, from 0 up to, but not including, 1.
-    remainder : {"drop", "error", "shift"}, default "drop"
-        What becomes of samples at the end that do not fill a window: dropped; an error; or the last window is
-        moved back so that it ends with the record (and overlaps the one before).
     samples_per_turn : int, optional
         Samples per input turn, on equal steps of the shaft's angle; a recording must hold as many, and more
         are low-pass filtered first. Default: native samples, which are equal steps of the angle of a shaft
@@ -160,10 +157,10 @@ class Windower:
     speed does, and recordings of several speeds and rates can be mixed. Where a recording's angle is absolute
     and ``output_turns`` a whole number, every window starts at a whole multiple of ``reduction`` input turns
     of that angle: all windows then start at the same lobe, and lobe positions in them are absolute. This
-    costs up to one output turn at the beginning of the record, needs hops of whole output turns
-    (``overlap``), and ``remainder="shift"`` moves the last window back to the last such start. Other windows
-    start right after ``skip_s``. The filters take a record to go on beyond its ends as its point reflection,
-    which the first and last 45 samples of its windows may show: give a ``skip_s`` where that matters.
+    costs up to one output turn at the beginning of the record, and needs hops of whole output turns
+    (``overlap``). Other windows start right after ``skip_s``. The filters take a record to go on beyond its
+    ends as its point reflection, which the first and last 45 samples of its windows may show: give a
+    ``skip_s`` where that matters.
 
     Examples
     --------
@@ -182,7 +179,6 @@ class Windower:
     reduction: int | None = None
     skip_s: float = 0.0
     overlap: float = 0.0
-    remainder: Literal["drop", "error", "shift"] = "drop"
     samples_per_turn: int | None = None
     remove_mean: bool = False
 
@@ -192,8 +188,9 @@ class Windower:
                 f"output_turns must be at least {_LEAST_TURNS}, as shorter windows cannot tell lobes from "
                 f"run-out, got {self.output_turns!r}: give the papers' shorter windows as duration=..."
             )
-        if self.reduction is not None:
-            whole("reduction", self.reduction, 2)
+        for name in ("reduction", "samples_per_turn"):
+            if getattr(self, name) is not None:
+                whole(name, getattr(self, name), 2)
         for name in ("duration", "input_speed_hz"):
             if getattr(self, name) is not None:
                 positive(name, getattr(self, name))
@@ -201,22 +198,12 @@ class Windower:
             raise ValueError(f"skip_s must not be negative (s), got {self.skip_s!r}")
         if not 0 <= number("overlap", self.overlap) < 1:
             raise ValueError(f"overlap must lie in [0, 1), got {self.overlap!r}")
-        if self.remainder not in ("drop", "error", "shift"):
-            raise ValueError(f"remainder must be 'drop', 'error' or 'shift', got {self.remainder!r}")
-        if self.samples_per_turn is not None:
-            whole("samples_per_turn", self.samples_per_turn, 2)
         truth_value("remove_mean", self.remove_mean)
-        if self.duration is not None:
-            if self.output_turns != 1:
-                turns = f"{self.output_turns} output turns"
-                raise ValueError(
-                    f"output_turns and duration exclude each other, got {turns} and {self.duration} s"
-                )
-            if self.samples_per_turn is not None:
-                raise ValueError(
-                    "samples_per_turn and duration exclude each other: windows over the angle hold output "
-                    f"turns (output_turns), got duration = {self.duration}"
-                )
+        if self.duration is not None and (self.output_turns != 1 or self.samples_per_turn is not None):
+            raise ValueError(
+                f"duration and output_turns or samples_per_turn exclude each other, got {self.duration} s, "
+                f"{self.output_turns} output turns and samples_per_turn = {self.samples_per_turn}"
+            )
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:
         """Return the parameters by name, as scikit-learn's estimators do.
@@ -309,7 +296,7 @@ class Windower:
         if self.samples_per_turn is None:
             rate, length = self._rate_and_length(records)
         else:
-            rate, length = float(self.samples_per_turn), self.angle_length()
+            rate, length = float(self.samples_per_turn), self._angle_length()
         cut_record = self._cut_samples if self.samples_per_turn is None else self._cut_angle
         cuts = []
         for index, (recording, angle) in enumerate(zip(records, angles, strict=True)):
@@ -368,31 +355,23 @@ class Windower:
 
     def _nominal_speed(self, records: Sequence[Recording]) -> float | None:
         """Nominal input speed in turns per second: the argument, else what the recordings share."""
-        shared, first = None, ""
+        nominal = self.input_speed_hz
+        tolerance = _SAME if nominal is None else _SPEED_TOLERANCE
         for index, recording in enumerate(records):
-            name, speed = recording_label(index, recording), recording.input_speed_hz
-            if shared is None:
-                shared, first = speed, name
-            if self.input_speed_hz is not None:
-                if speed is not None and abs(speed / self.input_speed_hz - 1) > _SPEED_TOLERANCE:
-                    raise ValueError(
-                        f"{name} runs at speed_rpm = {speed * 60:g}, the windows are meant for "
-                        f"input_speed_hz = {self.input_speed_hz:.4g} ({self.input_speed_hz * 60:g} RPM): use "
-                        "another Windower for it, or samples_per_turn=..."
-                    )
-            elif speed is None:
-                if self.duration is None:
-                    raise ValueError(
-                        f"{name} has no nominal speed, from which the length of an output turn follows: give "
-                        "Windower(input_speed_hz=...) or Recording(speed_rpm=...)"
-                    )
-            elif shared is not None and not math.isclose(speed, shared, rel_tol=_SAME):
+            speed = recording.input_speed_hz
+            if speed is None and self.input_speed_hz is None and self.duration is None:
                 raise ValueError(
-                    f"{name} runs at speed_rpm = {speed * 60:g}, {first} at {shared * 60:g}: give the "
-                    "nominal Windower(input_speed_hz=...) where they differ little (up to 5 %), else "
-                    "samples_per_turn=..."
+                    f"{recording_label(index, recording)} has no nominal speed, from which the length of an "
+                    "output turn follows: give Windower(input_speed_hz=...) or Recording(speed_rpm=...)"
                 )
-        return shared if self.input_speed_hz is None else self.input_speed_hz
+            nominal = speed if nominal is None else nominal
+            if speed is not None and nominal is not None and abs(speed / nominal - 1) > tolerance:
+                raise ValueError(
+                    f"{recording_label(index, recording)} runs at speed_rpm = {speed * 60:g}, windows are "
+                    f"meant for {nominal * 60:g} RPM: give the nominal Windower(input_speed_hz=...) where "
+                    "speeds differ little (up to 5 %), else samples_per_turn=..."
+                )
+        return nominal
 
     def _first_sample(self, recording: Recording) -> int:
         # The tolerance keeps a skip of whole samples whole: 0.3 * 25600 = 7680.000000000001.
@@ -427,7 +406,7 @@ class Windower:
             )
         # One turn more than asked for, so that the filters settle in what is skipped anyway.
         begin = int(np.searchsorted(angle, angle[skipped] - 2 * math.pi))
-        grid = self.grid_of(recording.torque[skipped:], angle[skipped:], rate)
+        grid = self._grid_of(recording.torque[skipped:], angle[skipped:], rate)
         torque, points = grid.resample(recording.torque[begin:], angle[begin:], rate)
         # Count in steps of the grid, so that no rounding shifts a window.
         per_turn, origin = grid.samples_per_turn, round(points[0] / grid.step)
@@ -476,19 +455,8 @@ class Windower:
             sampling_rate=recording.sampling_rate / grid.decimation,
         )
 
-    def grid_of(self, torque: Float, angle: Float, sampling_rate: float) -> AngleGrid:
-        """Return the grid of windows over the angle, with the filters that a record needs.
-
-        Parameters
-        ----------
-        torque, angle : ndarray, shape (n_samples,)
-            Torque in Nm, and increasing angle of the input shaft in rad.
-        sampling_rate : float, in Hz
-
-        Returns
-        -------
-        AngleGrid
-        """
+    def _grid_of(self, torque: Float, angle: Float, sampling_rate: float) -> AngleGrid:
+        """Return the grid of windows over the angle, with the filters that a record needs."""
         per_turn, density = self._samples_per_turn, mean_density(angle)
         if density < per_turn:
             raise ValueError(
@@ -512,16 +480,7 @@ class Windower:
                 "whole output turns, but the recording's angle is absolute: choose an overlap of whole "
                 f"output turns, or {_RELATIVE}"
             )
-        starts = np.arange(0, available - length + 1, hop, dtype=np.int64)
-        left = available - length - int(starts[-1])
-        if left and self.remainder == "error":
-            raise ValueError(
-                f"the recording leaves {left} samples at its end that fill no window "
-                f"({self._length_text()}): choose remainder='drop' or 'shift'"
-            )
-        if left >= grid and self.remainder == "shift":
-            starts = np.append(starts, (available - length) // grid * grid)
-        return starts
+        return np.arange(0, available - length + 1, hop, dtype=np.int64)
 
     @property
     def _input_turns(self) -> int:
@@ -534,13 +493,8 @@ class Windower:
         assert self.samples_per_turn is not None
         return self.samples_per_turn
 
-    def angle_length(self) -> int:
-        """Return the number of samples of a window over the angle.
-
-        Returns
-        -------
-        int
-        """
+    def _angle_length(self) -> int:
+        """Return the number of samples of a window over the angle."""
         return round(self.output_turns * self._input_turns * self._samples_per_turn)
 
     def _length_text(self) -> str:
