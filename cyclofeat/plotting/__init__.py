@@ -28,11 +28,9 @@ from typing import Any
 from cyclofeat._base import Draw, register_plots
 from cyclofeat.plotting._gap import GapDisplay
 from cyclofeat.plotting._gap_correction import GapOverlayDisplay, GapReductionDisplay
-from cyclofeat.plotting._lobe_map import LobeMapDisplay, LobeMarks
-from cyclofeat.plotting._orders import OrderDisplay
+from cyclofeat.plotting._lobe_map import LobeMapDisplay
+from cyclofeat.plotting._recording import OrderDisplay, SpectrumDisplay, TorqueDisplay
 from cyclofeat.plotting._results import CountDisplay, EvaluationDisplay
-from cyclofeat.plotting._spectrum import SpectrumDisplay
-from cyclofeat.plotting._torque import TorqueDisplay
 from cyclofeat.plotting._training import TrainingDisplay
 
 __all__ = [
@@ -42,7 +40,6 @@ __all__ = [
     "GapOverlayDisplay",
     "GapReductionDisplay",
     "LobeMapDisplay",
-    "LobeMarks",
     "OrderDisplay",
     "SpectrumDisplay",
     "TorqueDisplay",

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cyclofeat._base.checks import number_series
 from cyclofeat.features import LobeMap
-from cyclofeat.plotting.drawing import Float, PlainDisplay, shade_map, stated_speed, theme_colours
+from cyclofeat.plotting.drawing import Float, RecordingDisplay, shade_map, stated_speed, theme_colours
 from cyclofeat.recordings import Recording, Windower
 from cyclofeat.signal import lobes
 
@@ -19,6 +16,8 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.colorbar import Colorbar
+
+    from cyclofeat.counting import LobeCount
 
 # Radii of the picture; the tips of the disc lie at 1.
 _HUB = 0.33
@@ -32,45 +31,42 @@ _OUTLINE_POINTS = 900
 _LEAST_SCALE = 0.3
 
 
-@dataclass(frozen=True)
-class LobeMarks:
-    """Marks of lobes in the picture of a disc, all numbered as its slots, from 0.
-
-    Parameters
-    ----------
-    worn : iterable of int, optional
-        Lobes known to be worn; None where they are not known.
-    counted : iterable of int, optional
-        Lobes that a model counts as worn.
-    probability : array-like, shape (n_lobes,), optional
-        Probability of each lobe of being worn.
-    """
-
-    worn: Iterable[int] | None = None
-    counted: Iterable[int] = ()
-    probability: ArrayLike | None = None
-
-
-class LobeMapDisplay(PlainDisplay):
+class LobeMapDisplay(RecordingDisplay):
     """Ring of a disc's lobes, as dark as they are worn, and the disturbance while each passes the load.
 
+    Shows the first whole output turn (``n_lobes`` input turns) of a recording: :meth:`Recording.crop` leaves
+    out a run-up. A low sampling rate gives fewer lobe lines than 44.
+
     Parameters
     ----------
-    slot_rms : array-like, shape (n_lobes,)
-        Rms of the folded, whitened torque in each slot, in units of the whitened torque's standard deviation.
-    absolute : bool, default=False
-        True if slot k belongs to lobe k of the disc, False if to the k-th lobe after the window's start.
-    marks : LobeMarks, optional
+    recording : Recording
+    input_speed_hz : float, optional
+        Nominal input speed in turns per second; default, the recording's own. The speed is then taken from
+        the recording's angle or, without one, refined from the torque.
+    count : cyclofeat.counting.LobeCount, optional
+        Answer of a model, whose lobes and their probabilities are shown.
     outline : array-like of complex, optional
         Outline of the disc about its centre, in any unit, with the tip of lobe 0 on the real axis (as from
         ``CycloidalProfile.outline``). Default: a circle.
-    input_speed_hz : float, optional
-        Input speed in turns per second at which the torque was folded.
 
     Attributes
     ----------
+    slot_rms : ndarray, shape (n_lobes,)
+        Rms of the folded, whitened torque in each slot, in units of the whitened torque's standard deviation.
+    absolute : bool
+        True if slot k spans the moments at which the cam points within half a lobe of the tip of lobe k, and
+        the recording's worn lobes are marked: its angle is absolute, and that is what the count is based on.
+        Otherwise slot 0 begins at the first sample, and worn lobes are not marked.
+    input_speed_hz : float
+        Input speed in turns per second at which the torque was folded.
     colorbar_ : matplotlib.colorbar.Colorbar or None
         Of a model's probabilities.
+
+    Raises
+    ------
+    ValueError
+        If the speed is not known, the recording is shorter than one output turn, constant, or sampled too
+        slowly for the lobe lines, or the count is of another disc.
 
     Notes
     -----
@@ -98,81 +94,27 @@ class LobeMapDisplay(PlainDisplay):
 
     def __init__(
         self,
-        *,
-        slot_rms: ArrayLike,
-        absolute: bool = False,
-        marks: LobeMarks | None = None,
-        outline: ArrayLike | None = None,
-        input_speed_hz: float | None = None,
-    ) -> None:
-        self.slot_rms = number_series("slot_rms", slot_rms, least=3)
-        if self.slot_rms.min() < 0:
-            raise ValueError(f"slot_rms must not be negative, got {self.slot_rms}")
-        self.absolute = bool(absolute)
-        marks = marks or LobeMarks()
-        self.worn_lobes = None if marks.worn is None else tuple(sorted(set(marks.worn)))
-        self.counted_lobes = tuple(sorted(set(marks.counted)))
-        for name, marked in (("worn", self.worn_lobes or ()), ("counted", self.counted_lobes)):
-            if marked and not 0 <= marked[0] <= marked[-1] < self.n_lobes:
-                raise ValueError(f"marks.{name} must lie in 0..{self.n_lobes - 1}, got {marked}")
-        self.lobe_probability: Float | None = None
-        if marks.probability is not None:
-            shares = self.lobe_probability = np.asarray(marks.probability, dtype=np.float64)
-            if shares.shape != self.slot_rms.shape or not np.all((shares >= 0) & (shares <= 1)):
-                raise ValueError(
-                    f"marks.probability must hold {self.n_lobes} numbers from 0 to 1, got {shares}"
-                )
-        self.outline = None if outline is None else np.asarray(outline, dtype=np.complex128)
-        if self.outline is not None and not 0 < np.abs(self.outline).max(initial=0) < np.inf:
-            raise ValueError(f"outline must be finite complex points about 0, got {outline!r}")
-        self.input_speed_hz = input_speed_hz
-
-    @property
-    def n_lobes(self) -> int:
-        """Number of lobes, which is the number of slots."""
-        return int(self.slot_rms.size)
-
-    @classmethod
-    def from_recording(
-        cls,
         recording: Recording,
         *,
         input_speed_hz: float | None = None,
-        n_lobes: int | None = None,
-        marks: LobeMarks | None = None,
+        count: LobeCount | None = None,
         outline: ArrayLike | None = None,
-    ) -> Self:
-        """Display of the first whole output turn (``n_lobes`` input turns) of a recording.
-
-        Use :meth:`Recording.crop` to leave out a run-up. A low sampling rate gives fewer lobe lines than 44.
-
-        Parameters
-        ----------
-        recording : Recording
-        input_speed_hz : float, optional
-            Nominal input speed in turns per second; default, the recording's own. The speed is then taken
-            from the recording's angle or, without one, refined from the torque.
-        n_lobes : int, optional
-            Number of lobes z_s of a disc; default, the recording's own.
-        marks : LobeMarks, optional
-            Answer of a model, numbered as the slots; worn lobes are the recording's.
-        outline : array-like of complex, optional
-            See :class:`LobeMapDisplay`.
-
-        Returns
-        -------
-        LobeMapDisplay
-            If the angle is absolute, slot k spans the moments at which the cam points within half a lobe of
-            the tip of lobe k, and the recording's worn lobes are marked. Otherwise slot 0 begins at the first
-            sample, and worn lobes are not marked.
-
-        Raises
-        ------
-        ValueError
-            If the speed is not known, the recording is shorter than one output turn, constant, or sampled
-            too slowly for the lobe lines.
-        """
-        n_lobes = recording.n_lobes if n_lobes is None else n_lobes
+    ) -> None:
+        self.n_lobes = n_lobes = recording.n_lobes
+        self.lobe_probability: Float | None = None
+        if count is not None and count.lobe_probability:
+            if len(count.lobe_probability) != n_lobes:
+                raise ValueError(
+                    f"count must be of a disc of {n_lobes} lobes, got one of {len(count.lobe_probability)}"
+                )
+            self.lobe_probability = np.asarray(count.lobe_probability)
+            if recording.angle_is_absolute and not count.absolute:
+                # The model counts lobes from the first sample, and so must the picture.
+                recording = recording.replace(angle_is_absolute=False)
+        self.counted_lobes = () if count is None else count.lobes
+        self.outline = None if outline is None else np.asarray(outline, dtype=np.complex128)
+        if self.outline is not None and not 0 < np.abs(self.outline).max(initial=0) < np.inf:
+            raise ValueError(f"outline must be finite complex points about 0, got {outline!r}")
         nominal = stated_speed(recording, input_speed_hz)
         turn_s = n_lobes / nominal + 1 / recording.sampling_rate
         fits = recording.duration <= turn_s or recording.bad_spans
@@ -180,7 +122,7 @@ class LobeMapDisplay(PlainDisplay):
         windows = Windower(input_speed_hz=nominal, reduction=n_lobes).windows([first])
         X = windows.X[:1]
         start, length = float(windows.start_s[0]), X.shape[1] / recording.sampling_rate
-        speed = recording.crop(start, start + length).mean_input_speed(n_lobes)
+        speed = recording.crop(start, start + length).mean_input_speed()
         lobe_map = LobeMap(
             windows.sampling_rate,
             input_speed_hz=nominal if speed is None else speed,
@@ -194,19 +136,14 @@ class LobeMapDisplay(PlainDisplay):
         lobe_map.fit(X)
         of_lobes = lobe_map.lines(X)
         lines = of_lobes.lines
-        absolute = bool(windows.absolute[0])
-        if absolute:
+        self.absolute = bool(windows.absolute[0])
+        if self.absolute:
             from cyclofeat.counting import passage_of_lobe_zero  # loads numba
 
             lines = lobes.shift(lines, passage_of_lobe_zero(windows.start_angle[:1], n_lobes) - 0.5 / n_lobes)
-        folded = lobes.fold(lines, n_lobes)[0]
-        return cls(
-            slot_rms=np.sqrt((folded**2).mean(axis=1)),
-            absolute=absolute,
-            marks=replace(marks or LobeMarks(), worn=recording.worn_lobes if absolute else None),
-            outline=outline,
-            input_speed_hz=float(of_lobes.input_speed_hz[0]),
-        )
+        self.worn_lobes = recording.worn_lobes if self.absolute else None
+        self.slot_rms: Float = np.sqrt((lobes.fold(lines, n_lobes)[0] ** 2).mean(axis=1))
+        self.input_speed_hz = float(of_lobes.input_speed_hz[0])
 
     def _draw(self, ax: Axes) -> None:
         from matplotlib.cm import ScalarMappable

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from cyclofeat.features import LobeMap
 from cyclofeat.plotting.drawing import Display, Float, axes_for, legend_above, numbering_words, theme_colours
@@ -23,22 +23,33 @@ _FEWEST_COLUMNS = 3
 
 
 class TrainingDisplay(Display):
-    """Features of a recording beside those of the training windows of some counts.
+    """Features of a recording's windows beside those of the training windows of some counts.
 
     Parameters
     ----------
-    features : array-like, shape (n_windows, n_features)
+    model : cyclofeat.counting.LobeModel
+        With a training domain.
+    recording : Recording
+        See :meth:`cyclofeat.counting.LobeModel.count`.
+
+    Attributes
+    ----------
+    features : ndarray, shape (n_windows, n_features)
         Features of the recording's windows.
-    names : sequence of str
+    names : list of str
         Names of the features, ``kind(place)``; one kind is drawn together. If empty, none are drawn.
-    training : tuple of three array-like
-        Of the features of the training windows: the counts, shape (n_classes,); the mean of each, shape
-        (n_classes, n_features); the standard deviation about these means, shape (n_features,).
-    slot_lobes : array-like of int, shape (n_lobes,), optional
+    classes, means, spread : ndarray, shapes (n_classes,), (n_classes, n_features) and (n_features,)
+        Of the training windows: the counts, the mean of each, the standard deviation about these means.
+    slot_lobes : ndarray of int, shape (n_lobes,), or None
         Lobe, from 0, whose passage lies nearest to each slot of a :class:`cyclofeat.features.LobeMap`: the
         labels of slots.
-    absolute : bool, default=False
+    absolute : bool
         True if these are numbers on the disc, False if they count from the recording's first sample.
+
+    Raises
+    ------
+    ValueError
+        If the model has no domain, or the recording does not suit it.
 
     See Also
     --------
@@ -46,43 +57,28 @@ class TrainingDisplay(Display):
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from cyclofeat.plotting import TrainingDisplay
-    >>> display = TrainingDisplay(
-    ...     features=[[0.9, 1.1, 1.0]], names=["slot(1)", "slot(2)", "slot(3)"],
-    ...     training=([0, 1], [[0, 0, 0], [1, 1, 1]], [0.1, 0.1, 0.1]),
-    ... )
-    >>> display.kinds
-    ['slot']
-    >>> _ = display.plot(kind="slot", counts=(1, 0))  # doctest: +SKIP
+    >>> display = TrainingDisplay.from_estimator(model, recording)  # doctest: +SKIP
+    >>> display.plot(kind=display.kinds[0], counts=(1, 0))  # doctest: +SKIP
     """
 
-    def __init__(
-        self,
-        *,
-        features: ArrayLike,
-        names: list[str],
-        training: tuple[ArrayLike, ArrayLike, ArrayLike],
-        slot_lobes: ArrayLike | None = None,
-        absolute: bool = False,
-    ) -> None:
-        self.features: Float = np.asarray(features, dtype=np.float64)
-        self.names = list(names)
-        classes, means, spread = training
-        self.classes: NDArray[Any] = np.asarray(classes)
-        self.means: Float = np.asarray(means, dtype=np.float64)
-        self.spread: Float = np.asarray(spread, dtype=np.float64)
-        self.slot_lobes = None if slot_lobes is None else np.asarray(slot_lobes, dtype=np.int64)
-        self.absolute = bool(absolute)
-        shape = (self.classes.size, self.features.shape[1])
-        if self.means.shape != shape:
-            raise ValueError(
-                f"means must have shape (n_classes, n_features) = {shape}, got {self.means.shape}"
-            )
-        if self.names and len(self.names) != shape[1]:
-            raise ValueError(
-                f"names must hold one name for each of {shape[1]} features, got {len(self.names)}"
-            )
+    def __init__(self, model: LobeModel, recording: Recording) -> None:
+        from cyclofeat.counting.calibration.training_domain import features_seen
+        from cyclofeat.models.card import estimators_in, feature_definitions
+
+        model = model.suited_to(recording)
+        domain, counter = model.domain_, model.counter_
+        if domain is None:
+            raise ValueError("model must have a domain to compare with, got one without (one assembly only?)")
+        windows = model.windows(recording)
+        self.features: Float = np.asarray(features_seen(counter, windows.X))
+        names = feature_definitions(counter)["columns"]
+        self.names: list[str] = names if len(names) == self.features.shape[1] else []
+        self.classes: NDArray[Any] = counter.classes_
+        self.means: Float = domain.means_ * domain.scale_ + domain.location_
+        self.spread: Float = np.sqrt(np.diag(np.linalg.inv(domain.precision_))) * domain.scale_
+        lobe_map = next((part for part in estimators_in(counter) if isinstance(part, LobeMap)), None)
+        self.slot_lobes = None if lobe_map is None else _slot_lobes(lobe_map, windows)
+        self.absolute = bool(windows.absolute[0])
 
     @classmethod
     def from_estimator(cls, model: LobeModel, recording: Recording) -> Self:
@@ -90,54 +86,28 @@ class TrainingDisplay(Display):
 
         Parameters
         ----------
-        model : cyclofeat.counting.LobeModel
-            With a training domain.
-        recording : Recording
-            See :meth:`cyclofeat.counting.LobeModel.count`.
+        model, recording
+            See :class:`TrainingDisplay`.
 
         Returns
         -------
         TrainingDisplay
-
-        Raises
-        ------
-        ValueError
-            If the model has no domain, or the recording does not suit it.
         """
-        from cyclofeat.counting.calibration.training_domain import features_seen
-        from cyclofeat.models.card import estimators_in, feature_definitions
+        return cls(model, recording)
 
-        model = model.suited_to(recording)
-        domain = model.domain_
-        if domain is None:
-            raise ValueError("model must have a domain to compare with, got one without (one assembly only?)")
-        windows = model.windows(recording)
-        lobe_map = next((part for part in estimators_in(model.counter_) if isinstance(part, LobeMap)), None)
-        features = np.asarray(features_seen(model.counter_, windows.X))
-        names = feature_definitions(model.counter_)["columns"]
-        return cls(
-            features=features,
-            names=names if len(names) == features.shape[1] else [],
-            training=(
-                model.counter_.classes_,
-                domain.means_ * domain.scale_ + domain.location_,
-                np.sqrt(np.diag(np.linalg.inv(domain.precision_))) * domain.scale_,
-            ),
-            slot_lobes=None if lobe_map is None else _slot_lobes(lobe_map, windows),
-            absolute=bool(windows.absolute[0]),
-        )
+    @property
+    def _columns(self) -> dict[str, NDArray[np.intp]]:
+        """Columns of each kind, whose names are ``kind(place)``."""
+        kinds = np.array([name.partition("(")[0] for name in self.names])
+        return {kind: np.flatnonzero(kinds == kind) for kind in dict.fromkeys(kinds.tolist())}
 
     @property
     def kinds(self) -> list[str]:
         """Kinds of features that can be drawn, the best at separating counts first."""
-        columns = {name: self._columns_of_kind(name) for name in dict.fromkeys(_kinds_of(self.names))}
         spread = np.where(self.spread > 0, self.spread, np.inf)
         separation = (np.ptp(self.means, axis=0) / spread) ** 2
-        several = [name for name, places in columns.items() if places.size >= _FEWEST_COLUMNS]
-        return sorted(several, key=lambda name: -float(separation[columns[name]].mean()))
-
-    def _columns_of_kind(self, kind: str) -> NDArray[np.intp]:
-        return np.flatnonzero([name == kind for name in _kinds_of(self.names)])
+        columns = {kind: at for kind, at in self._columns.items() if at.size >= _FEWEST_COLUMNS}
+        return sorted(columns, key=lambda kind: -float(separation[columns[kind]].mean()))
 
     def plot(
         self, ax: Axes | None = None, *, kind: str | None = None, counts: tuple[int, ...] | None = None
@@ -171,7 +141,7 @@ class TrainingDisplay(Display):
         if unknown:
             raise ValueError(f"counts must be of {self.classes.tolist()}, got {unknown[0]!r}")
         self.figure_, self.ax_ = axes_for(ax, (7.0, 3.0))
-        columns = self._columns_of_kind(kind)
+        columns = self._columns[kind]
         places = np.arange(1, columns.size + 1)
         for number, count in enumerate(shown):
             row = int(np.flatnonzero(self.classes == count)[0])
@@ -212,8 +182,3 @@ def _slot_lobes(lobe_map: LobeMap, windows: WindowSet) -> NDArray[np.int64]:
         passage = float(passage_of_lobe_zero(windows.start_angle[:1], n)[0])
     middle = begin + (np.arange(n) + 0.5) / n
     return np.rint(n * (middle - passage)).astype(np.int64) % n
-
-
-def _kinds_of(names: list[str]) -> list[str]:
-    """Return names of columns without their places: lobe_slot_rms of lobe_slot_rms(slot07)."""
-    return [name.partition("(")[0] for name in names]

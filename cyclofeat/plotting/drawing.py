@@ -37,7 +37,6 @@ class PlainDisplay(Display):
     size: tuple[float, float]
 
     def _draw(self, ax: Axes) -> None:
-        """Draw on axes that exist."""
         raise NotImplementedError
 
     def plot(self, ax: Axes | None = None) -> Self:
@@ -55,6 +54,18 @@ class PlainDisplay(Display):
         self.figure_, self.ax_ = axes_for(ax, self.size)
         self._draw(self.ax_)
         return self
+
+
+class RecordingDisplay(PlainDisplay):
+    """Display of a recording, which its class takes, with options."""
+
+    def __init__(self, recording: Recording) -> None:
+        raise NotImplementedError
+
+    @classmethod
+    def from_recording(cls, recording: Recording, **options: Any) -> Self:
+        """Make the display of a recording; the options are those of the class."""
+        return cls(recording, **options)
 
 
 def require_matplotlib() -> None:

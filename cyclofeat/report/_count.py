@@ -14,7 +14,6 @@ import numpy as np
 from cyclofeat._base.quantities import in_words, lobes_text, source_in_words
 from cyclofeat.plotting import (
     LobeMapDisplay,
-    LobeMarks,
     OrderDisplay,
     SpectrumDisplay,
     TorqueDisplay,
@@ -239,10 +238,7 @@ def _draw_evidence(
     """Draw a recording, as far as its speed is known, and its features if the model has a training domain."""
     from cyclofeat.simulators.gearbox import CycloidalProfile
 
-    count, recording = item.count, item.recording
-    if recording.angle_is_absolute and count.lobe_probability and not count.absolute:
-        # The model counts lobes from the first sample, and so must the picture.
-        recording = recording.replace(angle_is_absolute=False)
+    count, recording = item.count, item.recording.replace(n_lobes=model.n_lobes_)
     torque = TorqueDisplay.from_recording(recording)
     of_torque: dict[str, Any] = {
         "windows": _figures.window_spans(count.windows), "most_samples": most_samples,
@@ -257,16 +253,11 @@ def _draw_evidence(
         profile = CycloidalProfile(
             eccentricity=0.7 / n_pins, n_pins=n_pins, shortening=0.7, pin_radius=1.5 / n_pins
         )
-        lobe_map = LobeMapDisplay.from_recording(
-            recording,
-            input_speed_hz=speed_hz,
-            n_lobes=model.n_lobes_,
-            marks=LobeMarks(counted=count.lobes, probability=count.lobe_probability or None),
-            outline=profile.outline(count.lobes),
+        lobe_map = LobeMapDisplay(
+            recording, input_speed_hz=speed_hz, count=count, outline=profile.outline(count.lobes)
         )
-        at: dict[str, Any] = {"input_speed_hz": lobe_map.input_speed_hz, "n_lobes": model.n_lobes_}
-        spectrum = SpectrumDisplay.from_recording(recording, **at)
-        orders = OrderDisplay.from_recording(recording, **at)
+        spectrum = SpectrumDisplay(recording, input_speed_hz=lobe_map.input_speed_hz)
+        orders = OrderDisplay(recording, input_speed_hz=lobe_map.input_speed_hz)
         pictures = _figures.recording_pictures(torque, spectrum, orders, lobe_map, **of_torque)
     evidence: dict[str, Any] = {"pictures": pictures, "features": []}
     if model.domain_ is None or speed_hz is None:

@@ -7,7 +7,6 @@ import io
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -19,7 +18,6 @@ from cyclofeat.plotting import LobeMapDisplay, OrderDisplay, SpectrumDisplay, To
 from cyclofeat.plotting.drawing import require_matplotlib
 from cyclofeat.report._page import count_text
 from cyclofeat.signal.faults import find_runs, mark_clipped, mark_dropouts
-from cyclofeat.signal.lobes import lobe_frequency
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -213,7 +211,8 @@ def recording_pictures(
     """
 
     def draw_torque(ax: Axes) -> None:
-        torque.plot(ax, max_points=_MOST_POINTS)
+        torque.max_points = _MOST_POINTS
+        torque.plot(ax)
         # Draw a strip of windows with their labels above the curve.
         low, high = ax.get_ylim()
         if windows:
@@ -291,7 +290,8 @@ def draw_recording(recording: Recording, size: tuple[float, float]) -> Picture:
     gaps = [Marks("gap", "gaps, where samples are missing or recordings joined", at, "second")] if at else []
     alt = f"{display.quantity.capitalize()} in {display.unit} over time in s, with gaps, faults and bad spans"
     plot = torque_plot(display, spans, MOST_SAMPLES, gaps)
-    return draw_picture(partial(display.plot, max_points=_MOST_POINTS), size, alt, plot=plot)
+    display.max_points = _MOST_POINTS
+    return draw_picture(display.plot, size, alt, plot=plot)
 
 
 def torque_plot(
@@ -323,20 +323,11 @@ def spectrum_plot(display: SpectrumDisplay, most_bins: int = _MOST_BINS) -> Plot
     frequencies, values = thin_samples(
         display.frequencies[shown], display.values[shown], min(most_bins, _MOST_BINS)
     )
-    marks = []
-    if display.input_speed_hz is not None:
-        speed, n_lobes = display.input_speed_hz, display.n_lobes
-        passage = lobe_frequency(speed, n_lobes)
-        marks = [
-            Marks(
-                "lobe line", f"lobe lines, multiples of {passage:.2f} Hz ({n_lobes + 1}/{n_lobes} of input)",
-                np.arange(1, int(limit / passage) + 1) * passage, "second",
-            ),
-            Marks(
-                "input order", f"input orders, multiples of {speed:.2f} Hz",
-                np.arange(1, int(limit / speed) + 1) * speed, "third", short=True,
-            ),
-        ]  # fmt: skip
+    looks = (("lobe line", "second", False), ("input order", "third", True))
+    marks = [
+        Marks(name, legend, np.arange(1, int(limit / spacing) + 1) * spacing, colour, short)
+        for (legend, spacing), (name, colour, short) in zip(display.marks.items(), looks, strict=False)
+    ]
     return Plot(
         frequencies,
         [Line("amplitude", values)],
