@@ -165,20 +165,10 @@ class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> Self:
-        """Check the parameters against the windows and learn what there is to learn.
+        """Check the parameters against windows of torque in Nm, shape (n_windows, n_samples), and learn.
 
-        Windows with fewer than :meth:`needed_samples` give a warning, here and in :meth:`transform`.
-
-        Parameters
-        ----------
-        X : array-like, shape (n_windows, n_samples)
-            Windows of torque in Nm.
-        y : array-like, shape (n_windows,), optional
-            Labels; ignored by transformers that learn nothing.
-
-        Returns
-        -------
-        self
+        Labels ``y``, shape (n_windows,), are ignored by transformers that learn nothing. Windows with fewer
+        than :meth:`needed_samples` give a warning, here and in :meth:`transform`.
         """
         windows = validate_data(self, X, dtype=[np.float64, np.float32])
         self._fit_windows(windows, y)
@@ -186,17 +176,10 @@ class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
         return self
 
     def transform(self, X: ArrayLike) -> Float:
-        """Features of each window.
+        """Return the features of windows of torque in Nm, which are as long as those given to ``fit``.
 
-        Parameters
-        ----------
-        X : array-like, shape (n_windows, n_samples)
-            Windows of torque in Nm, as long as those given to ``fit``.
-
-        Returns
-        -------
-        ndarray, shape (n_windows, n_features), or a data frame after ``set_output``
-            Features in the order of ``get_feature_names_out``, float64.
+        They are float64, shape (n_windows, n_features), in the order of ``get_feature_names_out``, or a data
+        frame after ``set_output``.
         """
         check_is_fitted(self)
         windows = validate_data(self, X, reset=False, dtype=[np.float64, np.float32])
@@ -209,16 +192,9 @@ class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
         return np.concatenate(self._of_chunks(chunks))
 
     def get_feature_names_out(self, input_features: ArrayLike | None = None) -> NDArray[np.object_]:
-        """Names of the features that ``transform`` returns.
+        """Return the names of the features, shape (n_features,).
 
-        Parameters
-        ----------
-        input_features : array-like of str, shape (n_samples,), optional
-            Names of the samples of a window: not used, but checked against those seen in ``fit``.
-
-        Returns
-        -------
-        ndarray of str, shape (n_features,)
+        ``input_features``, the names of a window's samples, are checked against those seen in ``fit``.
         """
         check_is_fitted(self)
         check_feature_names_in(self, input_features, generate_names=False)

@@ -440,11 +440,7 @@ class Recording(checks.Replaceable, WithCard):
         >>> Recording.concatenate([recording.crop(0, 0.5), recording.crop(1.5)]).bad_spans
         ((0.5, 0.5),)
         """
-        records = list(recordings)
-        for record in records:
-            checks.check_type("recordings", record, Recording)
-        if not records:
-            raise ValueError("recordings must hold at least one Recording, got none")
+        records = list_recordings(recordings)
         own = {"torque", "_", "angle", "run", "source", "meta"}
         for name in ["unit", *sorted({part.name for part in dataclasses.fields(cls)} - own)]:
             _common_value(records, name, name, None)
@@ -611,6 +607,17 @@ def facts_in_words(recording: Recording) -> dict[str, str | None]:
         "run": None if recording.run is None else str(recording.run),
         "source": source_in_words(recording.source) or None,
     }
+
+
+def list_recordings(recordings: Recording | Iterable[Recording]) -> list[Recording]:
+    """Return one or several recordings as a list; TypeError for anything else, ValueError for none."""
+    records = (recordings,) if isinstance(recordings, Recording) else checks.list_members(recordings)
+    others = [recordings] if records is None else [one for one in records if not isinstance(one, Recording)]
+    if others:
+        raise TypeError(f"recordings must be Recording objects, got {type(others[0]).__name__}")
+    if not records:
+        raise ValueError("recordings must hold at least one Recording, got none")
+    return list(records)
 
 
 def common_n_lobes(recordings: Sequence[Recording]) -> int:

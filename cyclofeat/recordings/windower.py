@@ -14,7 +14,7 @@ from scipy.signal import resample_poly
 
 from cyclofeat._base.checks import number, positive, truth_value, whole
 from cyclofeat._base.quantities import number_of
-from cyclofeat.recordings.recording import Recording, common_n_lobes, common_quantity
+from cyclofeat.recordings.recording import Recording, common_n_lobes, common_quantity, list_recordings
 from cyclofeat.signal.lobes import anti_alias
 from cyclofeat.signal.orders import resample_by_angle, samples_at
 from cyclofeat.signal.windows import Float
@@ -251,7 +251,7 @@ class Windower:
         groups : ndarray of shape (n_windows,)
             Assembly that each window came from.
         """
-        records = _as_list(recordings)
+        records = list_recordings(recordings)
         remedies = {
             "assembly": "windows of one assembly resemble each other, so folds that part them score a "
             "counter on machines that it has learned. Give assembly=..., the same for all recordings of one "
@@ -286,7 +286,7 @@ class Windower:
         -------
         WindowSet
         """
-        records = [recording.for_counting() for recording in _as_list(recordings)]
+        records = [recording.for_counting() for recording in list_recordings(recordings)]
         common_quantity(records)
         if self.reduction is None:
             return dataclasses.replace(self, reduction=common_n_lobes(records)).windows(records, angles)
@@ -514,14 +514,15 @@ def window_set(records: Sequence[Recording], parts: Sequence[Cut], sampling_rate
     origin = np.repeat(np.arange(len(records), dtype=np.int64), [part[0].shape[0] for part in parts])
     counts = [recording.defect_count for recording in records]
     groups = _assemblies(records)
+    X, start_s, start_angle = map(np.concatenate, zip(*parts, strict=True))
     return WindowSet(
-        X=np.concatenate([part[0] for part in parts]),
+        X=X,
         y=None if None in counts else np.asarray(counts, dtype=np.int64)[origin],
         groups=None if groups is None else groups[origin],
         sampling_rate=sampling_rate,
         recording=origin,
-        start_s=np.concatenate([part[1] for part in parts]),
-        start_angle=np.concatenate([part[2] for part in parts]),
+        start_s=start_s,
+        start_angle=start_angle,
         absolute=np.array([recording.angle_is_absolute for recording in records])[origin],
         worn_lobes=tuple(records[i].worn_lobes for i in origin.tolist()),
     )
@@ -533,21 +534,6 @@ def ends_by_angle(
     """Return the times in s at which windows over an angle end; the angle is in rad, at a sampling rate."""
     turned = 2 * math.pi * n_samples / samples_per_turn
     return samples_at(start_angle + turned, angle) / sampling_rate
-
-
-def _as_list(recordings: Recording | Iterable[Recording]) -> list[Recording]:
-    given: Any = recordings
-    try:
-        records = [given] if isinstance(given, Recording) else list(given)
-    except TypeError:
-        raise TypeError(f"recordings must be Recording objects, got {type(given).__name__}") from None
-    if not records:
-        raise ValueError("recordings must hold at least one Recording, got none")
-    for index, recording in enumerate(records):
-        if not isinstance(recording, Recording):
-            kind = type(recording).__name__
-            raise TypeError(f"recordings must be Recording objects, got {kind} at {index}")
-    return records
 
 
 def recording_label(index: int, recording: Recording) -> str:

@@ -15,7 +15,7 @@ module               functions
 ``drive``            the same in a motor's current: ``follow_motor``
 ``tachometer``       the angle of a shaft from a tachometer's pulses or a wrapped angle
 ``faults``           samples that are clipped, lost or off, filtered torque, noise or speed that changes
-``wavelets``         ``dwt``, ``scalogram``, ``minima_mask``, levels and their statistics, the Morris family
+``wavelets``         ``dwt``, ``scalogram``, levels and their statistics, the Morris family
 ===================  =====================================================================================
 
 The functions that a user of a single window needs are imported here too. One signal can have 0.9 or 4.2 bits

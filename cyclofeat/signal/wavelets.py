@@ -184,9 +184,9 @@ def scalogram(
 ) -> NDArray[np.int64]:
     """Scalogram of windows by MATLAB's recipe, "Discrete Wavelet Transform, Absolute Coefficients".
 
-    Returns the colour of each cell, 1 (smallest coefficient of the row) to ``colours`` (largest), shape (...,
-    levels, n_samples); row 0 is level 1, the highest frequencies. Other arguments are those of :func:`dwt`.
-    Paper B section 5 and figs. 10-12 have 12 levels, 64 colours, mb32.3.
+    Returns the colour of each cell, 1 (smallest coefficient of the row, paper B's "frequency does not exist")
+    to ``colours`` (largest), shape (..., levels, n_samples); row 0 is level 1, the highest frequencies. Other
+    arguments are those of :func:`dwt`. Paper B section 5 and figs. 10-12 have 12 levels, 64 colours, mb32.3.
 
     The colour is ``1 + fix(colours * (|c| - min) / (max - min))``, the maximum itself having the highest; it
     is 1 in rows of one size of coefficient, so everywhere in constant windows. Where sizes differ by rounding
@@ -202,13 +202,6 @@ def scalogram(
         colour = np.minimum(1 + shade, colours)
         rows.append(np.repeat(colour, cells, axis=-1))
     return np.stack(rows, axis=-2)
-
-
-def minima_mask(
-    X: ArrayLike, wavelet: AnyWavelet = "mb32.3", levels: int = 12, colours: int = 64
-) -> NDArray[np.bool_]:
-    """Mark the lowest colour of the :func:`scalogram` of windows: paper B's "frequency does not exist"."""
-    return np.asarray(scalogram(X, wavelet, levels, colours) == 1)
 
 
 def level_statistics(coefficients: Sequence[Float], n_samples: int, colours: int = 64) -> dict[str, Float]:

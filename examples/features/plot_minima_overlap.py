@@ -14,7 +14,7 @@ import numpy as np
 from _surrogates import SAMPLING_RATE, surrogate_windows
 
 from cyclofeat.features import WaveletMinimaOverlap
-from cyclofeat.signal.wavelets import minima_mask, scalogram
+from cyclofeat.signal.wavelets import scalogram
 
 clean, y, _ = surrogate_windows(n_assemblies=3, rig="R0", noise_nm=0.0)
 noisy, _, _ = surrogate_windows(n_assemblies=3, rig="R0")
@@ -29,8 +29,8 @@ extent = (0, n_shown / SAMPLING_RATE, 8.5, 0.5)
 fig, axes = plt.subplots(1, 3, figsize=(12, 3.8), layout="constrained", sharey=True)
 pictures = [
     (scalogram(seven, levels=8)[:, :n_shown], "7 worn, no noise: 64 colours"),
-    (~minima_mask(seven, levels=8)[:, :n_shown], "its minima (black)"),
-    (~minima_mask(noisy[y == 7][0], levels=8)[:, :n_shown], "its minima with 0.2 Nm of noise"),
+    (scalogram(seven, levels=8)[:, :n_shown] > 1, "its minima (black)"),
+    (scalogram(noisy[y == 7][0], levels=8)[:, :n_shown] > 1, "its minima with 0.2 Nm of noise"),
 ]
 for ax, (cells, title) in zip(axes, pictures, strict=True):
     ax.imshow(cells, aspect="auto", cmap="gray", extent=extent, interpolation="none")

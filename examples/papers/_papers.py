@@ -19,7 +19,7 @@ from scipy.signal import butter, find_peaks, sosfiltfilt
 
 from cyclofeat.datasets import load_published_tables, make_rig_recordings
 from cyclofeat.signal import amplitude_spectrum, magnitude_squared_coherence, shannon_entropy, welch_psd
-from cyclofeat.signal.wavelets import minima_mask, morris_names
+from cyclofeat.signal.wavelets import morris_names, scalogram
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, SimulationRun, Solver, simulate
 
 Float = NDArray[np.float64]
@@ -135,7 +135,7 @@ def minima_shared_with_seven(torque: Float, **options: object) -> tuple[NDArray[
 
     Shapes (n_records - 1, levels, n_samples) and (n_records - 1, levels).
     """
-    minima = minima_mask(torque, **options)  # type: ignore[arg-type]
+    minima = scalogram(torque, **options) == 1  # type: ignore[arg-type]
     shared = minima[:-1] & minima[-1]
     return shared, shared.mean(axis=-1)
 

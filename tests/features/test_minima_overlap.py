@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.features import WaveletLevelStatistics, WaveletMinimaOverlap
-from cyclofeat.signal.wavelets import as_wavelet, dwt, minima_mask
+from cyclofeat.signal.wavelets import as_wavelet, dwt, scalogram
 from cyclofeat.simulators import Rig
 
 RATE = 25_600
@@ -59,7 +59,7 @@ def test_aligned_overlap_against_the_pictures():
     fitted = overlap(levels=levels, wavelet="mb32.3").fit(X[:3])
     starts = fitted._phase_starts(X, None)
     assert len(set(starts)) > 1
-    masks = minima_mask(X, levels=levels)
+    masks = scalogram(X, levels=levels) == 1
     lengths = [detail.shape[1] for detail in dwt(X, levels=levels)]
     left = n_samples - int(np.ceil(PERIOD / 0.985))
     for level in range(1, levels + 1):
@@ -145,7 +145,7 @@ def test_up_to_eight_windows_at_equal_distances():
     fitted = overlap(align="none").fit(X, [0] * 10 + [1] * 40)
     chosen = 10 + np.linspace(0, 39, 8).round().astype(int)
     for level, minima in enumerate(fitted.reference_minima_):
-        mask = minima_mask(X[chosen], "db4", 6)[:, level]
+        mask = scalogram(X[chosen], "db4", 6)[:, level] == 1
         assert len(minima) == 8
         assert_array_equal(minima.mean(axis=1) > 0, mask.any(axis=1))
     others = np.delete(X, chosen, axis=0)

@@ -23,7 +23,6 @@ from cyclofeat.signal.wavelets import (
     level_of,
     level_statistics,
     lowest_colour,
-    minima_mask,
     morris,
     morris_names,
     scalogram,
@@ -164,7 +163,7 @@ def test_bad_levels(levels, message):
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_windows_that_are_not_finite(bad):
-    for function in (dwt, scalogram, minima_mask):
+    for function in (dwt, scalogram):
         with pytest.raises(ValueError, match="X must be finite"):
             function([1.0, bad, 2.0])
         with pytest.raises(ValueError, match="at least one sample"):
@@ -186,7 +185,6 @@ def test_scalogram_against_brute_force(wavelet, n_samples, n_colours):
         details = naive.dwt_details(x, bank.dec_lo, bank.dec_hi, 8)
         for level, (detail, row) in enumerate(zip(details, picture, strict=True), 1):
             assert row.tolist() == naive.colours(naive.cells(detail, level, n_samples), n_colours)
-    assert_array_equal(minima_mask(X, wavelet, 8, n_colours), got == 1)
 
 
 @settings(derandomize=True, deadline=None, database=None, max_examples=20)
