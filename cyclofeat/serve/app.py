@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import inspect
 import json
 import secrets
 import shutil
@@ -11,7 +12,7 @@ import socket
 import tempfile
 import threading
 import webbrowser
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,32 +75,22 @@ def make_app(
     --------
     >>> app = make_app("a-long-secret", model=("--model", "model.skops"))
     """
-    answers = Answers()
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         root = Path(tempfile.mkdtemp(prefix="cyclofeat-"))  # readable by its owner only
-        answers.session = app.state.session = Session(root, limits or Limits(), tuple(model), program)
+        session = app.state.session = Session(root, limits or Limits(), tuple(model), program)
         try:
             yield
         finally:
-            await answers.session.close()
+            await session.close()
             shutil.rmtree(root, ignore_errors=True)
 
     routes = [
-        Route("/", answers.get_page),
-        Route("/app.js", answers.get_script),
-        Route("/state", answers.get_state),
-        Route("/folders", answers.add_folder, methods=["POST"]),
-        Route("/files", answers.add_file, methods=["POST"]),
-        Route("/model", answers.add_model, methods=["POST"]),
-        Route("/recordings", answers.remove_recording, methods=["DELETE"]),
-        Route("/stated", answers.state_facts, methods=["POST"]),
-        Route("/gap-files", answers.add_gap_file, methods=["POST"]),
-        Route("/jobs", answers.start_job, methods=["POST"]),
-        Route("/jobs", answers.clear_jobs, methods=["DELETE"]),
-        Route("/jobs/{number:int}/cancel", answers.cancel_job, methods=["POST"]),
-        Route("/jobs/{number:int}/{name}", answers.get_output),
+        Route("/", get_page),
+        Route("/app.js", get_script),
+        *(Route(path, _answer_by(work), methods=[method]) for (method, path), work in WORK.items()),
+        Route("/jobs/{number:int}/{name}", get_output),
     ]
     return Starlette(
         routes=[Mount(f"/{key}", routes=routes)],
@@ -108,7 +99,7 @@ def make_app(
             Middleware(TrustedHostMiddleware, allowed_hosts=["127.0.0.1", "localhost"], www_redirect=False),
             Middleware(_Guard, key=key),
         ],
-        exception_handlers={Refused: answers.refuse, ClientDisconnect: answers.refuse},
+        exception_handlers={Refused: refuse, ClientDisconnect: refuse},
         lifespan=lifespan,
     )
 
@@ -141,67 +132,64 @@ class _Guard:
         await answer(scope, receive, with_headers)
 
 
-class Answers:
-    """Answers to the requests of the page."""
+async def get_page(request: Request) -> Response:
+    return HTMLResponse(render_page())
 
-    session: Session  # from the start of the server to its end
 
-    async def get_page(self, request: Request) -> Response:
-        return HTMLResponse(render_page())
+async def get_script(request: Request) -> Response:
+    return FileResponse(Path(__file__).with_name("templates") / "app.js", media_type="text/javascript")
 
-    async def get_script(self, request: Request) -> Response:
-        return FileResponse(Path(__file__).with_name("templates") / "app.js", media_type="text/javascript")
 
-    async def get_state(self, request: Request) -> Response:
-        return JSONResponse(render_parts(self.session))
+async def get_output(request: Request) -> Response:
+    name = request.path_params["name"]
+    path = request.app.state.session.find_job(request.path_params["number"]).output_path(name)
+    if path is None:
+        raise Refused(404, f"no such file: {name!r}")
+    shown = "attachment" if "download" in request.query_params else "inline"
+    headers = {"Content-Security-Policy": _REPORT_POLICY}
+    return FileResponse(path, filename=name, content_disposition_type=shown, headers=headers)
 
-    async def add_folder(self, request: Request) -> Response:
-        return JSONResponse({"name": self.session.store.add_folder(_query_value(request))}, 201)
 
-    async def add_file(self, request: Request) -> Response:
-        folder = request.query_params.get("folder")
-        name = await self.session.store.add_file(_query_value(request), request.stream(), folder)
-        return JSONResponse({"name": name}, 201)
+async def refuse(request: Request, error: Exception) -> Response:
+    """Answer with the reason; nobody reads it where the browser has gone away in the middle."""
+    return JSONResponse({"error": str(error)}, error.status if isinstance(error, Refused) else 400)
 
-    async def add_model(self, request: Request) -> Response:
-        await self.session.add_model(_query_value(request), request.stream())
-        return JSONResponse({}, 201)
 
-    async def remove_recording(self, request: Request) -> Response:
-        self.session.store.remove_recording(_query_value(request))
-        return JSONResponse({})
+async def start_job(session: Session, request: Request) -> dict[str, int]:
+    return {"number": session.start_job(await _read_object(request)).number}
 
-    async def state_facts(self, request: Request) -> Response:
-        self.session.state_facts(_query_value(request), await _read_object(request))
-        return JSONResponse({})
 
-    async def add_gap_file(self, request: Request) -> Response:
-        await self.session.store.add_gap_file(_query_value(request), request.stream())
-        return JSONResponse({}, 201)
+async def state_facts(session: Session, request: Request) -> None:
+    session.store.state_facts(_query_value(request), await _read_object(request))
 
-    async def start_job(self, request: Request) -> Response:
-        return JSONResponse({"number": self.session.start_job(await _read_object(request)).number}, 201)
 
-    async def clear_jobs(self, request: Request) -> Response:
-        self.session.clear_jobs()
-        return JSONResponse({})
+async def add_file(session: Session, request: Request) -> dict[str, str]:
+    folder = request.query_params.get("folder")
+    return {"name": await session.store.add_file(_query_value(request), request.stream(), folder)}
 
-    async def cancel_job(self, request: Request) -> Response:
-        await self.session.cancel_job(request.path_params["number"])
-        return JSONResponse({})
 
-    async def get_output(self, request: Request) -> Response:
-        name = request.path_params["name"]
-        path = self.session.find_job(request.path_params["number"]).output_path(name)
-        if path is None:
-            raise Refused(404, f"no such file: {name!r}")
-        shown = "attachment" if "download" in request.query_params else "inline"
-        headers = {"Content-Security-Policy": _REPORT_POLICY}
-        return FileResponse(path, filename=name, content_disposition_type=shown, headers=headers)
+# What the page asks and does, by method and path.
+WORK: dict[tuple[str, str], Callable[[Session, Request], Any]] = {
+    ("GET", "/state"): lambda session, _: render_parts(session),
+    ("POST", "/folders"): lambda session, asked: {"name": session.store.add_folder(_query_value(asked))},
+    ("POST", "/files"): add_file,
+    ("POST", "/others"): lambda session, asked: session.store.add_other(_query_value(asked), asked.stream()),
+    ("DELETE", "/recordings"): lambda session, asked: session.store.remove_recording(_query_value(asked)),
+    ("POST", "/stated"): state_facts,
+    ("POST", "/jobs"): start_job,
+    ("DELETE", "/jobs"): lambda session, _: session.clear_jobs(),
+    ("POST", "/jobs/{number:int}/cancel"): lambda session, asked: session.cancel_job(**asked.path_params),
+}
 
-    async def refuse(self, request: Request, error: Exception) -> Response:
-        """Answer with the reason; nobody reads it where the browser has gone away in the middle."""
-        return JSONResponse({"error": str(error)}, error.status if isinstance(error, Refused) else 400)
+
+def _answer_by(work: Callable[[Session, Request], Any]) -> Callable[[Request], Awaitable[Response]]:
+    """Return the endpoint that answers with what some work returns."""
+
+    async def answer(request: Request) -> Response:
+        result = work(request.app.state.session, request)
+        return JSONResponse((await result if inspect.isawaitable(result) else result) or {})
+
+    return answer
 
 
 async def _read_object(request: Request) -> dict[str, Any]:

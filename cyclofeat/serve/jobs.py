@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import AsyncIterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -20,7 +20,7 @@ from typing import Any, Literal, NamedTuple
 
 from cyclofeat._base.quantities import number_of
 from cyclofeat.datasets.readers import MANIFEST, folder_entries
-from cyclofeat.serve.store import STATED, Limits, Refused, Store
+from cyclofeat.serve.store import STATED, Limits, Refused, Store, filled_texts
 
 # Options of commands, as the page names them.
 _READING = (
@@ -30,7 +30,6 @@ _READING = (
 )  # fmt: skip
 _SWITCHES = ("no_angle", "angle_absolute")
 _TITLES = {"inspect": "Inspection", "count": "Count", "gap": "Gap"}
-_LONGEST_VALUE = 200
 
 
 class Order(NamedTuple):
@@ -62,12 +61,15 @@ def make_order(asked: Mapping[str, Any], store: Store, model: Sequence[str], fol
         return Order("simulate", "Simulation of an example with 3 worn lobes", arguments, (name,))
     targets: dict[str, str] = {}
     more: tuple[str, ...] = ()
-    options, more_words = _filled_options(asked), list[str]()
+    stated = asked.get("options") or {}
+    if not isinstance(stated, dict):
+        raise Refused(400, f"options must be names with values, got {stated!r}")
+    options, more_words = filled_texts(stated), list[str]()
     if command == "count":
         targets, more = {"--report": "count.html"}, ("skip",)
     elif command == "gap":
         targets, more = {"--out": "gap.html", "--save-simulator": "corrected.json"}, ("hold_out", "simulated")
-        more_words = [f"--{kind}={path}" for kind, path in store.gap_files.items()]
+        more_words = [f"--{kind}={path}" for kind, path in store.others.items() if kind != "model"]
         simulated, held_out = options.get("simulated"), options.get("hold_out", "")
         # Both can be paths, of which only uploaded ones are read.
         if held_out and not re.fullmatch(r"speed|load|0?[.]\d+", held_out):
@@ -117,17 +119,6 @@ def _manifest_rows(names: Sequence[str], options: dict[str, str], store: Store) 
     return rows
 
 
-def _filled_options(asked: Mapping[str, Any]) -> dict[str, str]:
-    """Return the options that are not empty."""
-    options = asked.get("options") or {}
-    if not isinstance(options, dict):
-        raise Refused(400, f"options must be names with values, got {options!r}")
-    for name, value in options.items():
-        if not isinstance(value, str) or len(value) > _LONGEST_VALUE or not value.isprintable():
-            raise Refused(400, f"{name} must be a text of up to {_LONGEST_VALUE} printable characters")
-    return {name: value.strip() for name, value in options.items() if value.strip()}
-
-
 def _recording_names(asked: Any, store: Store) -> tuple[str, ...]:
     """Return the names of stored recordings; those of folders name nothing outside."""
     if not isinstance(asked, list) or not asked:
@@ -154,7 +145,7 @@ _GRACE_S = 3.0  # for a command to end by itself when it is cancelled
 _LONGEST_LINE = 2**20  # bytes
 _N_KEPT = 50
 
-State = Literal["running", "done", "failed", "cancelled", "died"]
+State = Literal["running", "done", "failed", "cancelled", "ended unexpectedly"]
 
 
 @dataclass
@@ -174,6 +165,11 @@ class Job:
     began: float = field(default_factory=time.monotonic)
 
     @property
+    def message(self) -> str:
+        """The last message of the command."""
+        return self.messages[-1] if self.messages else "starting"
+
+    @property
     def outputs(self) -> list[str]:
         """Names of the files that can be downloaded."""
         return [name for name in self.order.outputs if self.output_path(name) is not None]
@@ -189,20 +185,17 @@ class Job:
         with contextlib.suppress(ValueError):
             documents = json.loads(printed)
             self.result = documents if isinstance(documents, list) else [documents]
-        last = self.messages[-1] if self.messages else "it said nothing"
         errors = [str(document["error"]) for document in self.result if "error" in document]
         if code == 2 and len(errors) == len(self.result):  # also where the options were not understood
-            self.state, self.error = "failed", "; ".join(errors) or last
+            self.state, self.error = "failed", "; ".join(errors) or self.message
         elif code in (0, 2):
             self.state = "done"
-        elif code < 0:
-            name = signal.Signals(-code).name
-            self.state = "died"
-            self.error = (
-                f"the command was ended by the system ({name}), perhaps because memory was short: {last}"
-            )
         else:
-            self.state, self.error = "died", f"the command ended with code {code}: {last}"
+            how = f"ended with code {code}"
+            if code < 0:
+                name = signal.Signals(-code).name
+                how = f"was ended by the system ({name}), perhaps because memory was short"
+            self.state, self.error = "ended unexpectedly", f"the command {how}: {self.message}"
 
     def output_path(self, name: str) -> Path | None:
         """Return the path of a file that the job has written, by its name."""
@@ -221,7 +214,6 @@ class Session:
         self, root: Path, limits: Limits, given: Sequence[str] = (), program: Sequence[str] = PROGRAM
     ) -> None:
         self.store, self.given, self.program = Store(root, limits), given, program
-        self.uploaded: Path | None = None
         self.jobs: dict[int, Job] = {}
         self._started = 0
         self._tasks: dict[int, asyncio.Task[None]] = {}
@@ -229,25 +221,14 @@ class Session:
     @property
     def model_file(self) -> Path | None:
         """The model file to count with: the uploaded one, else the one given; None for the packaged ones."""
-        return self.uploaded or (Path(self.given[1]) if self.given else None)
-
-    def state_facts(self, name: str, asked: Mapping[str, Any]) -> None:
-        """Keep what the page states of one file; empty texts state nothing."""
-        if self.store.items.get(name) is not False:
-            raise Refused(404, f"no such file: {name!r}")
-        if unknown := asked.keys() - {*STATED}:
-            raise Refused(400, f"unknown fact {min(unknown)!r}; known are {', '.join(STATED)}")
-        self.store.stated[name] = _filled_options({"options": dict(asked)})
+        return self.store.others.get("model") or (Path(self.given[1]) if self.given else None)
 
     def clear_jobs(self) -> None:
         """Forget the results of jobs that have ended, but for what was found in recordings."""
-        for number, job in list(self.jobs.items()):
-            if job.state != "running" and job.order.command != "inspect":
-                del self.jobs[number]
-
-    async def add_model(self, name: str, content: AsyncIterable[bytes]) -> None:
-        """Store an uploaded model file, or the card that belongs to the one before."""
-        self.uploaded = await self.store.add_model(name, content, self.uploaded)
+        ended = [job for job in self.jobs.values() if job.state != "running"]
+        for job in ended:
+            if job.order.command != "inspect":
+                del self.jobs[job.number]
 
     def inspected_facts(self) -> dict[str, dict[str, Any]]:
         """Return what was last found in each file, by its path within the folder of recordings."""
@@ -274,7 +255,8 @@ class Session:
         if len(self.running_jobs) >= most:
             raise Refused(429, f"{most} jobs are running: wait until one ends, or cancel one")
         folder = self.store.root / f"job-{self._started + 1}"
-        model = self.given if self.uploaded is None else ("--model", str(self.uploaded))
+        uploaded = self.store.others.get("model")
+        model = self.given if uploaded is None else ("--model", str(uploaded))
         job = Job(self._started + 1, make_order(asked, self.store, model, folder), folder)
         folder.mkdir()
         if job.order.rows:
@@ -320,7 +302,7 @@ class Session:
         except asyncio.CancelledError:
             job.state = "cancelled"
         except (OSError, ValueError) as error:  # ValueError: a line without end
-            job.state, job.error = "died", f"the command cannot be run: {error}"
+            job.state, job.error = "ended unexpectedly", f"the command cannot be run: {error}"
         else:
             job.conclude(code, printed)
         finally:

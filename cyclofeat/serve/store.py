@@ -6,15 +6,19 @@ import csv
 import os
 import re
 import shutil
+import tempfile
 from collections.abc import AsyncIterable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from cyclofeat.datasets.readers import MANIFEST
-from cyclofeat.models.card import card_path
+from cyclofeat.models.card import CARD_SUFFIX, card_path
 
 STATED = ("channel", "quantity", "speed")  # of single files
+_KINDS = {".skops": "model", ".json": "simulator", ".npz": "posterior"}  # of files beside recordings
 
+_LONGEST_VALUE = 200
 _LONGEST_NAME = 150  # bytes; file systems take 255
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)  # by Windows
 _ENDINGS = re.compile(r"((?:\.[A-Za-z]\w{0,9}){0,2})$")
@@ -35,7 +39,6 @@ class Limits:
     total_bytes: int = 4 * 2**30  # of all uploads together
     files: int = 1000  # those in folders included
     jobs: int = 4  # that run at a time
-    model_bytes: int = 2**29
 
 
 @dataclass
@@ -43,18 +46,17 @@ class Store:
     """Uploaded recordings and models, in the folder ``root`` that nobody else can read.
 
     ``items`` holds the name of each recording in the folder ``recordings``, and whether it is a folder;
-    ``stated`` holds what the page states of single ones, by the columns of a manifest; ``gap_files`` are the
-    uploaded rig (``simulator``) and its ``posterior``.
+    ``stated`` holds what the page states of single ones, by the columns of a manifest; ``others`` are the
+    uploaded ``model``, rig (``simulator``) and ``posterior``.
     """
 
     root: Path
     limits: Limits
     items: dict[str, bool] = field(default_factory=dict)
     stated: dict[str, dict[str, str]] = field(default_factory=dict)
-    gap_files: dict[str, Path] = field(default_factory=dict)
+    others: dict[str, Path] = field(default_factory=dict)
     _bytes: int = 0
     _files: int = 0
-    _models: int = 0
 
     def __post_init__(self) -> None:
         self.recordings = self.root / "recordings"
@@ -125,37 +127,35 @@ class Store:
             writer.writeheader()
             writer.writerows({"file": name, **row} for name, row in rows.items())
 
-    async def add_gap_file(self, name: str, content: AsyncIterable[bytes]) -> None:
-        """Store a rig ``.json`` or a posterior ``.npz`` in place of the one before."""
-        kind = {".json": "simulator", ".npz": "posterior"}.get(Path(name).suffix)
-        if kind is None:
-            raise Refused(415, f"a rig is a .json file and a posterior a .npz file, got {name!r}")
-        self._models += 1
-        path = self.root / f"{self._models}-{plain_name(name)}"
-        await self._write_file(path, content, most=self.limits.model_bytes)
-        self.gap_files[kind] = path
+    def state_facts(self, name: str, asked: Mapping[str, Any]) -> None:
+        """Keep what the page states of one file; empty texts state nothing."""
+        if self.items.get(name) is not False:
+            raise Refused(404, f"no such file: {name!r}")
+        if unknown := asked.keys() - {*STATED}:
+            raise Refused(400, f"unknown fact {min(unknown)!r}; known are {', '.join(STATED)}")
+        self.stated[name] = filled_texts(asked)
 
-    async def add_model(self, name: str, content: AsyncIterable[bytes], previous: Path | None) -> Path:
-        """Store a ``.skops`` file or a card, the latter beside the file before it, and return the path."""
-        if name.endswith(".json"):
-            if previous is None or card_path(previous).exists():
+    async def add_other(self, name: str, content: AsyncIterable[bytes]) -> None:
+        """Store a model, rig or posterior in place of the one before, or the card of the model before it."""
+        if name.endswith(CARD_SUFFIX):
+            model = self.others.get("model")
+            if model is None or card_path(model).exists():
                 raise Refused(409, "a card follows its model file: choose both files together")
-            await self._write_file(card_path(previous), content, most=2**24)
-            return previous
-        if not name.endswith(".skops"):
+            await self._write_file(card_path(model), content)
+            return
+        kind = _KINDS.get(Path(name).suffix)
+        if kind is None:
             raise Refused(
                 415,
-                "only .skops models can be uploaded: a .joblib file can run any code when loaded; if you "
-                "trust it, start cyclofeat serve --model FILE --trust",
+                f"a model is a .skops file, a rig a .json file and a posterior a .npz file, got {name!r}; a "
+                ".joblib file can run any code when loaded: if you trust it, start cyclofeat serve --model "
+                "FILE --trust",
             )
-        self._models += 1
-        folder = self.root / f"model-{self._models}"
-        folder.mkdir()
-        path = folder / "model.skops"
-        await self._write_file(path, content, most=self.limits.model_bytes)
-        return path
+        folder = Path(tempfile.mkdtemp(dir=self.root))
+        await self._write_file(folder / plain_name(name), content)
+        self.others[kind] = folder / plain_name(name)
 
-    async def _write_file(self, path: Path, content: AsyncIterable[bytes], most: int | None = None) -> None:
+    async def _write_file(self, path: Path, content: AsyncIterable[bytes]) -> None:
         """Write a new file within the bounds; nothing stays of one that exceeds them or breaks off."""
         if self._files >= self.limits.files:
             raise Refused(413, f"at most {self.limits.files} files can be uploaded: remove some")
@@ -166,12 +166,12 @@ class Store:
                 async for part in content:
                     written += len(part)
                     self._bytes += len(part)
-                    if self._bytes > self.limits.total_bytes or (most is not None and written > most):
-                        bound = self.limits.total_bytes if most is None else most
+                    if self._bytes > self.limits.total_bytes:
                         raise Refused(
                             413,
-                            f"{path.name} is too large: uploads may take {bound / 2**20:,.0f} MB together; "
-                            "remove some, or use the command line, which reads files where they are",
+                            f"{path.name} is too large: uploads may take "
+                            f"{self.limits.total_bytes / 2**20:,.0f} MB together; remove some, or use the "
+                            "command line, which reads files where they are",
                         )
                     file.write(part)
         except BaseException as error:
@@ -189,6 +189,14 @@ class Store:
             number += 1
             unused = f"{stem} ({number}){ending}"
         return unused
+
+
+def filled_texts(asked: Mapping[str, Any]) -> dict[str, str]:
+    """Return the texts that are not empty, by their names; raise Refused for other values."""
+    for name, value in asked.items():
+        if not isinstance(value, str) or len(value) > _LONGEST_VALUE or not value.isprintable():
+            raise Refused(400, f"{name} must be a text of up to {_LONGEST_VALUE} printable characters")
+    return {name: value.strip() for name, value in asked.items() if value.strip()}
 
 
 def _link_file(source: str | Path, target: str | Path) -> None:

@@ -47,7 +47,7 @@ def render_parts(session: Session) -> dict[str, Any]:
         "model": {"model": _describe_model(session)},
         "channel": {"channels": channels},
         "simulated": {"names": present},
-        "gap_files": {"files": [path.name.partition("-")[2] for path in session.store.gap_files.values()]},
+        "gap_files": {"files": [path.name for kind, path in session.store.others.items() if kind != "model"]},
         "recordings": {"recordings": recordings, "quantities": {name: in_words(name) for name in QUANTITIES}},
         "jobs": {"jobs": jobs},
     }
@@ -66,11 +66,10 @@ def _describe_model(session: Session) -> dict[str, str] | None:
     path = session.model_file
     if path is None:
         return None
-    name = "the model that you chose" if path == session.uploaded else path.name
     try:
         card = read_card(path)
     except (ModelFileError, OSError) as error:
-        return {"name": name, "text": "", "error": str(error)}
+        return {"name": path.name, "text": "", "error": str(error)}
     scores, rate, speed = card["scores"], card["sampling_rate"], card["input_speed_hz"]
     trained = card["training"].get("speeds_rpm")
     at = [f"{rate:g} Hz"] if rate else []  # of windows over time alone
@@ -83,88 +82,59 @@ def _describe_model(session: Session) -> dict[str, str] | None:
         text += f" in recordings at {' and '.join(at)}"
     if scores and "accuracy_interval" in scores:  # one may save any scores with a model
         text += f"; {score_text(scores)}, on assemblies held out"
-    return {"name": name, "text": text, "error": ""}
+    return {"name": path.name, "text": text, "error": ""}
 
 
 def _describe_file(row: Mapping[str, Any]) -> dict[str, Any]:
-    channels = row.get("channels") or {}
-    if "error" in row:
-        return {"name": row["file"], "error": row["error"], "channels": channels}
+    described = {"name": row["file"], "error": row.get("error", ""), "channels": row.get("channels") or {}}
+    if described["error"]:
+        return described
     turns = row["output_turns"]
     cells = [
         f"{row['channel']} ({row['unit']})",
         f"{row['sampling_rate']:g} Hz",
         f"{row['duration_s']:.4g} s" + ("" if turns is None else f", {turns:.3g} output turns"),
-        _speed_text(row["speed_rpm"]),
-        _speed_text(row["speed_measured_rpm"]),
+        *(
+            "not known" if speed is None else f"{speed:.5g} RPM"
+            for speed in (row["speed_rpm"], row["speed_measured_rpm"])
+        ),
     ]
-    return {
-        "name": row["file"],
-        "error": "",
-        "cells": cells,
-        "warnings": row["warnings"],
-        "channels": channels,
-        "speed": row["speed_rpm"] or row["speed_measured_rpm"],
-    }
-
-
-def _speed_text(speed: float | None) -> str:
-    return "not known" if speed is None else f"{speed:.5g} RPM"
+    speed = row["speed_rpm"] or row["speed_measured_rpm"]
+    return described | {"cells": cells, "warnings": row["warnings"], "speed": speed}
 
 
 def _describe_job(job: Job) -> dict[str, Any]:
     """Describe a job and what came out of it."""
-    words = {
-        "running": "running", "done": "done", "failed": "failed", "cancelled": "cancelled",
-        "died": "ended unexpectedly",
-    }  # fmt: skip
     command_line = shlex.join(["cyclofeat", job.order.command, *job.order.arguments])
     # A terminal needs the manifest, too, that the page has written.
     rows = [f"{MANIFEST}: {', '.join((name, *row.values()))}" for name, row in job.order.rows.items()]
-    counted = re.search(r"(\d+) of (\d+)", job.messages[-1]) if job.messages else None
-    described: dict[str, Any] = {
+    counted = re.search(r"(\d+) of (\d+)", job.message)
+    return {
+        "job": job,
         "progress": counted.groups() if counted else None,
         "elapsed": seconds_text(time.monotonic() - job.began),
         "estimate": next((text for text in job.messages if " takes about " in text), ""),
-        "number": job.number,
-        "command": job.order.command,
-        "title": job.order.title,
-        "state": job.state,
-        "state_text": words[job.state],
-        "message": job.messages[-1] if job.messages else "starting",
         "messages": [
             text.replace(f"{job.folder}{os.sep}", "") for text in (command_line, *rows, *job.messages)
         ],
-        "error": job.error,
-        "outputs": job.outputs,
-        "counts": [],
-        "gap": [],
+        "counts": _describe_counts(job),
+        "gap": job.result[0]["text"] if job.order.command == "gap" and job.state == "done" else [],
     }
-    if job.order.command == "count":
-        described["counts"] = [_describe_count(row) for row in job.result if "file" in row]
-    elif job.order.command == "gap" and job.state == "done":
-        described["gap"] = job.result[0]["text"]
-    return described
 
 
-def _describe_count(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Describe one answer of ``count``."""
-    if "error" in row:
-        return {"name": row["file"], "error": row["error"]}
-    count = row["refused_defect_count"] if row["refused"] else row["defect_count"]
-    probability = row["probability"][str(count)]
-    positions = "" if row["refused"] else ", ".join(map(str, row["worn_lobes_from_1"]))
-    if positions and not row["lobes_absolute"]:
-        positions += " (relative)"
-    return {
-        "name": row["file"],
-        "error": "",
-        "count": number_of(count, "worn lobe") if count else "no worn lobe",
-        "probability": f"{probability:.2f}",
-        "positions": positions,
-        "refused": row["reason"] if row["refused"] else "",
-        "warnings": row["warnings"],
-    }
+def _describe_counts(job: Job) -> list[dict[str, Any]]:
+    """Describe the answers of ``count``; none of other commands."""
+    rows = [{"error": "", **row} for row in job.result if "file" in row and job.order.command == "count"]
+    for row in rows:
+        if row["error"]:
+            continue
+        count = row["refused_defect_count"] if row["refused"] else row["defect_count"]
+        row["count"] = number_of(count, "worn lobe") if count else "no worn lobe"
+        row["probability"] = f"{row['probability'][str(count)]:.2f}"
+        row["positions"] = "" if row["refused"] else ", ".join(map(str, row["worn_lobes_from_1"]))
+        if row["positions"] and not row["lobes_absolute"]:
+            row["positions"] += " (relative)"
+    return rows
 
 
 def _status_text(session: Session, recordings: list[dict[str, Any]]) -> str:
@@ -172,14 +142,14 @@ def _status_text(session: Session, recordings: list[dict[str, Any]]) -> str:
     running = session.running_jobs
     if running:
         job = running[-1]
-        return f"{job.order.title}: {job.messages[-1] if job.messages else 'starting'}."
+        return f"{job.order.title}: {job.message}."
     jobs = list(session.jobs.values())
     ended = ""
     if jobs:
         job = jobs[-1]
-        rows = [_describe_count(row) for row in job.result if "file" in row and job.order.command == "count"]
+        rows = _describe_counts(job)
         counts = [
-            f"{row['name']}: {'refused' if row['refused'] else row['count']}"
+            f"{row['file']}: {'refused' if row['refused'] else row['count']}"
             for row in rows
             if not row["error"]
         ]

@@ -38,7 +38,7 @@ def live(tmp_path_factory):
 @pytest.fixture
 def fresh(tmp_path):
     """A server of its own, with narrow bounds."""
-    limits = Limits(total_bytes=1000, files=3, jobs=2, model_bytes=100)
+    limits = Limits(total_bytes=1000, files=3, jobs=2)
     with Live(limits=limits) as fresh:
         yield fresh
 
@@ -100,7 +100,7 @@ def test_no_name_leads_out_of_the_folder(live, name):
     store = live.session.store
     before = files_below(store.root)
     status, answer = live.add(name)
-    assert status == 201
+    assert status == 200
     stored = answer["name"]
     assert sorted([*before, f"recordings/{stored}"]) == files_below(store.root)
     assert (store.recordings / stored).resolve().parent == store.recordings.resolve()
@@ -122,7 +122,7 @@ def test_the_folder_of_uploads_is_private(live):
 
 
 def test_uploads_are_bounded_in_size_and_leave_room_again(fresh):
-    assert fresh.add("a.csv", b"1" * 900)[0] == 201
+    assert fresh.add("a.csv", b"1" * 900)[0] == 200
     status, answer = fresh.add("b.csv", b"1" * 101)
     assert status == 413
     assert "remove some" in answer["error"]
@@ -130,11 +130,11 @@ def test_uploads_are_bounded_in_size_and_leave_room_again(fresh):
     assert fresh.ask("POST", "files?name=c.csv", (b"1" * 60 for _ in range(9)))[0] == 413
     assert files_below(fresh.session.store.root) == ["recordings/a.csv"]
     assert fresh.ask("DELETE", "recordings?name=a.csv")[0] == 200
-    assert fresh.add("b.csv", b"1" * 1000)[0] == 201
+    assert fresh.add("b.csv", b"1" * 1000)[0] == 200
 
 
 def test_uploads_are_bounded_in_number(fresh):
-    assert [fresh.add(f"{k}.csv", b"1")[0] for k in range(4)] == [201, 201, 201, 413]
+    assert [fresh.add(f"{k}.csv", b"1")[0] for k in range(4)] == [200, 200, 200, 413]
 
 
 def test_an_upload_that_breaks_off_leaves_nothing(fresh):
@@ -144,17 +144,17 @@ def test_an_upload_that_breaks_off_leaves_nothing(fresh):
         stream.sendall(head.encode() + b"Content-Length: 900\r\n\r\n" + b"1" * 400)
         wait_for(lambda: files_below(fresh.session.store.root))
     wait_for(lambda: not files_below(fresh.session.store.root))
-    assert fresh.add("whole.csv", b"1" * 1000)[0] == 201
+    assert fresh.add("whole.csv", b"1" * 1000)[0] == 200
 
 
 def test_a_folder_keeps_the_names_that_its_manifest_states(live):
     (folder,) = live.ask("POST", "folders?name=measured", b"")[1].values()
-    assert live.add("recordings.csv", b"file,speed\nr 1.csv,500\n", folder)[0] == 201
-    assert live.add("r 1.csv", folder=folder) == (201, {"name": "r 1.csv"})
+    assert live.add("recordings.csv", b"file,speed\nr 1.csv,500\n", folder)[0] == 200
+    assert live.add("r 1.csv", folder=folder) == (200, {"name": "r 1.csv"})
     status, answer = live.add("r 1.csv", folder=folder)
     assert status == 409
     assert "rename one" in answer["error"]
-    assert live.start("inspect", folder)[0] == 201
+    assert live.start("inspect", folder)[0] == 200
     assert live.add("a.csv", folder="elsewhere")[0] == 404
 
 
@@ -175,11 +175,11 @@ def test_a_manifest_cannot_name_what_was_not_uploaded(live, tmp_path, name):
 
 
 def test_only_skops_models_are_taken(fresh):
-    status, answer, _ = fresh.ask("POST", "model?name=m.joblib", b"pickle")
+    status, answer, _ = fresh.ask("POST", "others?name=m.joblib", b"pickle")
     assert status == 415
     assert "--trust" in answer["error"]
-    assert fresh.ask("POST", "model?name=m.skops.card.json", b"{}")[0] == 409  # a card of nothing
-    assert fresh.ask("POST", "model?name=m.skops", b"1" * 101)[0] == 413
+    assert fresh.ask("POST", "others?name=m.skops.card.json", b"{}")[0] == 409  # a card of nothing
+    assert fresh.ask("POST", "others?name=m.skops", b"1" * 1001)[0] == 413
     assert fresh.session.model_file is None
 
 
@@ -190,9 +190,9 @@ def test_a_chosen_model_is_counted_with_and_described_by_its_card(tmp_path):
         assert live.job(live.start("count", "a.csv")[1]["number"]).result[0]["words"][2:5] == [
             "--model", "given.skops", "--trust"
         ]  # fmt: skip
-        live.ask("POST", "model?name=m.skops", file.read_bytes())
+        live.ask("POST", "others?name=m.skops", file.read_bytes())
         assert "has no card" in live.ask("GET", "state")[1]["html"]["model"]
-        live.ask("POST", "model?name=m.skops.card.json", (tmp_path / "m.skops.card.json").read_bytes())
+        live.ask("POST", "others?name=m.skops.card.json", (tmp_path / "m.skops.card.json").read_bytes())
         text = "counts 0 to 3 worn lobes in recordings at 500 RPM"
         assert text in live.ask("GET", "state")[1]["html"]["model"]
         words = live.job(live.start("count", "a.csv")[1]["number"]).result[0]["words"]
@@ -302,14 +302,14 @@ def test_single_files_may_have_facts_of_their_own(live):
 def test_a_gap_takes_an_uploaded_rig_and_posterior(live):
     live.add("g.csv")
     for name in ("mine.json", "mine.npz"):
-        assert live.ask("POST", f"gap-files?name={name}", b"{}")[0] == 201
-    assert live.ask("POST", "gap-files?name=mine.py", b"")[0] == 415
+        assert live.ask("POST", f"others?name={name}", b"{}")[0] == 200
+    assert live.ask("POST", "others?name=mine.py", b"")[0] == 415
     words = live.job(live.start("gap", "g.csv")[1]["number"]).result[0]["words"]
     arguments = make_parser(["gap"]).parse_args(words)
-    assert arguments.simulator.endswith("-mine.json")
-    assert arguments.posterior.endswith("-mine.npz")
+    assert arguments.simulator.endswith("mine.json")
+    assert arguments.posterior.endswith("mine.npz")
     assert "mine.json and mine.npz" in live.ask("GET", "state")[1]["html"]["gap_files"]
-    live.session.store.gap_files.clear()
+    live.session.store.others.clear()
 
 
 def test_results_are_cleared_but_what_was_found_in_files_stays(live):
@@ -355,9 +355,9 @@ def test_a_job_can_be_cancelled_even_if_it_does_not_listen(live, manner):
 @pytest.mark.parametrize(
     ("manner", "state", "error"),
     [
-        ("killed", "died", "SIGKILL"),
-        ("crash", "died", "code 1: RuntimeError: a defect"),
-        ("long", "died", "cannot be run"),
+        ("killed", "ended unexpectedly", "SIGKILL"),
+        ("crash", "ended unexpectedly", "code 1: RuntimeError: a defect"),
+        ("long", "ended unexpectedly", "cannot be run"),
         ("fail", "failed", "a.csv is empty"),
         ("usage", "failed", "bad --speed"),
     ],

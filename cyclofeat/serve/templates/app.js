@@ -200,9 +200,10 @@ document.addEventListener("drop", (event) => {
   }, "simulate");
 });
 
-async function uploadModel(files) {
+/** Send models, before their cards, rigs and posteriors. */
+async function uploadOthers(files) {
   const sorted = [...files].sort((a, b) => b.name.endsWith(".skops") - a.name.endsWith(".skops"));
-  for (const file of sorted) await ask("POST", `model?name=${encodeURIComponent(file.name)}`, file);
+  for (const file of sorted) await ask("POST", `others?name=${encodeURIComponent(file.name)}`, file);
 }
 
 /** State channel, quantity and speed of one file, and look at it again. */
@@ -225,10 +226,8 @@ async function remove(names) {
 document.addEventListener("change", (event) => {
   const { id, files, name } = event.target;
   if (id === "files" || id === "folder") upload(grouped([...files]));
-  else if (id === "model-files") attempt(() => uploadModel(files), "model");
-  else if (id === "gap-file-chooser") attempt(async () => {
-    for (const file of files) await ask("POST", `gap-files?name=${encodeURIComponent(file.name)}`, file);
-  }, "gap");
+  else if (id === "model-files") attempt(() => uploadOthers(files), "model");
+  else if (id === "gap-file-chooser") attempt(() => uploadOthers(files), "gap");
   else if (event.target.closest("[data-stated]")) stateFacts(event.target.closest("[data-stated]"));
   else if (name && !event.target.dataset.only && chosen().length) start("inspect", chosen());
   if (files) event.target.value = ""; // the same files can be chosen again
