@@ -8,8 +8,8 @@ import os
 import sqlite3
 import time as clock
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from contextlib import ExitStack, contextmanager
+from dataclasses import fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Self
 from cyclofeat._base.displays import data_frame
 from cyclofeat._base.files import check_parent
 from cyclofeat._base.quantities import number_of
-from cyclofeat.history.alarm import GearboxState, Point, state_of
+from cyclofeat.history.alarm import GearboxState, HistoryRow, state_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,41 +67,6 @@ ON CONFLICT DO UPDATE SET
 """
 
 
-@dataclass(frozen=True)
-class HistoryRow:
-    """One recording of a history.
-
-    Attributes
-    ----------
-    time : float
-        Time of the recording, in s since 1970.
-    gearbox, file : str
-    model : int
-        Number of the model that counted.
-    defect_count : int or None
-        None where it was refused.
-    reason : str
-        Why it was refused, else empty.
-    mean, deviation : float
-        Mean and standard deviation of its samples.
-    unit : str
-        Unit of these two.
-    answer : dict
-        :meth:`LobeCount.to_dict`: probabilities, lobes, warnings; with the ``source`` of the recording.
-    """
-
-    time: float
-    gearbox: str
-    file: str
-    model: int
-    defect_count: int | None
-    reason: str
-    mean: float
-    deviation: float
-    unit: str
-    answer: dict[str, Any]
-
-
 class History:
     """SQLite file with one row per recording.
 
@@ -141,37 +106,35 @@ class History:
                 raise ValueError(f"{self.path} is no history: it is empty")
         check_parent(self.path, "the history")
         self._pending: list[tuple[tuple[Any, ...], tuple[Any, ...]]] = []
-        with self._name_errors():
+        with self._name_errors(), ExitStack() as on_error:
             # Not as a name alone: SQLite takes some for a database in memory.
             place = self.path.absolute()
             self._connection = sqlite3.connect(place, timeout=_WAIT_S, isolation_level=None)
-        try:
-            with self._name_errors():
-                # Make the tables in a new file, and check those of an old one.
-                execute = self._connection.execute
-                if self._is_new():
-                    # Before the first transaction: this setting belongs to the file.
-                    execute("PRAGMA journal_mode = WAL")
-                    with self._write_transaction():
-                        if self._is_new():  # no other process has been faster
-                            for statement in _TABLES.split(";")[:-1]:
-                                execute(statement)
-                            execute(f"PRAGMA application_id = {_APPLICATION_ID}")
-                            execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
-                version = execute("PRAGMA user_version").fetchone()[0]
-                if execute("PRAGMA application_id").fetchone()[0] != _APPLICATION_ID:
-                    raise ValueError(f"{self.path} is a database of something else: name another file")
-                if version != SCHEMA_VERSION:
-                    raise ValueError(
-                        f"{self.path} is a history of version {version}, but {SCHEMA_VERSION} can be read: "
-                        "update cyclofeat"
-                    )
-                # Now, with its indices: a damaged page would else be met in the middle of the work, or never.
-                if (fault := execute("PRAGMA integrity_check(1)").fetchone()[0]) != "ok":
-                    raise ValueError(_DAMAGED.format(self.path, " ".join(fault.split())))
-        except BaseException:
-            self.close()
-            raise
+            on_error.callback(self.close)
+            # Make the tables in a new file, and check those of an old one.
+            execute = self._connection.execute
+            if self._is_new():
+                # Before the first transaction: this setting belongs to the file.
+                execute("PRAGMA journal_mode = WAL")
+                with self._connection:
+                    execute("BEGIN IMMEDIATE")
+                    if self._is_new():  # no other process has been faster
+                        for statement in _TABLES.split(";")[:-1]:
+                            execute(statement)
+                        execute(f"PRAGMA application_id = {_APPLICATION_ID}")
+                        execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+            version = execute("PRAGMA user_version").fetchone()[0]
+            if execute("PRAGMA application_id").fetchone()[0] != _APPLICATION_ID:
+                raise ValueError(f"{self.path} is a database of something else: name another file")
+            if version != SCHEMA_VERSION:
+                raise ValueError(
+                    f"{self.path} is a history of version {version}, but {SCHEMA_VERSION} can be read: "
+                    "update cyclofeat"
+                )
+            # Now, with its indices: a damaged page would else be met in the middle of the work, or never.
+            if (fault := execute("PRAGMA integrity_check(1)").fetchone()[0]) != "ok":
+                raise ValueError(_DAMAGED.format(self.path, " ".join(fault.split())))
+            on_error.pop_all()
 
     def __enter__(self) -> Self:
         return self
@@ -236,7 +199,8 @@ class History:
         """Write the rows added since the last call; after an OSError the next call tries again."""
         if not self._pending:
             return
-        with self._name_errors(), self._write_transaction():
+        with self._name_errors(), self._connection:
+            self._connection.execute("BEGIN IMMEDIATE")  # after other processes that write
             self._connection.executemany(_ADD_MODEL, [model for model, _ in self._pending])
             self._connection.executemany(_ADD, [row for _, row in self._pending])
         self._pending.clear()
@@ -309,24 +273,14 @@ class History:
         -------
         GearboxState
         """
-        model = self._select_rows(
-            "SELECT m.id, m.scores FROM recording r JOIN model m ON m.id = r.model WHERE r.gearbox = ? "
-            "ORDER BY r.time DESC, r.id DESC LIMIT 1",
-            (gearbox,),
-        )
-        if not model:
+        rows = self.rows(gearbox)
+        if not rows:
             known = ", ".join(self.gearboxes()) or "none"
             raise ValueError(f"gearbox must be one of the history, {known}, got {gearbox!r}")
-        ((model_id, scores),) = model
-        points = self._select_rows(
-            "SELECT time, defect_count, json_extract(answer, '$.wear_um'), "
-            "json_extract(answer, '$.wear_um_low'), json_extract(answer, '$.wear_um_high'), "
-            "json_extract(answer, '$.wear_um_coverage') FROM recording "
-            "WHERE gearbox = ? AND model = ? ORDER BY time, id",
-            (gearbox, model_id),
-        )
+        model = rows[-1].model
+        ((scores,),) = self._select_rows("SELECT scores FROM model WHERE id = ?", (model,))
         return state_of(
-            gearbox, [Point(*point) for point in points], None if scores is None else json.loads(scores),
+            [row for row in rows if row.model == model], None if scores is None else json.loads(scores),
             false_alarms_per_month=false_alarms_per_month, recordings_per_month=recordings_per_month,
         )  # fmt: skip
 
@@ -336,17 +290,6 @@ class History:
     def _select_rows(self, statement: str, values: Sequence[Any] = ()) -> list[Any]:
         with self._name_errors():
             return self._connection.execute(statement, values).fetchall()
-
-    @contextmanager
-    def _write_transaction(self) -> Iterator[None]:
-        """Write all or nothing, after other processes that write."""
-        self._connection.execute("BEGIN IMMEDIATE")
-        try:
-            yield
-            self._connection.execute("COMMIT")
-        except BaseException:
-            self._connection.rollback()  # nothing to do where SQLite has done so already
-            raise
 
     @contextmanager
     def _name_errors(self) -> Iterator[None]:

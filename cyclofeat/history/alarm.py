@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections import Counter
+import itertools
+import math
+import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.special import betaincinv
@@ -176,23 +178,39 @@ def choose_rule(
 N_BASELINE, HOUR_S, MONTH_S = 10, 3600, 365.25 / 12 * 86_400
 
 
-class Point(NamedTuple):
-    """Time in s since 1970 of a recording, its count (None where it was refused), and depth of wear in um.
+@dataclass(frozen=True)
+class HistoryRow:
+    """One recording of a history.
 
-    The depth also has the ends and the coverage of its interval.
+    Attributes
+    ----------
+    time : float
+        Time of the recording, in s since 1970.
+    gearbox, file : str
+    model : int
+        Number of the model that counted.
+    defect_count : int or None
+        None where it was refused.
+    reason : str
+        Why it was refused, else empty.
+    mean, deviation : float
+        Mean and standard deviation of its samples.
+    unit : str
+        Unit of these two.
+    answer : dict
+        :meth:`LobeCount.to_dict`: probabilities, lobes, warnings; with the ``source`` of the recording.
     """
 
     time: float
+    gearbox: str
+    file: str
+    model: int
     defect_count: int | None
-    wear_um: float | None = None
-    low_um: float | None = None
-    high_um: float | None = None
-    coverage: float | None = None
-
-    def exceeds_baseline(self, baseline: int, baseline_um: float | None) -> bool:
-        """Return whether count or depth exceed the baseline."""
-        deeper = baseline_um is not None and self.low_um is not None and self.low_um > baseline_um
-        return deeper or (self.defect_count is not None and self.defect_count > baseline)
+    reason: str
+    mean: float
+    deviation: float
+    unit: str
+    answer: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -276,35 +294,36 @@ def _iso_time(time: float) -> str:
 
 
 def state_of(
-    gearbox: str,
-    points: Sequence[Point],
+    rows: Sequence[HistoryRow],
     scores: Mapping[str, Any] | None,
     *,
     false_alarms_per_month: float,
     recordings_per_month: float | None,
 ) -> GearboxState:
-    """Return the state of a gearbox after at least one recording, in the order of time."""
+    """Return the state of a gearbox by at least one recording of one model, in the order of time."""
     checks.positive("false_alarms_per_month", false_alarms_per_month)
     if recordings_per_month is not None:
         checks.positive("recordings_per_month", recordings_per_month)
-    counted = [point for point in points if point.defect_count is not None]
-    counts = [point.defect_count for point in points if point.defect_count is not None]
-    first, last = points[0].time, points[-1].time
+    counted = [row for row in rows if row.defect_count is not None]
+    counts = [row.defect_count for row in rows if row.defect_count is not None]
+    first, last = rows[0].time, rows[-1].time
     rate = recordings_per_month
     if rate is None and last - first >= HOUR_S:
-        rate = (len(points) - 1) / (last - first) * MONTH_S
+        rate = (len(rows) - 1) / (last - first) * MONTH_S
     baseline, rule, no_rule = None, None, ""
     baseline_um, depth_error, exceeds = None, 0.0, list[bool]()
-    alarms: list[tuple[float, float | None]] = []
     if len(counted) >= N_BASELINE:
-        usual = counted[:N_BASELINE]
-        frequent = Counter(counts[:N_BASELINE])
-        baseline = min(frequent, key=lambda count: (-frequent[count], count))
+        baseline = min(statistics.multimode(counts[:N_BASELINE]))
         # Usual upper end of the depth's interval, and how often a lower one lies above the truth.
-        ends = [point.high_um for point in usual if point.high_um is not None]
-        if len(ends) == N_BASELINE:
-            baseline_um, depth_error = float(np.median(ends)), (1 - float(usual[0].coverage or 0.0)) / 2
-        exceeds = [point.exceeds_baseline(baseline, baseline_um) for point in counted]
+        usual = [row.answer for row in counted[:N_BASELINE] if row.answer.get("wear_um_high") is not None]
+        if len(usual) == N_BASELINE:
+            baseline_um = float(np.median([answer["wear_um_high"] for answer in usual]))
+            depth_error = (1 - usual[0]["wear_um_coverage"]) / 2
+        deepest = math.inf if baseline_um is None else baseline_um
+        exceeds = [
+            count > baseline or (row.answer.get("wear_um_low") or 0.0) > deepest
+            for count, row in zip(counts, counted, strict=True)
+        ]
     if baseline is None:
         no_rule = f"{len(counted)} of the {N_BASELINE} counts that make a baseline"
     elif scores is None:
@@ -324,27 +343,24 @@ def state_of(
             rule = dataclasses.replace(rule, baseline_um=baseline_um)
         except ValueError as error:
             no_rule = str(error)
+    alarms: tuple[tuple[float, float | None], ...] = ()
     if rule is not None:
-        before = False
-        later = counted[N_BASELINE:]
-        for point, now in zip(later, alarm_states(exceeds[N_BASELINE:], rule), strict=True):
-            if now and not before:
-                alarms.append((point.time, None))
-            elif before and not now:
-                alarms[-1] = (alarms[-1][0], point.time)
-            before = now
+        states = zip(alarm_states(exceeds[N_BASELINE:], rule), counted[N_BASELINE:], strict=True)
+        begun = [(now, next(group)[1].time) for now, group in itertools.groupby(states, lambda one: one[0])]
+        changes = itertools.pairwise([*begun, (False, None)])
+        alarms = tuple((time, end) for (now, time), (_, end) in changes if now)
     return GearboxState(
-        gearbox=gearbox,
-        n_recordings=len(points),
-        n_refused=len(points) - len(counted),
+        gearbox=rows[0].gearbox,
+        n_recordings=len(rows),
+        n_refused=len(rows) - len(counted),
         first=first,
         last=last,
         defect_count=counts[-1] if counts else None,
-        wear_um=counted[-1].wear_um if counted else None,
+        wear_um=counted[-1].answer.get("wear_um") if counted else None,
         baseline=baseline,
         recordings_per_month=rate,
         rule=rule,
         no_rule=no_rule,
         alarm=bool(alarms) and alarms[-1][1] is None,
-        alarms=tuple(alarms),
+        alarms=alarms,
     )
