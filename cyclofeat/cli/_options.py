@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import functools
 import math
 import os
 import re
 import sys
 import traceback
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import partial
 from importlib import import_module
@@ -22,7 +21,7 @@ from cyclofeat._base.progress import Progress, erase_progress, is_hidden, second
 from cyclofeat._base.quantities import QUANTITIES, in_words, join_errors, number_of
 
 if TYPE_CHECKING:
-    from cyclofeat.counting import LobeCount, LobeModel
+    from cyclofeat.counting import LobeModel
     from cyclofeat.datasets.readers import Entry
     from cyclofeat.recordings import Recording
 
@@ -543,32 +542,6 @@ def read_model(arguments: argparse.Namespace, quantity: str | None = None) -> Lo
     return as_lobe_model(loaded)
 
 
-def model_chooser(arguments: argparse.Namespace) -> Callable[[str], LobeModel]:
-    """Return a function from a quantity to its model: the one that the options name, or the packaged one."""
-    named = None if arguments.model is None else read_model(arguments)
-
-    @functools.cache
-    def of_quantity(quantity: str) -> LobeModel:
-        return named or read_model(arguments, quantity)
-
-    return of_quantity
-
-
-def count_with_warnings(model: LobeModel, recording: Recording) -> LobeCount:
-    """Count a recording; warnings about the record itself follow those of the count."""
-    from cyclofeat.datasets.readers import record_warnings
-
-    count = model.count(recording)
-    of_record = record_warnings(recording, reduction=model.n_lobes_)
-    return replace(count, warnings=(*count.warnings, *of_record))
-
-
 def model_name(arguments: argparse.Namespace, quantity: str | None = None) -> str:
     """Return what names the model in a result: its file, or which of the packaged ones it is."""
     return arguments.model or f"packaged, {in_words(quantity or arguments.quantity or QUANTITIES[0])}"
-
-
-def without_start(recording: Recording, seconds: float) -> Recording:
-    if not 0 <= seconds < recording.duration:
-        raise ValueError(f"--skip must lie within the {recording.duration:g} s recorded, got {seconds:g} s")
-    return recording.crop(seconds) if seconds else recording

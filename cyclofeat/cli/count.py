@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import csv
 import itertools
 import operator
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from cyclofeat._base.files import name_in_errors
 from cyclofeat._base.progress import Progress
@@ -23,29 +24,136 @@ from cyclofeat.cli._options import (
     add_model_options,
     add_reading_options,
     add_target,
-    count_with_warnings,
+    alarm_rates,
     list_entries,
-    model_chooser,
     model_name,
     note,
     process_files,
+    read_model,
     reading_arguments,
-    without_start,
 )
-from cyclofeat.cli.history import history_writer
 
 if TYPE_CHECKING:
     from cyclofeat.counting import LobeCount, LobeModel
-    from cyclofeat.history import GearboxState
+    from cyclofeat.history import GearboxState, History
     from cyclofeat.recordings import Recording
 
-# Answer for a recording, length in s, state of its gearbox where there is a history, and quantity.
-Counted: TypeAlias = "tuple[LobeCount, float, GearboxState | None, str]"
 COLUMNS = (
     "file", "defect_count", "probability", "worn_lobes_from_1", "lobes_absolute", "refused",
     "refused_defect_count", "reason", "n_windows", "distance", "warnings", "error",
     "wear_um", "wear_um_low", "wear_um_high",
 )  # fmt: skip
+
+
+@dataclass
+class Counted:
+    """Answer for a recording, its length in s, and the state of its gearbox where there is a history."""
+
+    count: LobeCount
+    duration: float
+    quantity: str
+    model: str  # its name
+    gearbox: str = ""
+    state: GearboxState | None = None
+
+    @property
+    def answer(self) -> str:
+        """The count and its probability in words."""
+        probability = probability_text(self.count.probability[self.count.defect_count])
+        return f"{number_of(self.count.defect_count, 'worn lobe')} (probability {probability})"
+
+    def facts(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        facts = {**self.count.to_dict(), "model": self.model}
+        if self.state is not None:
+            state = {"alarm": self.state.alarm, "history": self.state.to_dict()}
+            facts |= {"gearbox": self.gearbox, **state}
+        return facts
+
+
+class RecordingCounter:
+    """Counts recordings as the options of ``count`` and ``watch`` state, and keeps the counts in a history.
+
+    The gearbox is that of the options, else the assembly that a file states, else the one of this name.
+    """
+
+    def __init__(self, arguments: argparse.Namespace, default_gearbox: str = "") -> None:
+        if arguments.gearbox == "":
+            raise ValueError("--gearbox must be a name, got an empty one")
+        self.arguments, self.default_gearbox = arguments, default_gearbox
+        self._models: dict[str, LobeModel] = {}
+        if arguments.model is not None:
+            self.model_of("")  # or its error now
+        self._history: History | None = None
+        if arguments.history:
+            from cyclofeat.history import History
+
+            self._history = History(arguments.history)
+
+    def close(self) -> None:
+        """Close the history."""
+        if self._history is not None:
+            self._history.close()
+
+    def model_of(self, quantity: str) -> LobeModel:
+        """Return the model that the options name, or the packaged one of a quantity."""
+        name = quantity if self.arguments.model is None else ""
+        if name not in self._models:
+            self._models[name] = read_model(self.arguments, quantity)
+        return self._models[name]
+
+    def without_start(self, recording: Recording) -> Recording:
+        skip = self.arguments.skip
+        if not 0 <= skip < recording.duration:
+            raise ValueError(f"--skip must lie within the {recording.duration:g} s recorded, got {skip:g} s")
+        return recording.crop(skip) if skip else recording
+
+    def count(self, path: Path, recording: Recording) -> Counted:
+        """Count a recording of a file; warnings about the record itself follow those of the count."""
+        from cyclofeat.datasets.readers import record_warnings
+
+        recording = self.without_start(recording)
+        model = self.model_of(recording.quantity)
+        count = model.count(recording)
+        of_record = record_warnings(recording, reduction=model.n_lobes_)
+        count = replace(count, warnings=(*count.warnings, *of_record))
+        name = model_name(self.arguments, recording.quantity)
+        counted = Counted(count, recording.duration, recording.quantity, name)
+        if self._history is not None:
+            assembly = self.default_gearbox if recording.assembly is None else str(recording.assembly)
+            counted.gearbox = self.arguments.gearbox or assembly
+            if not counted.gearbox:
+                raise ValueError("the file states no assembly: give --gearbox NAME with --history")
+            time = _start_time(path, recording)
+            self._history.add(counted.gearbox, str(path.resolve()), time, count, recording, model.card_)
+        return counted
+
+    @property
+    def n_unwritten(self) -> int:
+        """Counts that the history does not hold yet."""
+        return 0 if self._history is None else self._history.n_pending
+
+    def write(self, counted: Counted | None = None) -> None:
+        """Write the history, and state the gearbox of a count by it."""
+        if self._history is not None:
+            self._history.write()
+            if counted is not None:
+                counted.state = self._history.state(counted.gearbox, **alarm_rates(self.arguments))
+
+
+def _start_time(path: Path, recording: Recording) -> float:
+    """Return when a recording began in s since 1970: as stated, else the time of the file's last change."""
+    stated = (recording.meta or {}).get("start_time")
+    if stated is None:
+        return path.stat().st_mtime
+    try:
+        start = datetime.fromisoformat(stated)
+    except (TypeError, ValueError):
+        raise ValueError(
+            "meta's start_time must be a time as 2026-03-01T14:30:00 (UTC, unless it states an offset), got "
+            f"{stated!r}"
+        ) from None
+    return (start if start.tzinfo else start.replace(tzinfo=UTC)).timestamp()
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,60 +170,58 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     """Count file by file, with a row of the table each, then write the report."""
-    model_of = model_chooser(arguments)
     entries = list_entries(arguments.files)
     results: list[FileResult[Counted]] = []
     if arguments.csv:
         _write_row(arguments.csv, "w", {column: column for column in COLUMNS})
-    with history_writer(arguments) if arguments.history else contextlib.nullcontext() as writer:
+    with closing(RecordingCounter(arguments)) as counter:
 
         def count_file(path: Path, recording: Recording) -> Counted:
-            recording = without_start(recording, arguments.skip)
-            model, state = model_of(recording.quantity), None
-            count = count_with_warnings(model, recording)
-            if writer is not None:
-                name = writer.add(path, recording, count, model)
-                writer.history.write()
-                state = writer.state(name)
-            return count, recording.duration, state, recording.quantity
+            counted = counter.count(path, recording)
+            counter.write(counted)
+            return counted
 
         for result in process_files("counting", entries, arguments, count_file):
             results.append(result)
             if arguments.csv:
                 row: dict[str, Any] = {"file": str(result.path), "error": result.error}
                 if result.value is not None:
-                    count = result.value[0]
+                    count = result.value.count
                     row |= count.to_dict()
                     row["probability"] = f"{count.probability[count.defect_count]:.6g}"
                     row["worn_lobes_from_1"] = " ".join(map(str, row["worn_lobes_from_1"]))
                     row["warnings"] = "; ".join(count.warnings)
                 _write_row(arguments.csv, "a", row)
-            yield _print_count(arguments, result, model_of)
+            yield _print_count(result, counter)
     if arguments.csv:
         note(f"table: {arguments.csv}")
-    if not arguments.report:
-        return
+    if arguments.report:
+        _write_report(results, counter)
+
+
+def _write_report(results: list[FileResult[Counted]], counter: RecordingCounter) -> None:
     from cyclofeat.report import CountedRecording, write_count_report
 
-    quantities = dict.fromkeys(one.value[3] for one in results if one.value is not None)
-    quantities = quantities or {arguments.quantity or QUANTITIES[0]: None}
+    arguments = counter.arguments
+    done = [(one.entry, one.number, one.value) for one in results if one.value is not None]
+    quantities = [one.quantity for _, _, one in done] or [arguments.quantity or QUANTITIES[0]]
     settings = {"model": ", ".join(dict.fromkeys(model_name(arguments, each) for each in quantities))}
     if arguments.skip:
         settings["left out at the start"] = f"{arguments.skip:g} s"
     # Read again, one at a time: all recordings together may be larger than memory.
     options = reading_arguments(arguments)
-    done = [(one.entry, one.number, one.value) for one in results if one.value is not None]
     counted = (
         CountedRecording(
-            str(entry.path), without_start(recordings[number], arguments.skip), count, model_of(quantity)
+            str(entry.path), counter.without_start(recordings[number]), one.count,
+            counter.model_of(one.quantity),
         )
         for entry, of_file in itertools.groupby(done, operator.itemgetter(0))
         for recordings in [entry.read(**options)]
-        for _, number, (count, _, _, quantity) in of_file
-    )
+        for _, number, one in of_file
+    )  # fmt: skip
     failures = {str(result.path): result.error for result in results if result.error}
     with Progress("writing the report"):
-        model = model_of(next(iter(quantities)))
+        model = counter.model_of(quantities[0])
         path = write_count_report(model, counted, arguments.report, failures=failures, settings=settings)
     note(f"report: {path}")
 
@@ -127,19 +233,16 @@ def _write_row(path: str, mode: str, row: dict[str, Any]) -> None:
         csv.DictWriter(stream, COLUMNS, extrasaction="ignore").writerow(row)
 
 
-def _print_count(
-    arguments: argparse.Namespace, result: FileResult[Counted], model_of: Callable[[str], LobeModel]
-) -> Printed:
-    if result.value is None:
+def _print_count(result: FileResult[Counted], counter: RecordingCounter) -> Printed:
+    counted = result.value
+    if counted is None:
         return result.format_result()
-    count, duration, state, quantity = result.value
+    count, answer, state = counted.count, counted.answer, counted.state
     first, last = count.windows[0], count.windows[-1]
     window = round(first.stop_s - first.start_s, 9)
     # Rounding of a window to whole samples leaves a residue that is no time.
-    unused = max(0.0, round(duration - last.stop_s, 6))
+    unused = max(0.0, round(counted.duration - last.stop_s, 6))
     name, _, description = result.title.partition(": ")
-    probability = probability_text(count.probability[count.defect_count])
-    answer = f"{number_of(count.defect_count, 'worn lobe')} (probability {probability})"
     lines = []
     if count.refused:
         lines = [f"it would be {answer}"]
@@ -148,20 +251,14 @@ def _print_count(
         lines = [f"positions: {lobes_text(count.lobes, len(count.lobe_probability))} (counted from 1)"]
     if count.wear_um is not None:
         lines.append(f"wear: {count.wear_um}")
-    length = number_of(model_of(quantity).windower_.output_turns, "output turn")
+    length = number_of(counter.model_of(counted.quantity).windower_.output_turns, "output turn")
     windows = f"{number_of(count.n_windows, 'window')} of {length} ({window:.3g} s)"
     lines.append(f"from {windows}, {unused:.3g} s unused")
     lines += [f"note: {warning}" for warning in count.warnings]
-    facts = {
-        **count.to_dict(),
-        "model": model_name(arguments, quantity),
-        "window_s": window,
-        "unused_s": unused,
-    }
-    facts["windows"] = [window.to_dict() for window in count.windows]
     if state is not None:
         lines.append(f"{state.gearbox}: {state}")
-        facts |= {"gearbox": state.gearbox, "alarm": state.alarm, "history": state.to_dict()}
     lines.append(f"recording: {description}")
+    facts = counted.facts() | {"window_s": window, "unused_s": unused}
+    facts["windows"] = [window.to_dict() for window in count.windows]
     answered = replace(result, title=f"{name}: {answer}")
-    return answered.format_result(lines, facts, refused=count.refused and arguments.strict)
+    return answered.format_result(lines, facts, refused=count.refused and counter.arguments.strict)

@@ -8,36 +8,28 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Collection, Iterator
-from contextlib import nullcontext, suppress
+from collections.abc import Collection, Iterator
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from cyclofeat._base.files import check_parent
-from cyclofeat._base.quantities import lobes_text, number_of, probability_text
+from cyclofeat._base.quantities import lobes_text, number_of
 from cyclofeat.cli._options import (
     Printed,
     add_history_options,
     add_model_options,
     add_reading_options,
-    count_with_warnings,
     error_text,
-    model_chooser,
-    model_name,
     name_file,
     note,
     positive_number,
     reading_arguments,
     warn,
-    without_start,
 )
-from cyclofeat.cli.history import HistoryWriter, history_writer
-
-if TYPE_CHECKING:
-    from cyclofeat.counting import LobeCount, LobeModel
-    from cyclofeat.history import GearboxState
+from cyclofeat.cli.count import Counted, RecordingCounter
 
 # A file that cannot be read is bad, and not only half written, after this many times the time to settle.
 _PATIENCE = 5
@@ -130,33 +122,26 @@ class FolderWatch:
 class DoneList:
     """Files that need not be counted again: in memory, and at ``path`` (if any) for the next start.
 
-    Each line of that file is one JSON object; the last is cut if the process was killed while writing it.
+    Each line of that file is one JSON object. A line that was cut, by a full disk or where the process was
+    killed, is none: each entry begins a line of its own.
     """
 
     def __init__(self, path: Path | None = None) -> None:
         self._done: dict[str, tuple[int, int]] = {}
         self._path = path
         self._unwritten: list[bytes] = []
-        self._whole: int | None = None  # bytes before a line that an error cut
         if path is None:
             return
         check_parent(path, "--done")
-        written = path.read_bytes() if path.exists() else b""
-        whole = written[: written.rfind(b"\n") + 1]
-        if not whole and written and not written.startswith(_BEGINNING):
+        with path.open("a+b") as file:  # or an error now rather than after the first count
+            file.seek(0)
+            lines = file.read().split(b"\n")
+        if not all(line.startswith(_BEGINNING[: len(line)]) for line in lines):
             raise ValueError(f"{path} is not a list that watch wrote: name a new file for --done")
-        for index, line in enumerate(whole.splitlines(), 1):
-            try:
+        for line in lines:
+            with suppress(ValueError, TypeError, KeyError, RecursionError):  # cut
                 entry = json.loads(line)
-                self._done[str(entry["file"])] = (int(entry["size"]), int(entry["mtime_ns"]))
-            except (ValueError, TypeError, KeyError, RecursionError):
-                raise ValueError(
-                    f"{path} is not a list that watch wrote (line {index}): name a new file for --done"
-                ) from None
-        with path.open("ab"):
-            pass  # an error now rather than after the first count
-        if len(whole) < len(written):
-            self._whole = len(whole)
+                self._done[entry["file"]] = (int(entry["size"]), int(entry["mtime_ns"]))
 
     def holds(self, name: str, signature: Signature) -> bool:
         """Return True if this file in this state is done; a restored copy with another inode is the same."""
@@ -166,19 +151,14 @@ class DoneList:
         """Add a file in this state, for the next :meth:`write`."""
         self._done[name] = signature[:2]
         entry = {"file": name, "size": signature[0], "mtime_ns": signature[1]}
-        self._unwritten.append(json.dumps(entry).encode() + b"\n")
+        self._unwritten.append(b"\n" + json.dumps(entry).encode())
 
     def write(self) -> None:
         """Write the files added since the last call; after an OSError the next call tries again."""
-        if self._path is None or not self._unwritten:
-            return
-        with self._path.open("ab") as file:
-            if self._whole is not None:
-                file.truncate(self._whole)
-            self._whole = file.seek(0, os.SEEK_END)
-            file.write(b"".join(self._unwritten))
-        self._whole = None
-        self._unwritten.clear()
+        if self._path is not None and self._unwritten:
+            with self._path.open("ab") as file:
+                file.write(b"".join(self._unwritten))
+            self._unwritten.clear()
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -216,18 +196,15 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
         if folder.exists():
             raise NotADirectoryError(f"{folder} is a file: watch takes a folder")
         raise FileNotFoundError(f"no such folder: {folder}")
-    options = reading_arguments(arguments)
     with _Stop() as stop:
         done = DoneList(None if arguments.done is None else Path(arguments.done))
         ignored = {MANIFEST} | ({Path(arguments.done).name} if arguments.done else set())
         watch = FolderWatch(folder, tuple(SOURCES), arguments.settle, done, ignored=ignored)
-        model_of = model_chooser(arguments)
         if not arguments.once:
             note(f"cyclofeat: watching {folder}, stop with Ctrl-C")
         counted = failed = 0
-        name = folder.resolve().name
-        with history_writer(arguments, name) if arguments.history else nullcontext() as writer:
-            for arrival in _count_arrivals(arguments, watch, model_of, writer, options, stop):
+        with closing(RecordingCounter(arguments, folder.resolve().name)) as counter:
+            for arrival in _count_arrivals(arguments, watch, counter, stop):
                 counted += not arrival.error
                 failed += bool(arrival.error)
                 yield arrival
@@ -262,9 +239,6 @@ class _Stop:
             raise KeyboardInterrupt
         self.asked = True
 
-    def is_asked(self) -> bool:
-        return self.asked
-
     def wait(self, seconds: float) -> None:
         end = time.monotonic() + seconds
         while not self.asked and (rest := end - time.monotonic()) > 0:
@@ -272,53 +246,45 @@ class _Stop:
 
 
 def _count_arrivals(
-    arguments: argparse.Namespace,
-    watch: FolderWatch,
-    model_of: Callable[[str], LobeModel],
-    writer: HistoryWriter | None,
-    options: dict[str, Any],
-    stop: _Stop,
+    arguments: argparse.Namespace, watch: FolderWatch, counter: RecordingCounter, stop: _Stop
 ) -> Iterator[Printed]:
     """Look, count, wait."""
     from cyclofeat.datasets import read_recording
 
+    options = reading_arguments(arguments)
+    troubles: set[str] = set()
+
+    def write_counts(counted: Counted | None = None) -> None:
+        with _retrying(f"--history {arguments.history} cannot be written", troubles):
+            counter.write(counted)
+
+    def write_done() -> None:
+        """Write the list of files that are done, unless counts of them are not in the history yet."""
+        with _retrying(f"--done {arguments.done} cannot be written", troubles):
+            if not counter.n_unwritten:
+                watch.done.write()
+
     began = now = time.monotonic()
-    lost, unwritten, unsaved = (
-        _Trouble("folder cannot be read"),
-        _Trouble(f"--done {arguments.done} cannot be written"),
-        _Trouble(f"--history {arguments.history} cannot be written"),
-    )
-    while not stop.is_asked():
+    while not stop.asked:
         ready: list[Path] = []
-        with lost:
+        with _retrying("folder cannot be read", troubles):
             ready = watch.poll(now)
         for path in ready:
-            if stop.is_asked():
+            if stop.asked:
                 break
-            name = ""
             try:
-                recording = without_start(read_recording(path, **options), arguments.skip)
-                model = model_of(recording.quantity)
-                count = count_with_warnings(model, recording)
-                if writer is not None:
-                    name = writer.add(path, recording, count, model)
+                counted = counter.count(path, read_recording(path, **options))
             except FileNotFoundError:
                 continue  # removed since
             except Exception as error:  # one bad file must not end the watch, whatever is wrong with it
                 watch.mark_failed(path, name_file(path, error_text(error, arguments)))
                 continue
-            state = None
-            with unsaved:
-                if writer is not None:
-                    writer.history.write()
-                    state = writer.state(name)
-            yield _print_count(arguments, path, count, state, model_name(arguments, recording.quantity))
+            write_counts(counted)
+            yield _print_count(path, counted, strict=arguments.strict)
             watch.mark_counted(path)
-            _write_done(watch, writer, unwritten)
-        with unsaved:
-            if writer is not None:
-                writer.history.write()
-        _write_done(watch, writer, unwritten)
+            write_done()
+        write_counts()
+        write_done()
         # A file that cannot be read may only be half written, by a writer that pauses: reported later, once.
         last = arguments.once and now - began >= arguments.settle
         for path, message in watch.bad_files(now, at_once=last):
@@ -330,39 +296,20 @@ def _count_arrivals(
         now = time.monotonic()
 
 
-def _write_done(watch: FolderWatch, writer: HistoryWriter | None, unwritten: _Trouble) -> None:
-    """Write the list of files that are done, unless counts of them are not in the history yet."""
-    with unwritten:
-        if writer is None or not writer.history.n_pending:
-            watch.done.write()
+@contextmanager
+def _retrying(problem: str, reported: set[str]) -> Iterator[None]:
+    """Report an OSError once, until it succeeds again: a full disk, a share that is gone."""
+    try:
+        yield
+        reported.discard(problem)
+    except OSError as error:
+        if problem not in reported:
+            warn(f"{problem}, retrying: {error}")
+        reported.add(problem)
 
 
-class _Trouble:
-    """Context that reports an OSError once, until it succeeds again: a full disk, a share that is gone."""
-
-    def __init__(self, problem: str) -> None:
-        self.problem = problem
-        self.reported = False
-
-    def __enter__(self) -> None:
-        """Do nothing."""
-
-    def __exit__(self, kind: object, error: BaseException | None, _: object) -> bool:
-        if isinstance(error, OSError):
-            if not self.reported:
-                warn(f"{self.problem}, retrying: {error}")
-            self.reported = True
-            return True
-        self.reported = self.reported and error is not None
-        return False
-
-
-def _print_count(
-    arguments: argparse.Namespace, path: Path, count: LobeCount, state: GearboxState | None, model: str
-) -> Printed:
-    facts: dict[str, Any] = {"time": _time_text(), "file": str(path)}
-    probability = probability_text(count.probability[count.defect_count])
-    line = f"{number_of(count.defect_count, 'worn lobe')} (probability {probability})"
+def _print_count(path: Path, counted: Counted, *, strict: bool) -> Printed:
+    count, line = counted.count, counted.answer
     if count.refused:
         line = f"refused: {count.reason}; would be {line}"
     elif count.lobes:
@@ -370,11 +317,11 @@ def _print_count(
         line += "" if count.absolute else " (relative)"
     line += f", {number_of(count.n_windows, 'window')}"
     line += "".join(f"; note: {warning}" for warning in count.warnings)
-    facts |= {**count.to_dict(), "model": model}
-    if state is not None:
-        line += f"; {state.gearbox}: {state}"
-        facts |= {"gearbox": state.gearbox, "alarm": state.alarm, "history": state.to_dict()}
-    return Printed(f"{facts['time']} {path.name}: {line}", facts, refused=count.refused and arguments.strict)
+    if counted.state is not None:
+        line += f"; {counted.gearbox}: {counted.state}"
+    now = _time_text()
+    facts = {"time": now, "file": str(path), **counted.facts()}
+    return Printed(f"{now} {path.name}: {line}", facts, refused=count.refused and strict)
 
 
 def _time_text() -> str:
