@@ -47,28 +47,42 @@ COLUMNS = (
 
 @dataclass
 class Counted:
-    """Answer for a recording, its length in s, and the state of its gearbox where there is a history."""
+    """Answer for a recording and what is said with it; ``state`` where there is a history of its gearbox."""
 
     count: LobeCount
-    duration: float
     quantity: str
+    duration: float  # of the recording, s
+    output_turns: float  # of a window
     model: str  # its name
     gearbox: str = ""
     state: GearboxState | None = None
 
-    @property
-    def answer(self) -> str:
-        """The count and its probability in words."""
-        probability = probability_text(self.count.probability[self.count.defect_count])
-        return f"{number_of(self.count.defect_count, 'worn lobe')} (probability {probability})"
-
-    def facts(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        facts = {**self.count.to_dict(), "model": self.model}
+    def describe(self) -> tuple[list[str], dict[str, Any]]:
+        """Return the answer, then line by line what supports it, and plain values for JSON."""
+        count = self.count
+        first, last = count.windows[0], count.windows[-1]
+        window = round(first.stop_s - first.start_s, 9)
+        # Rounding of a window to whole samples leaves a residue that is no time.
+        unused = max(0.0, round(self.duration - last.stop_s, 6))
+        probability = probability_text(count.probability[count.defect_count])
+        lines = [f"{number_of(count.defect_count, 'worn lobe')} (probability {probability})"]
+        if count.refused:
+            lines = [f"refused: {count.reason}", f"it would be {lines[0]}"]
+        elif count.lobes:
+            lobes = lobes_text(count.lobes, len(count.lobe_probability))
+            lines.append(f"positions: {lobes} (counted from 1)")
+        if count.wear_um is not None:
+            lines.append(f"wear: {count.wear_um}")
+        windows = f"{number_of(count.n_windows, 'window')} of {number_of(self.output_turns, 'output turn')}"
+        lines.append(f"from {windows} ({window:.3g} s), {unused:.3g} s unused")
+        lines += [f"note: {warning}" for warning in count.warnings]
+        facts = {**count.to_dict(), "model": self.model, "window_s": window, "unused_s": unused}
+        facts["windows"] = [window.to_dict() for window in count.windows]
         if self.state is not None:
+            lines.append(f"{self.gearbox}: {self.state}")
             state = {"alarm": self.state.alarm, "history": self.state.to_dict()}
             facts |= {"gearbox": self.gearbox, **state}
-        return facts
+        return lines, facts
 
 
 class RecordingCounter:
@@ -118,7 +132,8 @@ class RecordingCounter:
         of_record = record_warnings(recording, reduction=model.n_lobes_)
         count = replace(count, warnings=(*count.warnings, *of_record))
         name = model_name(self.arguments, recording.quantity)
-        counted = Counted(count, recording.duration, recording.quantity, name)
+        turns = model.windower_.output_turns
+        counted = Counted(count, recording.quantity, recording.duration, turns, name)
         if self._history is not None:
             assembly = self.default_gearbox if recording.assembly is None else str(recording.assembly)
             counted.gearbox = self.arguments.gearbox or assembly
@@ -192,7 +207,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
                     row["worn_lobes_from_1"] = " ".join(map(str, row["worn_lobes_from_1"]))
                     row["warnings"] = "; ".join(count.warnings)
                 _write_row(arguments.csv, "a", row)
-            yield _print_count(result, counter)
+            yield _print_count(result, strict=arguments.strict)
     if arguments.csv:
         note(f"table: {arguments.csv}")
     if arguments.report:
@@ -233,32 +248,11 @@ def _write_row(path: str, mode: str, row: dict[str, Any]) -> None:
         csv.DictWriter(stream, COLUMNS, extrasaction="ignore").writerow(row)
 
 
-def _print_count(result: FileResult[Counted], counter: RecordingCounter) -> Printed:
-    counted = result.value
-    if counted is None:
+def _print_count(result: FileResult[Counted], *, strict: bool) -> Printed:
+    if result.value is None:
         return result.format_result()
-    count, answer, state = counted.count, counted.answer, counted.state
-    first, last = count.windows[0], count.windows[-1]
-    window = round(first.stop_s - first.start_s, 9)
-    # Rounding of a window to whole samples leaves a residue that is no time.
-    unused = max(0.0, round(counted.duration - last.stop_s, 6))
+    (answer, *lines), facts = result.value.describe()
     name, _, description = result.title.partition(": ")
-    lines = []
-    if count.refused:
-        lines = [f"it would be {answer}"]
-        answer = f"refused: {count.reason}"
-    elif count.lobes:
-        lines = [f"positions: {lobes_text(count.lobes, len(count.lobe_probability))} (counted from 1)"]
-    if count.wear_um is not None:
-        lines.append(f"wear: {count.wear_um}")
-    length = number_of(counter.model_of(counted.quantity).windower_.output_turns, "output turn")
-    windows = f"{number_of(count.n_windows, 'window')} of {length} ({window:.3g} s)"
-    lines.append(f"from {windows}, {unused:.3g} s unused")
-    lines += [f"note: {warning}" for warning in count.warnings]
-    if state is not None:
-        lines.append(f"{state.gearbox}: {state}")
-    lines.append(f"recording: {description}")
-    facts = counted.facts() | {"window_s": window, "unused_s": unused}
-    facts["windows"] = [window.to_dict() for window in count.windows]
     answered = replace(result, title=f"{name}: {answer}")
-    return answered.format_result(lines, facts, refused=count.refused and counter.arguments.strict)
+    refused = result.value.count.refused and strict
+    return answered.format_result([*lines, f"recording: {description}"], facts, refused=refused)

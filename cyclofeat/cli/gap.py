@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
-import importlib.util
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from cyclofeat._base.checks import different_names
 from cyclofeat._base.progress import Progress, Steps
 from cyclofeat._base.quantities import beyond_text, in_words, number_of, unit_text
+from cyclofeat._base.training import import_jax
 from cyclofeat.cli._options import (
     READING,
     Printed,
@@ -89,14 +89,7 @@ def run_check(arguments: argparse.Namespace) -> Printed:
             recordings, posterior=posterior, n_rigs=arguments.rigs, random_state=arguments.random_state,
             n_jobs=arguments.n_jobs, progress=progress,
         )  # fmt: skip
-    score, at = result.score, dict.fromkeys(condition.text for condition in result.conditions)
-    n_recordings = number_of(len(result.conditions), "recording")
-    lines = [
-        f"{score.n_rigs} simulated rigs with known effects, {n_recordings} of each at {'; '.join(at)}",
-        f"sets of effects named exactly: {score.sets_right:.0%}, and but for look-alikes "
-        f"{score.sets_right_with_ties:.0%}",
-        f"effects found: {score.recall:.0%}; names that are right: {score.precision:.0%}",
-    ]
+    lines = [str(result)]
     for effect in sorted(result.effects, key=lambda effect: -effect.recall):
         if not effect.n:
             continue
@@ -108,14 +101,12 @@ def run_check(arguments: argparse.Namespace) -> Printed:
             text += f", in 9 of 10 {most}{unit}" if most else ""
         elif effect.recall < 1:
             text += f"; no {effect.parameter} is found in half"
-        lines.append(
-            text + (f"; taken for {', '.join(effect.confused_with)}" if effect.confused_with else "")
-        )
+        confused = f"; taken for {', '.join(effect.confused_with)}" if effect.confused_with else ""
+        lines.append(text + confused)
     if result.wrong:
         wrong = ", ".join(f"{name} ({n})" for name, n in result.wrong.items())
         lines.append(f"named although absent: {wrong}")
-    lines += [f"would help: {measurement.what}" for measurement in result.next_measurements]
-    return Printed("\n".join(lines), result.to_dict())
+    return Printed("\n  ".join(lines), result.to_dict())
 
 
 def add_preparation(parser: argparse.ArgumentParser) -> None:
@@ -149,9 +140,7 @@ def prepare_posterior(arguments: argparse.Namespace) -> Printed:
         raise ValueError(
             "--prepare needs --cache FOLDER: what is simulated is kept there if it is interrupted"
         )
-    missing = [name for name in ("jax", "optax") if importlib.util.find_spec(name) is None]
-    if missing:
-        raise ImportError(f"--prepare needs {' and '.join(missing)}: pip install {' '.join(missing)}")
+    import_jax()  # or an error before the work
     from cyclofeat.gap import EffectPosterior, prepare_world
     from cyclofeat.gap.posterior.effect_posterior import check_start
     from cyclofeat.simulators import Rig

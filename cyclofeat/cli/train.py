@@ -209,33 +209,20 @@ def run(arguments: argparse.Namespace) -> Printed:
 
 
 def _print_training(file: str, model: LobeModel) -> Printed:
-    from cyclofeat.counting.evaluation.evaluation import score_text
-
-    card = model.card_
-    located = "locates lobes"
+    card, lines = model.card_, [f"{file}: {model}"]
     if model.locator_ is None:
-        located = "does not locate lobes (not all state worn_lobes and an absolute angle)"
-    scores = card["cross_validation"]
-    if scores is None:
-        accuracy = "too few assemblies per count to cross-validate (5 needed): accuracy unknown"
-    else:
-        accuracy = f"cross-validated over {scores['n_assemblies']} assemblies: {score_text(scores)}"
+        lines.append("note: lobes are located if all recordings state worn_lobes and an absolute angle")
+    if card["cross_validation"] is None:
+        lines.append("note: too few assemblies per count to cross-validate, 5 needed")
     if model.wear_ is not None:
         learned = model.wear_.summary()
-        accuracy += f"\ndepth of wear: {model.wear_.made_for()}"
-        if learned["median_relative_error"] is not None:
-            percent = 100 * learned["median_relative_error"]
-            accuracy += f"\n  median error of depths that show, on assemblies held out: {percent:.0f} %"
-        if learned["accuracy"] is not None:
-            accuracy += f"\n  counts right with all windows at once, of all depths: {learned['accuracy']:.3f}"
+        if (error := learned["median_relative_error"]) is not None:
+            lines.append(f"median error of depths that show, on assemblies held out: {100 * error:.0f} %")
+        if (accuracy := learned["accuracy"]) is not None:
+            lines.append(f"counts right with all windows at once, of all depths: {accuracy:.3f}")
     if "domain" in card:
-        accuracy += f"\ndomain learned from {card['domain']}"
-    text = (
-        f"{file}: counts {card['classes']}, trained on {card['description']}\n"
-        f"for recordings {model.made_for()}; {located}\n"
-        f"{accuracy}"
-    )
-    return Printed(text, {"file": file, **card})
+        lines.append(f"domain learned from {card['domain']}")
+    return Printed("\n  ".join(lines), {"file": file, **card})
 
 
 def _simulated_recordings(arguments: argparse.Namespace) -> tuple[list[Recording], str]:

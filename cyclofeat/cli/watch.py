@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, Self
 
 from cyclofeat._base.files import check_parent
-from cyclofeat._base.quantities import lobes_text, number_of
 from cyclofeat.cli._options import (
     Printed,
     add_history_options,
@@ -280,7 +279,10 @@ def _count_arrivals(
                 watch.mark_failed(path, name_file(path, error_text(error, arguments)))
                 continue
             write_counts(counted)
-            yield _print_count(path, counted, strict=arguments.strict)
+            lines, facts = counted.describe()
+            facts = {"time": _time_text(), "file": str(path), **facts}
+            text = f"{facts['time']} {path.name}: {'; '.join(lines)}"
+            yield Printed(text, facts, refused=counted.count.refused and arguments.strict)
             watch.mark_counted(path)
             write_done()
         write_counts()
@@ -306,22 +308,6 @@ def _retrying(problem: str, reported: set[str]) -> Iterator[None]:
         if problem not in reported:
             warn(f"{problem}, retrying: {error}")
         reported.add(problem)
-
-
-def _print_count(path: Path, counted: Counted, *, strict: bool) -> Printed:
-    count, line = counted.count, counted.answer
-    if count.refused:
-        line = f"refused: {count.reason}; would be {line}"
-    elif count.lobes:
-        line += f" at {lobes_text(count.lobes, len(count.lobe_probability))}"
-        line += "" if count.absolute else " (relative)"
-    line += f", {number_of(count.n_windows, 'window')}"
-    line += "".join(f"; note: {warning}" for warning in count.warnings)
-    if counted.state is not None:
-        line += f"; {counted.gearbox}: {counted.state}"
-    now = _time_text()
-    facts = {"time": now, "file": str(path), **counted.facts()}
-    return Printed(f"{now} {path.name}: {line}", facts, refused=count.refused and strict)
 
 
 def _time_text() -> str:

@@ -267,7 +267,7 @@ def test_train_and_count(capsys, folder, tmp_path, monkeypatch):
     monkeypatch.setattr("cyclofeat.counting.LobeModel", partial(LobeModel, n_trees=30, n_splits=2))
     model = tmp_path / "small.joblib"
     out, _ = call(capsys, "train", folder, "--out", model)
-    assert "counts [0, 1, 3, 5]" in out
+    assert "counts: 0, 1, 3, 5\n" in out
     out, err = call(capsys, "count", folder / "worn.csv", "--model", model, "--trust", "--json")
     assert err == ""
     (result,) = json.loads(out)

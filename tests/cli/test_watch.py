@@ -190,7 +190,7 @@ def test_once_counts_what_is_there_and_remembers(capsys, tmp_path, model_file):
     healthy, worn = out.splitlines()
     assert "healthy.npz: 0 worn lobes (probability" in healthy
     assert "worn.npz: 3 worn lobes (probability" in worn
-    assert worn.endswith("1 window; note: the file states no unit of the angle: rad assumed")
+    assert worn.endswith("s unused; note: the file states no unit of the angle: rad assumed")
     assert err == "cyclofeat: done: 2 counted, 0 could not be\n"
     (tmp_path / "garbage.npz").write_bytes(b"PK\3\4" + bytes(100))
     (tmp_path / "empty.csv").touch()
@@ -211,7 +211,7 @@ def test_what_should_be_known_of_a_count_stands_in_its_line(capsys, tmp_path, mo
     put(tmp_path / "worn.npz", 3, tachometer=False)
     command = ["watch", str(tmp_path), "--model", str(model_file), "--trust", "--once", "--settle", "0.1"]
     (line,) = call(capsys, *command)[0].splitlines()
-    assert "1 window; note: neither tachometer nor stated speed: 500.02 RPM found in the torque" in line
+    assert "s unused; note: neither tachometer nor stated speed: 500.02 RPM found in the torque" in line
 
 
 @pytest.mark.slow

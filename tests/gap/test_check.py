@@ -195,15 +195,19 @@ def test_planned_recordings_are_checked_and_the_answer_is_readable(asked, capsys
     assert asked["recordings"] == [Condition(525.0, 20.0)] * 6
     assert (asked["n_rigs"], asked["random_state"], asked["n_jobs"]) == (40, 3, 1)
     assert capsys.readouterr().out.splitlines() == [
-        "40 simulated rigs with known effects, 12 recordings of each at 900 RPM, 22 Nm",
-        "sets of effects named exactly: 62%, and but for look-alikes 75%",
-        "effects found: 50%; names that are right: 90%",
-        "torque_meter_low_pass: found in 60% of 20; in half with cutoff_hz below 300 Hz",
-        "gain: found in 50% of 20; in half with factor below 0.96 or above 1.04, in 9 of 10 below 0.92 or "
+        "Check: 50% of the effects found",
+        "  recordings: 12 at 900 RPM, 22 Nm",
+        "  simulated rigs: 40",
+        "  sets named exactly: 62%",
+        "  the same but for look-alikes: 75%",
+        "  names that are right: 90%",
+        "  found in less than half: clipping",
+        "  would help: recordings at 10 Nm",
+        "  torque_meter_low_pass: found in 60% of 20; in half with cutoff_hz below 300 Hz",
+        "  gain: found in 50% of 20; in half with factor below 0.96 or above 1.04, in 9 of 10 below 0.92 or "
         "above 1.08",
-        "clipping: found in 0% of 9; no limit_nm is found in half; taken for load_drift",
-        "named although absent: hum (3)",
-        "would help: recordings at 10 Nm",
+        "  clipping: found in 0% of 9; no limit_nm is found in half; taken for load_drift",
+        "  named although absent: hum (3)",
     ]
     assert json.loads(call(capsys, "gap", "--check", "--json")[0])["format"] == "cyclofeat gap check 1"
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import csv
-import importlib.util
 import json
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,6 +15,7 @@ import pytest
 
 import cyclofeat.cli.gap
 import cyclofeat.gap
+from cyclofeat._base.training import import_jax
 from cyclofeat.cli import main
 from cyclofeat.gap import EffectPosterior, World, compare_recordings
 from cyclofeat.recordings import Recording
@@ -212,7 +213,7 @@ def prepared(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     monkeypatch.setattr(cyclofeat.gap, "prepare_world", simulate)
     monkeypatch.setattr(EffectPosterior, "fit", fit)
     monkeypatch.setattr(EffectPosterior, "save", save)
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: name)
+    monkeypatch.setattr(cyclofeat.cli.gap, "import_jax", lambda: None)
     return asked
 
 
@@ -281,10 +282,11 @@ def test_what_a_preparation_needs(
         code, out, err = run(capsys, *arguments)
         assert (code, out, len(err.splitlines())) == (2, "", 1)
         assert message in err
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "jax" else name)
+    monkeypatch.setattr(cyclofeat.cli.gap, "import_jax", import_jax)
+    monkeypatch.setitem(sys.modules, "jax", None)
     code, _, err = run(capsys, "--prepare", target, "--cache", tmp_path)
     assert code == 2
-    assert err.endswith("--prepare needs jax: pip install jax\n")
+    assert err.endswith("training a network needs JAX and Optax: pip install jax optax\n")
 
 
 # What it refuses

@@ -7,20 +7,7 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).parents[2]
-ROOMS = {"cyclofeat": ROOT / "cyclofeat", "cyclofeat.simulators": ROOT / "simulators",
-         "cyclofeat.datasets": ROOT / "datasets"}  # fmt: skip
-
-
-def modules_of(rooms: dict[str, Path]) -> dict[str, Path]:
-    """File of each module by its import name."""
-    files: dict[str, Path] = {}
-    for prefix, folder in rooms.items():
-        for path in sorted(folder.rglob("*.py")):
-            parts = [*prefix.split("."), *path.relative_to(folder).with_suffix("").parts]
-            files[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    return files
+from rooms import ROOMS, modules_of
 
 
 def imports_of(name: str, path: Path, modules: dict[str, Path]) -> set[str]:

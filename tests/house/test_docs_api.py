@@ -6,27 +6,16 @@ import importlib
 import inspect
 import re
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
+from rooms import MODULES, ROOT
 
-ROOT = Path(__file__).parents[2]
-ROOMS = {"cyclofeat": "cyclofeat", "simulators": "cyclofeat.simulators", "datasets": "cyclofeat.datasets"}
 PAGE = (ROOT / "docs" / "api.rst").read_text(encoding="utf-8")
-
-
-def modules_with_public_names() -> dict[str, Path]:
-    """Return the file of each module that states public names, by the module's name."""
-    stated = {}
-    for folder, name in ROOMS.items():
-        for file in sorted((ROOT / folder).rglob("*.py")):
-            if re.search(r"^__all__ = ", file.read_text(encoding="utf-8"), re.MULTILINE):
-                parts = file.relative_to(ROOT / folder).with_suffix("").parts
-                stated[".".join([name, *parts]).removesuffix(".__init__")] = file
-    return stated
-
-
-MODULES = modules_with_public_names()
+STATING = {  # module that states public names: its file
+    name: file
+    for name, file in MODULES.items()
+    if re.search(r"^__all__ = ", file.read_text(encoding="utf-8"), re.MULTILINE)
+}
 
 
 def listed_names() -> dict[str, object]:
@@ -44,11 +33,11 @@ LISTED = listed_names()
 
 
 def test_only_packages_state_public_names():
-    assert not [name for name, file in MODULES.items() if file.name != "__init__.py"]
+    assert not [name for name, file in STATING.items() if file.name != "__init__.py"]
 
 
 # The page of commands describes these.
-@pytest.mark.parametrize("package", sorted(MODULES.keys() - {"cyclofeat.cli"}))
+@pytest.mark.parametrize("package", sorted(STATING.keys() - {"cyclofeat.cli"}))
 def test_every_public_name_is_listed(package):
     module = importlib.import_module(package)
     public = [name for name in module.__all__ if not name.startswith("__")]

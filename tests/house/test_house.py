@@ -10,11 +10,10 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from rooms import MODULES, ROOMS, ROOT
 
 import cyclofeat
 
-ROOT = Path(__file__).parents[2]
-ROOMS = {"cyclofeat": "cyclofeat", "simulators": "cyclofeat.simulators", "datasets": "cyclofeat.datasets"}
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
 
@@ -42,10 +41,7 @@ def test_every_place_states_the_same_version():
 
 def test_every_folder_with_code_is_in_the_wheel():
     # The list of packages is written by hand, because of the mapped folders: a new one is easily forgotten.
-    found = set()
-    for folder, name in ROOMS.items():
-        for init in (ROOT / folder).rglob("__init__.py"):
-            found.add(".".join([name, *init.parent.relative_to(ROOT / folder).parts]))
+    found = {name for name, file in MODULES.items() if file.name == "__init__.py"}
     assert found == set(PYPROJECT["tool"]["setuptools"]["packages"])
 
 
@@ -85,13 +81,12 @@ def test_shipped_data_say_whose_they_are():
 
 def test_the_stated_licence_is_that_of_all_that_is_in_the_wheel():
     project, tools = PYPROJECT["project"], PYPROJECT["tool"]["setuptools"]
-    folders = {name: ROOT / folder for folder, name in ROOMS.items()}
     shipped = {
         path.parent
         for package, patterns in tools["package-data"].items()
-        for room in [max((name for name in folders if package.startswith(name)), key=len)]
+        for room in [max((name for name in ROOMS if package.startswith(name)), key=len)]
         for pattern in patterns
-        for path in (folders[room] / package.removeprefix(room).strip(".").replace(".", "/")).glob(pattern)
+        for path in (ROOMS[room] / package.removeprefix(room).strip(".").replace(".", "/")).glob(pattern)
         if path.name != "README.md"  # of the project itself; the data that it describes may be in no wheel
     }
     assert ROOT / "datasets" / "jelmerv_cycloidal" in shipped

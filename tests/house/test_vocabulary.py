@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import importlib
 import inspect
-import pkgutil
 from collections.abc import Iterator
-from types import ModuleType
 
-import cyclofeat
+from rooms import MODULES
 
 # What to write instead.
 FORBIDDEN = {"seed": "random_state", "duration_s": "duration", "fs": "sampling_rate"}
@@ -16,22 +14,11 @@ FORBIDDEN = {"seed": "random_state", "duration_s": "duration", "fs": "sampling_r
 VAGUE = {"found", "own", "told", "kept", "there", "left", "alike"}
 
 
-def modules() -> Iterator[ModuleType]:
-    """Every package that states public names."""
-    yield cyclofeat
-    # They lie in folders of their own, which a walk through the root package does not reach.
-    rooms = [importlib.import_module(f"cyclofeat.{room}") for room in ("simulators", "datasets")]
-    yield from rooms
-    for root in [cyclofeat, *rooms]:
-        for info in pkgutil.walk_packages(root.__path__, f"{root.__name__}."):
-            if info.ispkg and hasattr(package := importlib.import_module(info.name), "__all__"):
-                yield package
-
-
 def parameters() -> Iterator[tuple[str, str]]:
     """Full name of each public function, class and method, with each of its parameters."""
-    for module in modules():
-        for name in module.__all__:
+    for package in (name for name, file in MODULES.items() if file.name == "__init__.py"):
+        module = importlib.import_module(package)
+        for name in getattr(module, "__all__", ()):
             value = getattr(module, name)
             if not callable(value) or not getattr(value, "__module__", "").startswith("cyclofeat"):
                 continue
