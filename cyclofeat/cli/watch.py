@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import signal
@@ -268,9 +269,7 @@ def _count_arrivals(
         ready: list[Path] = []
         with _retrying("folder cannot be read", troubles):
             ready = watch.poll(now)
-        for path in ready:
-            if stop.asked:
-                break
+        for path in itertools.takewhile(lambda _: not stop.asked, ready):
             try:
                 counted = counter.count(path, read_recording(path, **options))
             except FileNotFoundError:

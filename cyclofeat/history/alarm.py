@@ -347,8 +347,8 @@ def state_of(
     if rule is not None:
         states = zip(alarm_states(exceeds[N_BASELINE:], rule), counted[N_BASELINE:], strict=True)
         begun = [(now, next(group)[1].time) for now, group in itertools.groupby(states, lambda one: one[0])]
-        changes = itertools.pairwise([*begun, (False, None)])
-        alarms = tuple((time, end) for (now, time), (_, end) in changes if now)
+        ends: list[float | None] = [*(time for _, time in begun[1:]), None]
+        alarms = tuple((time, end) for (now, time), end in zip(begun, ends, strict=False) if now)
     return GearboxState(
         gearbox=rows[0].gearbox,
         n_recordings=len(rows),
