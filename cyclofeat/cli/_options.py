@@ -307,7 +307,7 @@ def check_folder(option: str, path: Path) -> None:
 FILES = (
     "recordings (.csv, .txt, .npz, .tdms, .mat, .h5, .mf4, .parquet, .wav, .xlsx, ...), or folders of them"
 )
-_DELIMITERS = {",": ",", ";": ";", "tab": "\t", "space": " "}
+_DELIMITERS = {",": ",", ";": ";", "|": "|", "tab": "\t", "space": " "}
 _COUNT: dict[str, Any] = {"type": whole_number(1), "metavar": "N"}
 
 # Options of read_recording; its arguments have their names, unless ``dest`` states another.

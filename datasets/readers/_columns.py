@@ -33,7 +33,7 @@ _LARGEST_RATIO, _ALWAYS_ALLOWED = 1100, 2**26
 _USUAL_RATIO, LARGEST_UNPACKED = 30, 2 * 10**9
 _CHOICES: dict[str, Collection[str]] = {
     "quantity": QUANTITIES, "time_unit": words.TIME_UNITS, "angle_unit": words.ANGLE_UNITS,
-    "decimal": (",", "."), "delimiter": (",", ";", "\t", " "), "gaps": ("refuse", "cut"),
+    "decimal": (",", "."), "delimiter": (",", ";", "|", "\t", " "), "gaps": ("refuse", "cut"),
 }  # fmt: skip
 
 

@@ -47,10 +47,12 @@ _MOST_COLUMNS = 4096
 _LONGEST_CELL = 300  # of a number or a setting
 _MOST_HEADS = 20  # rows above the samples among which the names are
 _BESIDE_NAMES = {"comment", "start", "increment"}
+_UNIT_LABELS = {"y_unit_label", "vertical units"}  # of LabVIEW, of Tektronix
 _HALF_DAY = 43_200 * 10**9  # ns
 _NUMBER = re.compile(
     r"\s*[+-]?(\d[\d_]*[.,]?\d*([.,]\d+)*|[.,]\d+|nan|inf(inity)?)([eE][+-]?\d+)?\s*", re.IGNORECASE
 )
+_DECIMALS = re.compile(r"\s*0\d+\s*")  # no number begins so
 _CLOCK = re.compile(
     r"\s*(?P<date>\d{1,4}[-./]\d{1,2}[-./]\d{1,4}|\d{1,2}[-. ]\w{3}[-. ]\d{2,4})?[T ]*"
     r"(?P<h>\d{1,2}):(?P<m>\d\d):(?P<s>\d\d)(?:[.,:](?P<f>\d+))?\s*(?P<half>[AP]M)?\s*(?P<zone>Z|[+-]\d\d:?\d\d)?\s*",
@@ -175,7 +177,8 @@ def find_table(lines: list[str], reading: ReadingOptions) -> Table:
         raise ValueError("the file holds no row of data" + f" from line {begin + 1}" * bool(begin))
     best, best_score = None, 0.0
     # Comma after the others, with which it is a decimal comma; one column if nothing separates several.
-    marks = [delimiter] if delimiter else [m for m in "\t;, " if any(m in line for line in lines)] + [""]
+    likely = "\t;| " if reading.decimal == "," else "\t;|, "
+    marks = [delimiter] if delimiter else [m for m in likely if any(m in line for line in lines)] + [""]
     for mark in marks:
         rows = [split_row(line, mark or ";")[: _MOST_COLUMNS + 1] for line in lines]
         score, table = _table_of(rows, lines, filled, mark or ";", reading)
@@ -222,14 +225,17 @@ def _table_of(
     score = sum(numbers) / max(1, sum(filled_cells))
     heads = _head_rows(rows, lines, [i for i in filled if i < first], width, delimiter)
     blank = any("b" in column for column in kinds_of)
-    if not (heads or blank or reading.delimiter) and delimiter == "," and filled[0] < first:
-        return 0.0, None  # the names above have fewer commas: these are decimal commas
+    fewer = not (heads or blank) and filled[0] < first  # the names above have fewer commas
+    cells = [rows[i][j] for i in samples for j in range(1, width)]
+    decimals = any(map(_DECIMALS.fullmatch, cells)) and not any("." in cell for cell in cells)
+    if delimiter == "," and not reading.delimiter and (fewer or decimals):
+        return 0.0, None  # these are decimal commas
     names, units, at = _names_of(heads, numeric, reading)
     # A number between names and samples is a wrong sample.
     wrong = [i for i, _ in heads if at < i and any(kinds[i][j] in "nt" for j in numeric)]
     first = min([first, *wrong])
-    label = next((rows[i] for i in range(at) if rows[i][:1] == ["Y_Unit_Label"]), None)
-    if units is None and label is not None:  # LabVIEW, of the values after the times
+    label = next((rows[i] for i in range(at) if {*map(str.lower, rows[i][:1])} & _UNIT_LABELS), None)
+    if units is None and label is not None:  # of the values after the times
         units = [None, *map(words.clean_unit, label[1:width]), *[None] * width][:width]
     widest = max(width, len(rows[at])) if heads and delimiter != " " else width
     comma = any("," in rows[i][j] and kinds[i][j] == "n" for i in samples if i >= first for j in numeric)

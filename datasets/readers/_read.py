@@ -107,7 +107,7 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
         The angle's channel holds so many pulses (1: an index), or counts of an encoder, in each turn of the
         shaft. Its default is then the one called "tacho", "index" or "position", "encoder" and the like.
     scale : float, optional
-        Nm per unit of the channel, for files in another unit than Nm, kNm, mNm, Ncm or Nmm. Of a motor
+        Nm per unit of the channel, for files in a unit that is not known (Nm, lbf ft, ... are). Of a motor
         current in A or mA, its torque constant, after which the samples are in Nm; of one in another unit, A
         per unit. A motor current in % or p.u. (of the rated one) needs none.
     delimiter, decimal : str, optional

@@ -13,7 +13,10 @@ from cyclofeat._base import checks
 from cyclofeat._base.quantities import QUANTITIES, from_1
 from cyclofeat.recordings import Recording
 
-TORQUE_UNITS = {"Nm": 1.0, "kNm": 1e3, "mNm": 1e-3, "Ncm": 1e-2, "Nmm": 1e-3}
+TORQUE_UNITS = {
+    "Nm": 1.0, "kNm": 1e3, "mNm": 1e-3, "Ncm": 1e-2, "Nmm": 1e-3,
+    "lbf ft": 1.3558179483314, "lbf in": 0.11298482902762, "kgf m": 9.80665,
+}  # fmt: skip
 CURRENT_UNITS = {"A": 1.0, "mA": 1e-3}
 # Of the rated current: kept as they are, since a count does not depend on the scale.
 RELATIVE_UNITS = {"%": 1.0, "p.u.": 1.0, "0.1%": 0.1}
@@ -60,7 +63,8 @@ _OTHER_SPELLINGS = {
     "sek": "s", "hertz": "Hz", "hz": "Hz", "khz": "kHz", "mhz": "MHz", "s/s": "Hz", "sa/s": "Hz", "1/s": "Hz",
     "rev.": "rev", "turn": "rev", "turns": "rev", "umdrehungen": "rev", "newtonmeter": "Nm",
     "newtonmeters": "Nm", "ampere": "A", "amp": "A", "amps": "A", "pu": "p.u.", "percent": "%",
-    "prozent": "%",
+    "prozent": "%", **dict.fromkeys(("lbfft", "lbft", "ftlb", "ftlbf", "ftlbs"), "lbf ft"),
+    **dict.fromkeys(("lbfin", "lbin", "inlb", "inlbf", "inlbs"), "lbf in"), "kgfm": "kgf m",
 }  # fmt: skip
 # Units that may follow a name after an underscore, as in torque_nm.
 # phase_a is the first of three, torque_min the least.

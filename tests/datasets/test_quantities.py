@@ -42,6 +42,8 @@ def file_with(tmp_path, names):
         ("M1 [Nm],n [1/min],i1 [mA]", IN, 0, 1),
         ("M1 [Nm],n [1/min],i1 [mA]", CURRENT, 2, 1e-3),
         ("Torque in Nm,n", None, 0, 1),  # "in" is a word of the unit here
+        ("Torque (lbf-ft),n", None, 0, 9.80665 * 0.45359237 * 0.3048),
+        ("Torque [in.lb],n", None, 0, 9.80665 * 0.45359237 * 0.0254),
         ("n,i_q", CURRENT, 1, 1),
     ],
 )

@@ -452,7 +452,7 @@ def test_files_that_are_not_there_or_not_files(tmp_path):
         ({"pulses_per_turn": 0}, ValueError, "pulses_per_turn must be at least 1, got 0"),
         ({"pulses_per_turn": 2, "angle_unit": "deg"}, ValueError, "turn= has no effect with angle_unit="),
         ({"angle_unit": "turns"}, ValueError, "angle_unit must be one of 'rad', 'deg', 'rev', got 'turns'"),
-        ({"delimiter": "|"}, ValueError, "delimiter must be one of ',', ';', .* got '.'"),
+        ({"delimiter": "&"}, ValueError, "delimiter must be one of ',', ';', .* got '&'"),
         ({"channel": True}, TypeError, "channel must be the column's name or index"),
         ({"colour": "red"}, TypeError, "unknown option or label 'colour'; known are angle_channel"),
         ({"torque": [1]}, TypeError, "unknown option or label 'torque'"),

@@ -93,6 +93,14 @@ TEXTS = {
     "date and time": ("Date,Time,Torque [Nm]\n" + rows("2024-03-05,10:22:{s:.4f},{y:.4f}\n"), {}, ""),
     "offset": ("time,torque\n" + rows("2024-03-05T10:22:{s:.4f}+01:00,{y:.4f}\n"), {}, ""),
     "one column of commas": ("torque\n" + rows("{y:.4f}\n", True), {"sampling_rate": 2000}, ""),
+    "commas below a name with one": (
+        "Torque, bearing side\n" + rows("{y:.4f}\n", True), {"sampling_rate": 2000, "channel": 0}, ""
+    ),
+    "bars": ("Time [s]|Torque [Nm]|Status\n" + rows("{t:.4f}|{y:.4f}|OK\n"), {}, ""),
+    "Tektronix MSO, volts": (
+        "Sample Interval,5.0E-4\nVertical Units,V\n\nTIME,CH1\n" + rows("{t:.6e},{y:.4f}\n"), {},
+        "'CH1' is in 'V'.*give scale=",
+    ),
     "stated": (
         "a b\n1;2\nt;M\n" + rows("{t:.4f};{y:.4f}\n", True),
         {"table_line": 3, "decimal": ",", "channel": 1}, "",
