@@ -24,7 +24,7 @@ from cyclofeat.counting import (
     make_entropy_counter,
     make_lobe_counter,
 )
-from cyclofeat.features import LobeMap, SpectralEntropy
+from cyclofeat.features import LobeMap
 
 
 @cache
@@ -40,7 +40,7 @@ def estimators() -> list[BaseEstimator]:
         make_entropy_counter(SAMPLING_RATE, n_trees=4),
         make_lobe_counter(SAMPLING_RATE, kind="ladder"),
         EntropyLadder(),
-        EntropyLadder(SpectralEntropy(SAMPLING_RATE), column=-1),
+        EntropyLadder(column=-1),
         LobeCounter(SAMPLING_RATE, n_lobes=4, n_trees=2, n_splits=2),
         LobeCounter(SAMPLING_RATE, kind="network", n_lobes=4, n_epochs=1, n_splits=2),
         GroupCalibratedCounter(LogisticRegression(), n_splits=2),

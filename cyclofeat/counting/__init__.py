@@ -14,7 +14,6 @@ name                         job
 ``rank_features``            table of features by how they depend on the count
 ``LobeModel``                estimator that counts and locates the worn lobes of recordings
 ``LobeStream``               the same for samples that arrive in pieces
-``RadialWear``               count and depth of radial wear from several windows in a row
 ``counts_frame``             answers for many recordings as a data frame
 ``plan_measurement``         length of a recording that tells n worn lobes from n + 1; least wear that shows
 ``Protocol``                 choice of what is held out, and of how intervals are computed
@@ -41,7 +40,6 @@ from cyclofeat.counting.evaluation.rank_features import rank_features
 from cyclofeat.counting.model._training import samples_per_turn_at as samples_per_turn_at
 from cyclofeat.counting.model.lobe_count import LobeCount, counts_frame
 from cyclofeat.counting.model.lobe_model import LobeModel
-from cyclofeat.counting.model.radial_wear import RadialWear
 from cyclofeat.counting.model.radial_wear import lobe_lines_nm as lobe_lines_nm
 from cyclofeat.counting.model.radial_wear import runs_of as runs_of
 from cyclofeat.counting.model.radial_wear import wear_features as wear_features
@@ -61,7 +59,6 @@ __all__ = [
     "LobeStream",
     "MeasurementPlan",
     "Protocol",
-    "RadialWear",
     "TrainingDomain",
     "counts_frame",
     "evaluate",

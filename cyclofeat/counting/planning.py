@@ -7,22 +7,19 @@ import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, ncx2
 
 from cyclofeat._base.checks import number, positive, seed_number, whole
-from cyclofeat._base.displays import data_frame
 from cyclofeat._base.quantities import number_of
 from cyclofeat.counting.model.radial_wear import lobe_lines_nm, runs_of
 from cyclofeat.recordings.windower import lobe_windower
 from cyclofeat.signal.windows import Complex, Float
 
 if TYPE_CHECKING:  # the simulator loads numba: only those who simulate wait for it
-    import pandas as pd
-
     from cyclofeat.simulators import Rig
 
 # Rig, speed and load of the table.
@@ -35,6 +32,10 @@ _NOISE_HZ = 25_600.0  # sampling rate for which noise is stated
 # Recordings are a little longer than the windows, as speeds differ by a per cent.
 _MARGIN = 1.01
 _N_STEPS = 121
+# Attributes that only one kind of plan has.
+_OF_SIMULATION = ("rig", "speed_rpm", "load_nm", "depths_um", "least_um")
+_OF_TABLE = ("depth", "tabulated_noise_nm", "tabulated_depth", "largest_noise_nm", "reachable",
+             "longest_turns", "longest_seconds")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -59,9 +60,7 @@ class Trial:
         return (self.right + 1) / (self.assemblies + 2)
 
 
-def _format_length(turns: int | None, seconds: float | None) -> str:
-    assert turns is not None
-    assert seconds is not None
+def _format_length(turns: Any, seconds: Any) -> str:
     return f"{number_of(turns, 'output turn')} ({seconds:.3g} s)"
 
 
@@ -131,42 +130,34 @@ class MeasurementPlan:
         if self.least_um is not None:
             up_to = "or less " if self.least_um == self.depths_um[0] else ""
             shows = f"radial wear shows from {self.least_um:.3g} um {up_to}on"
-        shares = ", ".join(
-            f"{d:g} um: {p:.2f}" for d, p in zip(self.depths_um, self.probability, strict=True)
-        )
+        pairs = zip(self.depths_um, self.probability, strict=True)
+        shares = ", ".join(f"{depth:g} um: {share:.2f}" for depth, share in pairs)
         at = f"{self.noise_nm:g} Nm noise, {self.speed_rpm:g} RPM, {self.load_nm:g} Nm"
-        lines = [
+        return (
             f"{shows} with {self.confidence:g}, {number_of(self.worn, 'worn lobe')} or none: {at}, "
-            f"{_format_length(self.turns, self.seconds)}",
-            f"  probability of telling worn from healthy: {shares}",
+            f"{_format_length(self.turns, self.seconds)}\n"
+            f"  probability of telling worn from healthy: {shares}\n"
             f"  by the lobe lines of {self.assemblies} simulated assemblies of rig {self.rig}, healthy and "
-            "worn",
-            "  note: an ideal detector trained for this rig; counting the lobes takes deeper wear",
-        ]
-        return "\n".join(lines)
+            "worn\n  note: an ideal detector trained for this rig; counting the lobes takes deeper wear"
+        )
 
     def _table_text(self) -> str:
-        pair = (
-            f"{self.worn} from {self.worn + 1} worn lobes at {self.noise_nm:g} Nm noise, depth {self.depth:g}"
-        )
+        counts = f"{self.worn} from {self.worn + 1} worn lobes"
+        lines = [f"to tell {counts} at {self.noise_nm:g} Nm noise, depth {self.depth:g}: "]
         if self.turns is not None:
-            lines = [f"to tell {pair}: record {_format_length(self.turns, self.seconds)}"]
+            lines[0] += f"record {_format_length(self.turns, self.seconds)}"
         elif self.confidence > self.reachable:
-            lines = [
-                f"to tell {pair}: cannot be promised with {self.confidence:g}; {self.assemblies} simulated "
-                f"assemblies can show {self.reachable:.3f} at most"
-            ]
+            lines[0] += (
+                f"cannot be promised with {self.confidence:g}; {self.assemblies} simulated assemblies can "
+                f"show {self.reachable:.3f} at most"
+            )
         else:
             longest = _format_length(self.longest_turns, self.longest_seconds)
-            lines = [
-                f"to tell {pair}: the table's longest recording, {longest}, is not enough for "
-                f"{self.confidence:g}"
-            ]
+            lines[0] += f"the table's longest recording, {longest}, is not enough for {self.confidence:g}"
             if self.largest_noise_nm is not None:
                 lines.append(f"  it is enough at {self.largest_noise_nm:g} Nm noise or less")
-        lines.append(
-            f"  probability {self.probability:.3f} on {self.assemblies} simulated assemblies of rig R1"
-        )
+        on = f"{self.assemblies} simulated assemblies of rig R1"
+        lines.append(f"  probability {self.probability:.3f} on {on}")
         if (self.tabulated_noise_nm, self.tabulated_depth) != (self.noise_nm, self.depth):
             entry = f"noise {self.tabulated_noise_nm:g} Nm, depth {self.tabulated_depth:g}"
             lines.append(f"  answered by the table's next worse entry: {entry}")
@@ -181,42 +172,17 @@ class MeasurementPlan:
         dict
             Without the attributes that only the other kind of plan has.
         """
-        of_table = ("depth", "tabulated_noise_nm", "tabulated_depth", "largest_noise_nm", "reachable",
-                    "longest_turns", "longest_seconds")  # fmt: skip
-        of_simulation = ("rig", "speed_rpm", "load_nm", "depths_um", "least_um")
-        others = of_simulation if self.depths_um is None else of_table
-        plain = {
-            name: list(value) if isinstance(value, tuple) else value for name, value in vars(self).items()
-        }
-        return {name: value for name, value in plain.items() if name not in others}
-
-    def to_frame(self) -> pd.DataFrame:
-        """Return a table of depths and probabilities; needs pandas.
-
-        Returns
-        -------
-        DataFrame
-            Columns ``depth_um`` (None for a plan from the table) and ``probability``.
-        """
-        return data_frame(
-            {
-                "depth_um": self.depths_um or (None,),
-                "probability": self.probability if self.depths_um else (self.probability,),
-            }
-        )
+        others = _OF_SIMULATION if self.depths_um is None else _OF_TABLE
+        return {name: value for name, value in vars(self).items() if name not in others}
 
 
 @functools.cache
 def detection_table() -> tuple[Trial, ...]:
     """Return the trials that plans are made from, written by ``make bench-counting``."""
     text = files("cyclofeat.counting").joinpath("tables/detection.csv").read_text(encoding="utf-8")
-    return tuple(
-        Trial(
-            row["rig"], float(row["depth"]), float(row["noise_nm"]), int(row["turns"]), int(row["worn"]),
-            int(row["assemblies"]), float(row["right"]),
-        )
-        for row in csv.DictReader(text.splitlines())
-    )  # fmt: skip
+    kinds = get_type_hints(Trial)
+    rows = csv.DictReader(text.splitlines())
+    return tuple(Trial(**{name: kinds[name](value) for name, value in row.items()}) for row in rows)
 
 
 def plan_measurement(
@@ -314,12 +280,23 @@ def plan_measurement(
     depths = [positive("depths_um", depth) for depth in depths_um]
     if len(depths) < 2 or depths != sorted(set(depths)):
         raise ValueError(f"depths_um must be at least two increasing depths, got {depths_um!r}")
-    twins = SimulatedTwins(rig, speed_rpm, load_nm, output_turns, n_assemblies, random_state, n_jobs)
-    healthy = twins.lobe_lines(0, depths[0])
-    power = (np.abs(healthy) ** 2).mean(axis=0) + _NOISE_IN_LINE * noise_nm**2 / (twins.seconds * _NOISE_HZ)
-    noncentral = np.array(
-        [2 * (np.abs(twins.lobe_lines(worn, depth) - healthy) ** 2 / power).sum(axis=1) for depth in depths]
+    from cyclofeat.datasets import rig_preset
+
+    drawn = rig_preset(rig) if isinstance(rig, str) else rig
+    gearbox = drawn.gearbox
+    speed = round(60 * gearbox.input_speed_hz, 6) if speed_rpm is None else positive("speed_rpm", speed_rpm)
+    load = gearbox.load_torque if load_nm is None else positive("load_nm", load_nm)
+    seconds = output_turns * gearbox.n_lobes / (speed / 60)
+    options = {
+        "speed_rpm": speed, "load_nm": load, "n_assemblies": n_assemblies, "n_jobs": n_jobs,
+        "random_state": seed_number(random_state),
+    }  # fmt: skip
+    healthy, *others = (
+        lines_of_twins(drawn, output_turns, n_worn, depth, **options)
+        for n_worn, depth in [(0, depths[0]), *((worn, depth) for depth in depths)]
     )
+    power = (np.abs(healthy) ** 2).mean(axis=0) + _NOISE_IN_LINE * noise_nm**2 / (seconds * _NOISE_HZ)
+    noncentral = np.array([2 * (np.abs(lines - healthy) ** 2 / power).sum(axis=1) for lines in others])
     degrees = 2 * healthy.shape[1]
     # The least depth that is enough, interpolated.
     fine = np.geomspace(depths[0], depths[-1], _N_STEPS)
@@ -327,19 +304,11 @@ def plan_measurement(
     between = np.exp(np.stack([np.interp(np.log(fine), np.log(depths), row) for row in logs], axis=1))
     enough = np.flatnonzero(right_decisions(between, degrees).mean(axis=1) >= confidence)
     return MeasurementPlan(
-        worn=worn,
-        confidence=float(confidence),
-        noise_nm=float(noise_nm),
-        rig=twins.rig,
-        speed_rpm=twins.speed_rpm,
-        load_nm=twins.load_nm,
-        turns=output_turns,
-        seconds=round(twins.seconds, 9),
-        depths_um=tuple(depths),
+        worn=worn, confidence=float(confidence), noise_nm=float(noise_nm), rig=drawn.name, speed_rpm=speed,
+        load_nm=load, turns=output_turns, seconds=round(seconds, 9), depths_um=tuple(depths),
         probability=tuple(right_decisions(noncentral, degrees).mean(axis=1).tolist()),
-        least_um=float(fine[enough[0]]) if enough.size else None,
-        assemblies=n_assemblies,
-    )
+        least_um=float(fine[enough[0]]) if enough.size else None, assemblies=n_assemblies,
+    )  # fmt: skip
 
 
 def plan_turns(
@@ -370,24 +339,14 @@ def plan_turns(
         return round(turns * _TABLE_LOBES / (speed_rpm / 60), 9)
 
     return MeasurementPlan(
-        worn=worn,
-        confidence=float(confidence),
-        noise_nm=float(noise_nm),
-        rig=_TABLE_RIG,
-        speed_rpm=float(speed_rpm),
-        load_nm=_TABLE_NM,
-        depth=float(depth),
-        tabulated_noise_nm=noise,
-        tabulated_depth=shallow,
-        turns=None if enough is None else enough.turns,
-        seconds=None if enough is None else seconds(enough.turns),
-        probability=answer.probability,
-        assemblies=answer.assemblies,
-        largest_noise_nm=max(fine, default=None),
-        reachable=(answer.assemblies + 1) / (answer.assemblies + 2),
-        longest_turns=longest,
+        worn=worn, confidence=float(confidence), noise_nm=float(noise_nm), rig=_TABLE_RIG,
+        speed_rpm=float(speed_rpm), load_nm=_TABLE_NM, depth=float(depth), tabulated_noise_nm=noise,
+        tabulated_depth=shallow, turns=None if enough is None else enough.turns,
+        seconds=None if enough is None else seconds(enough.turns), probability=answer.probability,
+        assemblies=answer.assemblies, largest_noise_nm=max(fine, default=None),
+        reachable=(answer.assemblies + 1) / (answer.assemblies + 2), longest_turns=longest,
         longest_seconds=seconds(longest),
-    )
+    )  # fmt: skip
 
 
 def right_decisions(noncentral: NDArray[Any], degrees: int) -> Float:
@@ -404,42 +363,22 @@ def right_decisions(noncentral: NDArray[Any], degrees: int) -> Float:
     return np.asarray(np.interp(noncentral, table, right))
 
 
-class SimulatedTwins:
-    """The same assemblies with any wear, without noise; arguments as in :func:`plan_measurement`."""
+def lines_of_twins(rig: Rig, turns: int, worn: int, depth_um: float, **options: Any) -> Complex:
+    """Return lobe lines in Nm above the brake's drift, shape (n_assemblies, n_lines), without noise.
 
-    def __init__(
-        self,
-        rig: str | Rig,
-        speed_rpm: float | None,
-        load_nm: float | None,
-        turns: int,
-        n_assemblies: int,
-        random_state: int | None,
-        n_jobs: int,
-    ) -> None:
-        from cyclofeat.datasets import rig_preset
-        from cyclofeat.simulators import Noise, Solver
+    The same ``options`` of :func:`cyclofeat.datasets.make_rig_recordings` make the same assemblies, with any
+    wear.
+    """
+    from cyclofeat.datasets import make_rig_recordings
+    from cyclofeat.simulators import Noise, Solver
 
-        drawn = rig_preset(rig) if isinstance(rig, str) else rig
-        self.rig, gearbox = drawn.name, drawn.gearbox
-        nominal = round(60 * gearbox.input_speed_hz, 6)
-        self.speed_rpm = nominal if speed_rpm is None else positive("speed_rpm", speed_rpm)
-        self.load_nm = gearbox.load_torque if load_nm is None else positive("load_nm", load_nm)
-        self.n_lobes, self.turns = gearbox.n_lobes, turns
-        self.seconds = turns * self.n_lobes / (self.speed_rpm / 60)
-        self._options: dict[str, Any] = {
-            "n_assemblies": n_assemblies, "rig": drawn.with_effects(Noise(0.0)), "speed_rpm": self.speed_rpm,
-            "load_nm": self.load_nm, "output_turns": _MARGIN * turns, "wheels": (0, 1), "with_angle": True,
-            "n_jobs": n_jobs, "random_state": seed_number(random_state), "kernel": "auto",
-            "solver": Solver(integrator="adams_bashforth"),
-        }  # fmt: skip
-
-    def lobe_lines(self, worn: int, depth_um: float) -> Complex:
-        """Return the lobe lines in Nm above the brake's drift, shape (n_assemblies, n_lines)."""
-        from cyclofeat.datasets import make_rig_recordings
-
-        recordings = make_rig_recordings(defect_counts=[worn], wear_um=depth_um, **self._options)
-        windows = lobe_windower(self.n_lobes).windows(recordings)
-        runs = [runs_of(windows.X[windows.recording == k], self.turns)[:1] for k in range(len(recordings))]
-        lines: Complex = lobe_lines_nm(np.concatenate(runs), self.n_lobes).lines
-        return lines[:, _LOWEST_LINE - 1 :]
+    n_lobes = rig.gearbox.n_lobes
+    recordings = make_rig_recordings(
+        defect_counts=[worn], wear_um=depth_um, rig=rig.with_effects(Noise(0.0)), wheels=(0, 1),
+        output_turns=_MARGIN * turns, with_angle=True, kernel="auto",
+        solver=Solver(integrator="adams_bashforth"), **options,
+    )  # fmt: skip
+    windows = lobe_windower(n_lobes).windows(recordings)
+    runs = [runs_of(windows.X[windows.recording == k], turns)[:1] for k in range(len(recordings))]
+    lines: Complex = lobe_lines_nm(np.concatenate(runs), n_lobes).lines
+    return lines[:, _LOWEST_LINE - 1 :]

@@ -10,10 +10,10 @@ from types import NoneType
 from typing import Any
 
 import numpy as np
-from sklearn.base import BaseEstimator
 
 from cyclofeat._base.files import MODEL_PACKAGES, package_versions
-from cyclofeat.counting import Evaluation, LobeModel, RadialWear
+from cyclofeat.counting import Evaluation, LobeModel
+from cyclofeat.counting.evaluation.assembly_folds import estimators_in
 from cyclofeat.features.base import WindowTransformer
 from cyclofeat.features.registry import REGISTRY
 from cyclofeat.models.content import ModelFileError
@@ -25,8 +25,6 @@ CARD_SUFFIX = ".card.json"
 _COMPARED = {"cyclofeat": 3, "scikit-learn": 3, "python": 2, "numpy": 2, "scipy": 2}
 FEATURES = "features"
 ALLOWED = (*_COMPARED, "joblib", "sklearn", FEATURES)
-# What may hold an estimator.
-_HOLDERS = (BaseEstimator, RadialWear, dict, list, tuple, np.ndarray)
 # Entries of a model's own card that are repeated.
 _OF_TRAINING = (
     "n_recordings", "n_windows", "sources", "quantity", "speeds_rpm", "loads_nm", "wear", "domain",
@@ -96,25 +94,6 @@ def feature_definitions(counter: Any) -> dict[str, Any]:
         "columns": columns,
         "definitions": {rows[base].name: rows[base].version for base in sorted(named) if base in rows},
     }
-
-
-def estimators_in(model: Any) -> list[Any]:
-    """Return the model or counter and all estimators that it holds, each once, outer ones first."""
-    inside: dict[int, Any] = {}
-    waiting = [model]
-    while waiting:
-        item = waiting.pop()
-        if isinstance(item, (BaseEstimator, RadialWear)):
-            if id(item) in inside:
-                continue
-            inside[id(item)] = item
-            item = vars(item)
-        if isinstance(item, dict):
-            item = list(item.values())
-        elif isinstance(item, np.ndarray):
-            item = item.ravel().tolist() if item.dtype == object else []
-        waiting += [value for value in reversed(item) if isinstance(value, _HOLDERS)]
-    return list(inside.values())
 
 
 def make_card(

@@ -63,7 +63,8 @@ class TrainingDisplay(Display):
 
     def __init__(self, model: LobeModel, recording: Recording) -> None:
         from cyclofeat.counting.calibration.training_domain import features_seen
-        from cyclofeat.models.card import estimators_in, feature_definitions
+        from cyclofeat.counting.evaluation.assembly_folds import estimators_in
+        from cyclofeat.models.card import feature_definitions
 
         model = model.suited_to(recording)
         domain, counter = model.domain_, model.counter_

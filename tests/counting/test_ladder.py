@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
-from sklearn.pipeline import make_pipeline
 
 from cyclofeat.counting import EntropyLadder
-from cyclofeat.features import SpectralEntropy
 
 
 def drawn(means, n=40, seed=0):
@@ -45,14 +43,6 @@ def test_classes_out_of_order_share_a_rung():
     assert_allclose(ladder.rungs_, [0.05, 1.55, 1.55, 3.05])
     assert_allclose(ladder.predict_proba([[1.5]])[0, 1], ladder.predict_proba([[1.5]])[0, 2])
     assert ladder.predict([[1.5]]) == [1]
-
-
-def test_a_feature_of_windows_is_the_same_as_the_feature_itself(surrogates):
-    X = np.stack([r.torque for r in surrogates])
-    y = [r.defect_count for r in surrogates]
-    inside = EntropyLadder(SpectralEntropy(25_600)).fit(X, y)
-    outside = make_pipeline(SpectralEntropy(25_600), EntropyLadder()).fit(X, y)
-    assert_allclose(inside.predict_proba(X), outside.predict_proba(X))
 
 
 def test_a_column_counts_from_either_end():

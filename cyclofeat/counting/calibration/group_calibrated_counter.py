@@ -7,7 +7,7 @@ from numbers import Integral
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.metadata_routing import MetadataRouter, MethodMapping
 from sklearn.utils.validation import has_fit_parameter
@@ -17,7 +17,6 @@ from cyclofeat.counting.calibration.pooling import learn_dependence, pool_opinio
 from cyclofeat.counting.estimators.trees import Counter
 from cyclofeat.counting.evaluation.assembly_folds import (
     Float,
-    aligned_proba,
     assemblies_of,
     drawn_seed,
     fit_clone,
@@ -151,11 +150,12 @@ class GroupCalibratedCounter(Counter):
         member = assemblies_of(groups, len(windows))
         seed = drawn_seed(self.random_state)
         folds = grouped_folds(rank, member, self.n_splits, seed)
-        self.counter_ = fit_clone(self.counter, windows, labels, groups=member, **known)
+        known["groups"] = member
+        self.counter_ = fit_clone(self.counter, windows, labels, **known)
         self.temperature_ = 1.0
         self.dependence_: float | None = None
         self.calibrated_ = bool(folds)
-        held_out = held_out_proba(self.counter, windows, labels, member, self.classes_, folds, **known)
+        held_out = held_out_proba(self.counter, windows, labels, self.classes_, folds, **known)
         if folds:
             weights = window_weights(np.unique(member, return_inverse=True)[1])
             power = pool_weights(safe_log(held_out)[np.newaxis], rank, weights, np.unique(member).size)[0]
@@ -168,17 +168,5 @@ class GroupCalibratedCounter(Counter):
     def _calibrate(self, proba: Float) -> Float:
         return pool_opinions(safe_log(proba)[np.newaxis], np.array([1 / self.temperature_]))
 
-    def predict_proba(self, X: ArrayLike) -> Float:
-        """Return the calibrated probability of each class.
-
-        Parameters
-        ----------
-        X : array-like, shape (n_windows, n_samples)
-            See :meth:`fit`.
-
-        Returns
-        -------
-        ndarray, shape (n_windows, n_classes)
-        """
-        windows = self._windows(X)
-        return self._calibrate(aligned_proba(self.counter_, windows, self.classes_))
+    def _proba(self, windows: NDArray[Any]) -> Float:
+        return self._calibrate(np.asarray(self.counter_.predict_proba(windows)))

@@ -62,6 +62,12 @@ def combine_proba(proba: Float, member: Int, dependence: float) -> Float:
     return np.asarray(softmax(sums / (1 + (size - 1) * dependence)[:, np.newaxis], axis=-1))
 
 
+def pool_windows(proba: Float, dependence: float | None) -> Float:
+    """Return the probabilities of one recording; its windows count as one where no dependence is known."""
+    one = np.zeros(len(proba), dtype=np.int64)
+    return np.asarray(combine_proba(proba, one, 1.0 if dependence is None else dependence)[0])
+
+
 def learn_dependence(proba: Float, rank: Int, member: Int) -> float | None:
     """Return the dependence with the highest likelihood for held-out recordings.
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from numbers import Integral
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import softmax
-from sklearn.base import BaseEstimator, clone
 from sklearn.isotonic import IsotonicRegression
 
 from cyclofeat._base.sklearn_private import Interval, fit_context
@@ -16,6 +16,7 @@ from cyclofeat.counting.estimators.trees import Counter
 from cyclofeat.counting.evaluation.assembly_folds import Float
 
 
+@dataclass(eq=False, repr=False)
 class EntropyLadder(Counter):
     """Count by one number per window that rises, or falls, with the number of worn lobes.
 
@@ -25,9 +26,6 @@ class EntropyLadder(Counter):
 
     Parameters
     ----------
-    feature : transformer, optional
-        Turns windows into features, e.g. ``SpectralEntropy(25_600)``; cloned, not changed. Default: ``X``
-        holds features already.
     column : int, default=0
         Which of the features is read; negative ones count from the end.
 
@@ -44,8 +42,6 @@ class EntropyLadder(Counter):
         Standard deviation of windows about the means of their classes, pooled.
     increasing_ : bool
         Whether the feature rises with the class.
-    feature_ : transformer or None
-        Fitted.
 
     Notes
     -----
@@ -64,13 +60,10 @@ class EntropyLadder(Counter):
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        "feature": [BaseEstimator, None],
         "column": [Interval(Integral, None, None, closed="neither")],
     }
 
-    def __init__(self, feature: Any = None, column: int = 0) -> None:
-        self.feature = feature
-        self.column = column
+    column: int = 0
 
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
@@ -79,7 +72,7 @@ class EntropyLadder(Counter):
         Parameters
         ----------
         X : array-like, shape (n_windows, n_features)
-            Features, or windows of torque in Nm if there is a ``feature``.
+            Features, such as those of a :class:`~cyclofeat.features.SpectralEntropy`.
         y : array-like, shape (n_windows,)
             Classes; their order is that of ``numpy.unique``.
 
@@ -87,8 +80,7 @@ class EntropyLadder(Counter):
         -------
         self
         """
-        values, labels, rank = self._labelled(X, y)
-        self.feature_ = None if self.feature is None else clone(self.feature).fit(values, labels)
+        values, _, rank = self._labelled(X, y)
         z = self._read(values)
         size = np.bincount(rank)
         means = np.bincount(rank, z) / size
@@ -104,26 +96,15 @@ class EntropyLadder(Counter):
         self.spread_ = float(np.sqrt(np.sum((z - means[rank]) ** 2) / freedom))
         return self
 
-    def predict_proba(self, X: ArrayLike) -> Float:
-        """Return the probability of each class, by distance to the rungs.
-
-        Parameters
-        ----------
-        X : array-like, shape (n_windows, n_features)
-            See :meth:`fit`.
-
-        Returns
-        -------
-        ndarray, shape (n_windows, n_classes)
-        """
-        z = self._read(self._windows(X))
+    def _proba(self, windows: NDArray[Any]) -> Float:
+        """Return the probability of each class, by distance to the rungs."""
+        z = self._read(windows)
         # Without any spread within classes the nearest rung is practically certain.
         spread = max(self.spread_, 1e-9 * float(np.ptp(self.rungs_)), np.finfo(float).tiny ** 0.25)
         return np.asarray(softmax(-0.5 * ((z[:, np.newaxis] - self.rungs_) / spread) ** 2, axis=-1))
 
     def _read(self, X: NDArray[Any]) -> Float:
-        features = X if self.feature_ is None else np.asarray(self.feature_.transform(X))
-        n_columns = features.shape[1]
+        n_columns = X.shape[1]
         if not -n_columns <= self.column < n_columns:
             raise ValueError(f"column must be one of the {n_columns} features, got column={self.column}")
-        return np.asarray(features[:, self.column], dtype=np.float64)
+        return np.asarray(X[:, self.column], dtype=np.float64)

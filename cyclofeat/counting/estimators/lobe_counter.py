@@ -36,6 +36,7 @@ from cyclofeat.counting.evaluation.assembly_folds import (
     assemblies_of,
     drawn_seed,
     grouped_folds,
+    held_out_proba,
     of_windows,
 )
 from cyclofeat.counting.evaluation.scores import window_weights
@@ -290,19 +291,8 @@ class LobeCounter(Counter):
             self.dependence_ = learn_dependence(proba[held_out], rank, member)
         return proba
 
-    def predict_proba(self, X: ArrayLike) -> Float:
-        """Return the calibrated probability of each count.
-
-        Parameters
-        ----------
-        X : array-like, shape (n_windows, n_samples)
-            Windows of torque in Nm.
-
-        Returns
-        -------
-        ndarray, shape (n_windows, n_classes)
-        """
-        return self.proba_of_lines(self._lines(X))
+    def _proba(self, windows: NDArray[Any]) -> Float:
+        return self.proba_of_lines(self.lobe_map_.lines(windows))
 
     def predict_lobe_proba(self, X: ArrayLike, passage: ArrayLike | None = None) -> Float:
         """Return the probability that each lobe is worn.
@@ -467,11 +457,8 @@ class LobeCounter(Counter):
         """Grow the trees; return logarithms of held-out probabilities, (n_opinions, n_windows, n_classes)."""
         features = self.lobe_map_.from_lines(lines)
         trees = CountingTrees(self.n_trees, random_state=self.random_state)
+        by_map = held_out_proba(trees, features, y, self.classes_, folds)
         self.count_trees_ = trees.fit(features, y)
-        by_map = np.full((len(y), self.classes_.size), np.nan)
-        for train, test in folds:
-            trees = CountingTrees(self.n_trees, random_state=self.random_state)
-            by_map[test] = aligned_proba(trees.fit(features[train], y[train]), features[test], self.classes_)
         if worn is None or begins is None or worn.min() == worn.max():
             self.pattern_ = "consecutive"
             return safe_log(by_map)[np.newaxis]

@@ -12,7 +12,7 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from cyclofeat.counting.evaluation.assembly_folds import Int, ordered_classes
+from cyclofeat.counting.evaluation.assembly_folds import Float, Int, ordered_classes
 
 # Paths through trees up to which scikit-learn's overhead dominates its time.
 _MOST_PATHS = 50_000
@@ -28,7 +28,7 @@ class PoorOnArbitraryData:
 
 
 class Counter(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
-    """Base of the counters: ``predict`` from ``predict_proba``, checked windows, classes in order."""
+    """Base of the counters: checked windows, classes in order; a counter states ``_proba`` of windows."""
 
     classes_: NDArray[Any]
     # Kinds of numbers that windows are kept in.
@@ -38,6 +38,13 @@ class Counter(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         """Return the most probable class of each window, shape (n_windows,), the first one in a tie."""
         proba = self.predict_proba(X)  # raises NotFittedError before classes_ is missed
         return np.asarray(self.classes_[np.argmax(proba, axis=1)])
+
+    def predict_proba(self, X: ArrayLike) -> Float:
+        """Return the probability of each class for windows as in ``fit``, shape (n_windows, n_classes)."""
+        return self._proba(self._windows(X))
+
+    def _proba(self, windows: NDArray[Any]) -> Float:
+        raise NotImplementedError
 
     def _labelled(self, X: ArrayLike, y: ArrayLike) -> tuple[NDArray[Any], NDArray[Any], Int]:
         """Check windows and labels, store the classes; return windows, labels and class indices."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -93,22 +92,27 @@ def fit_clone(estimator: BaseEstimator, X: Any, y: NDArray[Any], **metadata: Any
                     part.set_fit_request(**open_requests)
         taken = get_routing_for_object(fitted).consumes("fit", metadata)
         fitted.fit(X, y, **{name: metadata[name] for name in metadata if name in taken})
-    _forget_requests(fitted)
+    for part in estimators_in(fitted):
+        vars(part).pop("_metadata_request", None)  # so that files do not hold them
     return fitted
 
 
-def _forget_requests(value: object) -> None:
-    """Remove the routing requests from a fitted estimator and its parts, so that files do not hold them."""
-    children: Iterable[object] = ()
-    if isinstance(value, BaseEstimator):
-        vars(value).pop("_metadata_request", None)
-        children = vars(value).values()
-    elif isinstance(value, dict):
-        children = value.values()
-    elif isinstance(value, (list, tuple)):
-        children = value
-    for child in children:
-        _forget_requests(child)
+def estimators_in(estimator: Any) -> list[Any]:
+    """Return an estimator and all estimators and dataclasses that it holds, outer ones first."""
+    inside: list[Any] = []
+    waiting = [estimator]
+    while waiting:
+        item = waiting.pop()
+        if isinstance(item, BaseEstimator) or hasattr(type(item), "__dataclass_fields__"):
+            inside.append(item)
+            waiting += reversed(vars(item).values())
+        elif isinstance(item, dict):
+            waiting += reversed(item.values())
+        elif isinstance(item, (list, tuple)):
+            waiting += reversed(item)
+        elif isinstance(item, np.ndarray) and item.dtype == object:
+            waiting += item.ravel().tolist()[::-1]
+    return inside
 
 
 def aligned_proba(estimator: BaseEstimator, X: NDArray[Any], classes: NDArray[Any]) -> Float:
@@ -122,7 +126,6 @@ def held_out_proba(
     estimator: BaseEstimator,
     X: NDArray[Any],
     y: NDArray[Any],
-    member: Int,
     classes: NDArray[Any],
     folds: Folds,
     **metadata: NDArray[Any],
@@ -134,6 +137,6 @@ def held_out_proba(
     proba = np.full((len(y), len(classes)), np.nan)
     for train, test in folds:
         known = {name: values[train] for name, values in metadata.items()}
-        fitted = fit_clone(estimator, X[train], y[train], groups=member[train], **known)
+        fitted = fit_clone(estimator, X[train], y[train], **known)
         proba[test] = aligned_proba(fitted, X[test], classes)
     return proba

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.model_selection import StratifiedGroupKFold
-from sklearn.utils import check_array, check_consistent_length
+from sklearn.utils import check_array
 
 from cyclofeat._base.checks import one_of, repr_of
 from cyclofeat._base.quantities import number_of
@@ -196,10 +196,6 @@ class LabelledData:
                 groups = np.array([recording.assembly for recording in recordings])
         if groups is None:
             raise ValueError(_LEAK)
-        labels, assemblies = np.asarray(y), np.asarray(groups)
-        for name, values in (("y", labels), ("groups", assemblies)):
-            if values.ndim != 1:
-                raise ValueError(f"{name} must hold one value per window, got shape {values.shape}")
         given: NDArray[Any] = np.empty(len(recordings), dtype=object)
         given[:] = recordings
         if not recordings:
@@ -207,7 +203,10 @@ class LabelledData:
             constant = np.flatnonzero(given.max(axis=1) == given.min(axis=1))
             if constant.size and given.shape[1] > 1:  # a single feature instead of a window may be constant
                 raise ValueError(f"X must hold windows with variation, but window {constant[0]} is constant")
-        check_consistent_length(given, labels, assemblies)
+        labels, assemblies = (
+            of_windows("y", np.asarray(y), len(given)),
+            of_windows("groups", groups, len(given)),
+        )
         for label in labels.tolist():
             if not isinstance(label, Real):
                 raise ValueError(f"y must hold defect counts (numbers), got {label!r}")

@@ -11,7 +11,6 @@ from scipy import stats
 from sklearn.base import clone
 from sklearn.feature_selection import mutual_info_classif
 from sklearn.utils import check_array, check_consistent_length
-from sklearn.utils.multiclass import check_classification_targets
 from threadpoolctl import threadpool_limits
 
 from cyclofeat._base.displays import data_frame
@@ -97,7 +96,6 @@ def rank_features(
     names = [str(name) for name in getattr(X, "columns", range(values.shape[1]))]
     check_consistent_length(values, y)
     classes, rank = ordered_classes(of_windows("y", y, len(values)))
-    check_classification_targets(classes)
     assemblies, member = np.unique(of_windows("groups", groups, len(values)), return_inverse=True)
     count: Int = np.zeros(assemblies.size, dtype=np.int64)
     count[member] = rank

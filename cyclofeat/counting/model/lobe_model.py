@@ -20,7 +20,7 @@ from cyclofeat._base.checks import whole
 from cyclofeat._base.displays import Card, WithCard, draw_confusion
 from cyclofeat._base.files import MODEL_PACKAGES, package_versions
 from cyclofeat._base.quantities import TORQUES, factor_to_output, number_of
-from cyclofeat.counting.calibration.pooling import combine_proba
+from cyclofeat.counting.calibration.pooling import pool_windows
 from cyclofeat.counting.calibration.training_domain import (
     TrainingDomain,
     feature_words,
@@ -674,8 +674,7 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         used = np.array([not one for one in reasons])
         used |= not used.any()
         learned = getattr(self._deciding_part, "dependence_", None)
-        member = np.zeros(used.sum(), dtype=int)
-        probability = combine_proba(answered.proba[used], member, 1.0 if learned is None else learned)[0]
+        probability = pool_windows(answered.proba[used], learned)
         if self.wear_ is None and not reason:
             reason = outvoted_reason(answered.proba, answered.faults, reasons, int(probability.argmax()))
         runs = None if self.wear_ is None or reason else answered.runs

@@ -14,7 +14,7 @@ from cyclofeat._base.checks import is_number, number_pair, repr_of
 from cyclofeat._base.quantities import number_of
 from cyclofeat.counting.calibration.conformal_regressor import ConformalRegressor
 from cyclofeat.counting.calibration.group_calibrated_counter import GroupCalibratedCounter
-from cyclofeat.counting.calibration.pooling import combine_proba
+from cyclofeat.counting.calibration.pooling import pool_windows
 from cyclofeat.counting.estimators.lobe_counter import LobeCounter
 from cyclofeat.counting.estimators.lobe_positions import passage_of_lobe_zero
 from cyclofeat.counting.estimators.trees import CountingTrees
@@ -123,23 +123,11 @@ class RadialWear:
         random_state: int | None = None,
         network: LobeCounter | None = None,
     ) -> RadialWear:
-        """Train on windows over the angle of the shaft.
+        """Train on labelled windows over the angle of the shaft, those of each recording in a row.
 
-        Parameters
-        ----------
-        windows : WindowSet
-            Labelled windows of recordings, those of each recording in a row.
-        stated : (depths_um, range_um)
-            Depth of each recording's wear in um, not used where no lobe is worn; least and largest depth.
-        n_lobes, n_trees, random_state : int
-            See :class:`LobeModel`.
-        network : LobeCounter, optional
-            A counter of kind "network", which counts the runs with their lobe lines; worn lobes are known and
-            neighbours. Default: trees.
-
-        Returns
-        -------
-        RadialWear
+        ``stated`` are the depth of each recording's wear in um, not used where no lobe is worn, and the least
+        and largest depth; ``network`` is a counter of kind "network" for the runs, whose worn lobes are known
+        and neighbours. Default: trees.
         """
         assert windows.y is not None
         depths_um, (low, high) = stated
@@ -194,12 +182,7 @@ class RadialWear:
         )
 
     def made_for(self) -> str:
-        """Return in words which depths the model was trained for and which it sees.
-
-        Returns
-        -------
-        str
-        """
+        """Return in words which depths the model was trained for and which it sees."""
         low, high = self.range_um
         text = f"{low:g} to {high:g} um in {number_of(self.n_windows, 'output turn')}"
         if self.limit_um is not None:
@@ -209,12 +192,7 @@ class RadialWear:
         return text
 
     def summary(self) -> dict[str, Any]:
-        """Return wear metrics for the card of a model.
-
-        Returns
-        -------
-        dict
-        """
+        """Return wear metrics for the card of a model."""
         error = np.nanmedian(np.abs(self.depth.held_out_ - self.depth.values_))
         return {
             "range_um": list(self.range_um),
@@ -228,21 +206,11 @@ class RadialWear:
         }
 
     def answers(self, X: Float, faults: Sequence[str], breaks: ArrayLike = ()) -> Float | None:
-        """Return probabilities and features of each run of windows without a fault.
+        """Return count probabilities and features of each run of windows, (n_runs, n_classes + n_features).
 
-        Parameters
-        ----------
-        X : ndarray, shape (n_windows, n_samples)
-            Windows of one recording over the angle of the shaft, torque in Nm.
-        faults : sequence of str
-            Fault of each window's signal; empty where there is none.
-        breaks : array-like of int, optional
-            Numbers of windows before which some were left out.
-
-        Returns
-        -------
-        ndarray, shape (n_runs, n_classes + n_features), or None
-            Probability of each count, and features, of each run; None if there is no run.
+        ``X`` are windows of one recording over the angle of the shaft, torque in Nm, (n_windows, n_samples);
+        windows with one of ``faults`` belong to no run, and none goes over ``breaks``, numbers of windows
+        before which some were left out. None if there is no run.
         """
         # A window that is not used parts the runs.
         before = np.asarray(breaks, dtype=int)
@@ -255,35 +223,12 @@ class RadialWear:
         return np.hstack([self.counter.predict_proba(seen), features])
 
     def probability(self, answers: Float) -> Float:
-        """Return the probability of each count from all runs of a recording.
-
-        Parameters
-        ----------
-        answers : ndarray, as :meth:`answers` returns it
-
-        Returns
-        -------
-        ndarray, shape (n_classes,)
-        """
-        proba = answers[:, : self.counter.classes_.size]
-        learned = self.counter.dependence_
-        same = np.zeros(len(proba), dtype=np.int64)
-        combined = combine_proba(proba, same, 1.0 if learned is None else learned)
-        return np.asarray(_with_odds(combined, self.sound_odds)[0])
+        """Return the probability of each count from the :meth:`answers` of all runs, shape (n_classes,)."""
+        combined = pool_windows(answers[:, : self.counter.classes_.size], self.counter.dependence_)
+        return np.asarray(_with_odds(combined[np.newaxis], self.sound_odds)[0])
 
     def depth_of(self, answers: Float, count: int) -> WearDepth:
-        """Return the depth of a recording's wear.
-
-        Parameters
-        ----------
-        answers : ndarray, as :meth:`answers` returns it
-        count : int
-            Number of worn lobes that the recording is counted to have.
-
-        Returns
-        -------
-        WearDepth
-        """
+        """Return the depth of a recording's wear, from its :meth:`answers` and the number of worn lobes."""
         low, high = self.range_um
         if count == 0:
             most = high if self.limit_um is None else self.limit_um
