@@ -8,6 +8,8 @@ from html.parser import HTMLParser
 
 import numpy as np
 
+from cyclofeat.report._page import Section
+
 VOID = {"meta", "img", "br", "link", "input", "hr", "source"}
 
 
@@ -43,6 +45,13 @@ def parse(page):
     parser.close()
     assert not parser.open
     return parser
+
+
+def summary_of(write, *arguments, **options):
+    """What a function that writes a page gives to the page's template."""
+    section = Section()
+    write(*arguments, path=section, **options)
+    return section.summary
 
 
 def words(parsed):

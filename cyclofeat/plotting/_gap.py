@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from cyclofeat._base.checks import one_of
 from cyclofeat._base.gap_words import difference_words, family_name, p_words, row_words, short_name
 from cyclofeat.plotting.drawing import (
     Display,
@@ -26,8 +25,7 @@ if TYPE_CHECKING:
     from cyclofeat.gap import GapResult
     from cyclofeat.gap.where.locate import Where, WhereRow
 
-Kind = Literal["families", "spectrum", "orders", "phase"]
-KINDS: tuple[Kind, ...] = ("families", "spectrum", "orders", "phase")
+Kind = Literal["families", "spectrum", "orders", "lobe phase", "input phase"]
 
 # Three roles, told apart by the colour-blind too: recordings, what is flagged, and the model in grey. The
 # colours are the first two of the cycle and that of the ticks, so that a theme may change them.
@@ -37,8 +35,8 @@ _OTHER_SPREAD = "varies more or less than the model"
 _N_WORDS = 4  # differences that a picture states in words
 
 _PHASES = {
-    "lobe": ("passages of all lobes", "phase of the lobes' passage (1: all lobes have passed once)"),
-    "input": ("input turns", "phase of the input turn (1: one turn)"),
+    "lobe phase": ("passages of all lobes", "phase of the lobes' passage (1: all lobes have passed once)"),
+    "input phase": ("input turns", "phase of the input turn (1: one turn)"),
 }
 
 
@@ -68,7 +66,8 @@ class GapDisplay(Display):
     ``"families"``: largest difference of each family, in standard deviations of one recording.
     ``"spectrum"``: mean levels in third octaves, bands of one recording's spread, flagged bands shaded;
     below, the differences with intervals that hold for all bands at once. ``"orders"``: differences of the
-    lines of lobes and input shaft, likewise. ``"phase"``: torque folded over input turns or lobes.
+    lines of lobes and input shaft, likewise. ``"lobe phase"`` and ``"input phase"``: torque folded over the
+    passage of all lobes or the turn of the input shaft.
 
     Examples
     --------
@@ -77,7 +76,8 @@ class GapDisplay(Display):
     """
 
     SIZES: ClassVar[dict[Kind, tuple[float, float]]] = {
-        "families": (4.7, 6.0), "spectrum": (8.0, 5.2), "orders": (8.0, 3.8), "phase": (8.0, 4.8),
+        "families": (4.7, 6.0), "spectrum": (8.0, 5.2), "orders": (8.0, 3.8), "lobe phase": (8.0, 4.8),
+        "input phase": (8.0, 4.8),
     }  # fmt: skip
 
     axes_: list[Axes]
@@ -95,7 +95,6 @@ class GapDisplay(Display):
         kind: Kind = "spectrum",
         ax: Axes | None = None,
         *,
-        phase: str = "lobe",
         condition: int = 0,
         label: str = "recordings",
     ) -> Self:
@@ -104,7 +103,7 @@ class GapDisplay(Display):
         Parameters
         ----------
         result : cyclofeat.gap.GapResult
-        kind, ax, phase
+        kind, ax
             See :meth:`plot`.
         condition : int, default=0
             Number of the condition.
@@ -116,18 +115,25 @@ class GapDisplay(Display):
         GapDisplay
         """
         where = one_of_result("a comparison", result.where, condition)
-        return cls(where, label=label).plot(kind=kind, ax=ax, phase=phase)
+        return cls(where, label=label).plot(kind, ax)
 
-    def plot(self, kind: Kind = "spectrum", ax: Axes | None = None, *, phase: str = "lobe") -> Self:
+    @property
+    def kinds(self) -> list[Kind]:
+        """Kinds of which the comparison holds something to draw."""
+        families = {row.cell.family for row in self.where.rows}
+        held = {"families", *(f"{name} phase" for name in self.where.phase)} if families else set()
+        held |= {"spectrum"} & families
+        held |= {"orders"} if {"lobe lines", "shaft lines"} & families else set()
+        return [kind for kind in self.SIZES if kind in held]
+
+    def plot(self, kind: Kind = "spectrum", ax: Axes | None = None) -> Self:
         """Draw.
 
         Parameters
         ----------
-        kind : {"spectrum", "orders", "phase", "families"}, default="spectrum"
+        kind : {"spectrum", "orders", "lobe phase", "input phase", "families"}, default="spectrum"
         ax : matplotlib.axes.Axes, optional
             Axes to draw on; default, new ones.
-        phase : {"lobe", "input"}, default="lobe"
-            What the torque of ``kind="phase"`` is folded over.
 
         Returns
         -------
@@ -136,13 +142,11 @@ class GapDisplay(Display):
         Raises
         ------
         ValueError
-            If there is no such kind or phase, or the locator has nothing of that kind.
+            If there is no such kind, or nothing of it was compared.
         """
-        one_of("kind", kind, KINDS)
-        if not self.has(kind, phase):
-            drawable = [name for name in KINDS if any(self.has(name, by) for by in _PHASES)]
-            what = f"kind='phase' with phase={phase!r}" if kind == "phase" else f"kind={kind!r}"
-            raise ValueError(f"{what} is not among what was compared: {', '.join(drawable) or 'nothing'}")
+        if kind not in self.kinds:
+            compared = ", ".join(map(repr, self.kinds)) or "nothing"
+            raise ValueError(f"kind must be among what was compared: {compared}, got {kind!r}")
         self.figure_, self.ax_ = axes_for(ax, self.SIZES[kind])
         self.axes_, self.flags_, self.spread_flags_ = [self.ax_], [], []
         if kind == "families":
@@ -152,27 +156,8 @@ class GapDisplay(Display):
         elif kind == "orders":
             self._draw_orders()
         else:
-            self._draw_phase(phase)
+            self._draw_phase(kind)
         return self
-
-    def has(self, kind: Kind, phase: str = "lobe") -> bool:
-        """Return whether the comparison holds something of that kind to draw.
-
-        Parameters
-        ----------
-        kind, phase
-            See :meth:`plot`.
-
-        Returns
-        -------
-        bool
-        """
-        families = {row.cell.family for row in self.where.rows}
-        if kind == "phase":
-            return phase in self.where.phase
-        if kind == "orders":
-            return bool({"lobe lines", "shaft lines"} & families)
-        return bool(self.where.rows) if kind == "families" else "spectrum" in families
 
     def _draw_families(self) -> None:
         ax, (ink, edge) = self.ax_, theme_colours()
@@ -223,7 +208,7 @@ class GapDisplay(Display):
                 ("o", FLAGGED, FLAGGED, f"differs (p at most {self.where.alpha:g})"),
                 ("o", edge, "none", "no difference shown"),
                 ("|", ink, "none", "smallest difference found with a chance of 80 %"),
-            ], loc="lower left", bbox_to_anchor=(-0.03, 1.0), ncols=1,
+            ], x=-0.03,
         )  # fmt: skip
 
     def _draw_spectrum(self) -> None:
@@ -272,10 +257,10 @@ class GapDisplay(Display):
             xlim=(0, orders.max() + 1),
         )
         self._label_clearest(ax, orders, rows, runs=False)
-        draw_mark_legend(ax, marks, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
+        draw_mark_legend(ax, marks, ncols=3)
 
-    def _draw_phase(self, by: str) -> None:
-        fold = self.where.phase[by]
+    def _draw_phase(self, kind: str) -> None:
+        fold = self.where.phase[kind.removesuffix(" phase")]
         phase, measured, simulated = (
             np.asarray(values, dtype=np.float64) for values in (fold.phase, fold.measured, fold.simulated)
         )
@@ -286,7 +271,7 @@ class GapDisplay(Display):
         upper, lower = self._draw_panels(0.6, phase, (measured, simulated), spreads, bands)
         lower.plot(phase, measured - simulated, color=theme_colours()[0], linewidth=1.3)
         reach = 1.15 * max(float(np.abs(measured - simulated).max()), 1e-9)
-        name, xlabel = _PHASES[by]
+        name, xlabel = _PHASES[kind]
         for ax in (upper, lower):
             ax.set_xlim(phase[0] - half, phase[-1] + half)
         lower.set(xlabel=xlabel, ylabel=f"{self.label} minus\nmodel (Nm)", ylim=(-reach, reach))
@@ -324,20 +309,14 @@ class GapDisplay(Display):
         return self.axes_
 
     def _draw_panel_legend(self, ax: Axes) -> None:
-        from matplotlib.lines import Line2D
         from matplotlib.patches import Patch
 
-        handles, labels = ax.get_legend_handles_labels()
+        handles = ax.get_legend_handles_labels()[0]
         if self.flags_:
-            handles.append(Patch(color=FLAGGED, alpha=_SHADE, linewidth=0))
-            labels.append(f"differs (p at most {self.where.alpha:g})")
-        if self.spread_flags_:
-            handles.append(Line2D([], [], linestyle="", marker="^", color=FLAGGED, markerfacecolor="none"))
-            labels.append(_OTHER_SPREAD)
-        ax.legend(
-            handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, fontsize="small",
-            frameon=False, borderaxespad=0.2,
-        )  # fmt: skip
+            text = f"differs (p at most {self.where.alpha:g})"
+            handles.append(Patch(color=FLAGGED, alpha=_SHADE, linewidth=0, label=text))
+        marks = [("^", FLAGGED, "none", _OTHER_SPREAD)] if self.spread_flags_ else []
+        draw_mark_legend(ax, marks, handles, ncols=3)
 
     def _draw_differences(
         self, ax: Axes, x: Float, rows: Sequence[WhereRow], marker: str, colour: str

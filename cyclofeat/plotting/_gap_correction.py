@@ -46,8 +46,13 @@ class GapOverlayDisplay(PlainDisplay):
     overlay : cyclofeat.gap.Overlay
     label : str, default="recordings"
         Name of the recordings.
-    ends : tuple of float, optional
-        Ends of the axis of values; default, those of this overlay's :meth:`reach`.
+    beside : sequence of cyclofeat.gap.Overlay, optional
+        Those of its kind, itself among them, that share the axis of values.
+
+    Attributes
+    ----------
+    ends : tuple of float
+        Lowest and highest value of that axis.
 
     Examples
     --------
@@ -57,11 +62,18 @@ class GapOverlayDisplay(PlainDisplay):
     size = (8.0, 3.6)
 
     def __init__(
-        self, overlay: Overlay, *, label: str = "recordings", ends: tuple[float, float] | None = None
+        self, overlay: Overlay, *, label: str = "recordings", beside: Sequence[Overlay] = ()
     ) -> None:
         self.overlay = overlay
         self.label = str(label)
-        self.ends = ends
+        bands = [
+            band for one in beside or [overlay] for band in (one.measured, one.model, one.corrected) if band
+        ]
+        values = np.concatenate([ends for band in bands for ends in (band.mean, band.low, band.high)])
+        high = float(values.max())
+        # Single values can fall to any depth of a logarithmic axis; densities fall to zero.
+        least = _LEAST_DENSITY * high if overlay.kind == "distribution" else float(np.quantile(values, 0.01))
+        self.ends = 0.8 * least, 1.6 * high
 
     @classmethod
     def from_result(
@@ -94,27 +106,6 @@ class GapOverlayDisplay(PlainDisplay):
         overlay = one_of_result(f"overlays of kind={kind!r}", of_kind, condition)
         return cls(overlay, label=label).plot(ax)
 
-    @staticmethod
-    def reach(overlays: Sequence[Overlay]) -> tuple[float, float]:
-        """Return the ends of an axis of values that overlays of one kind share.
-
-        Parameters
-        ----------
-        overlays : sequence of Overlay
-            At least one, in one unit.
-
-        Returns
-        -------
-        (float, float)
-            Lowest and highest value of the axis, in the unit of the overlays.
-        """
-        bands = [band for one in overlays for band in (one.measured, one.model, one.corrected) if band]
-        values = np.concatenate([ends for band in bands for ends in (band.mean, band.low, band.high)])
-        high = float(values.max())
-        # Single values can fall to any depth of a logarithmic axis; densities fall to zero.
-        least = _LEAST_DENSITY * high if overlays[0].kind == "distribution" else np.quantile(values, 0.01)
-        return 0.8 * float(least), 1.6 * high
-
     def _draw(self, ax: Axes) -> None:
         overlay = self.overlay
         # What fits lies within the wide line of the recordings.
@@ -131,7 +122,7 @@ class GapOverlayDisplay(PlainDisplay):
         xlabel, ylabel = _LABELS[overlay.kind]
         ax.set(xlabel=xlabel, ylabel=ylabel, xlim=(overlay.x[0], overlay.x[-1]))
         ax.set_yscale("log")
-        ax.set_ylim(self.ends or self.reach([overlay]))
+        ax.set_ylim(self.ends)
         if overlay.kind == "spectrum":
             ax.set_xscale("log")
             plain_log_ticks(ax)
@@ -230,4 +221,4 @@ class GapReductionDisplay(PlainDisplay):
         )
         if len(conditions) > 1:
             marks = [(*styles[name][:2], styles[name][1], COUNT_GROUPS[name]) for name in conditions]
-            draw_mark_legend(ax, marks, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+            draw_mark_legend(ax, marks)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
@@ -121,15 +121,25 @@ def legend_above(ax: Axes, ncols: int = 2, **options: Any) -> None:
     )
 
 
-def draw_mark_legend(ax: Axes, marks: Sequence[tuple[str, Any, Any, str]], **place: Any) -> None:
-    """Draw a small legend of marks: marker, colour, colour of its face, and meaning."""
+def draw_mark_legend(
+    ax: Axes,
+    marks: Iterable[tuple[str, Any, Any, str]],
+    above: Iterable[Any] = (),
+    *,
+    x: float = 0.0,
+    ncols: int = 1,
+) -> None:
+    """Draw a small legend of handles and of marks: marker, colour, colour of its face, and meaning."""
     from matplotlib.lines import Line2D
 
     handles = [
         Line2D([], [], linestyle="", marker=marker, color=colour, markerfacecolor=face, label=text)
         for marker, colour, face, text in marks
     ]
-    ax.legend(handles=handles, fontsize="small", frameon=False, borderaxespad=0.2, **place)
+    ax.legend(
+        handles=[*above, *handles], loc="lower left", bbox_to_anchor=(x, 1.0), ncols=ncols, fontsize="small",
+        frameon=False, borderaxespad=0.2,
+    )  # fmt: skip
 
 
 def one_of_result(name: str, parts: Sequence[T], condition: int) -> T:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from cyclofeat.features.registry import REGISTRY, Feature
+from cyclofeat.features.registry import REGISTRY
 
 
 @dataclass(frozen=True)
@@ -15,6 +15,7 @@ class Words:
     axis: str  # label of the vertical axis, with unit
     places: str = "number within its kind, from 1"  # label of the horizontal axis: what orders the features
     text: str = ""  # meaning, and the influence of wear
+    formula: str = ""  # and where it is from
 
 
 _LINES = "multiple of the rate at which lobes pass"
@@ -50,11 +51,6 @@ _OF_LOBE_MAP = {
 }
 
 
-def feature_of(kind: str) -> Feature | None:
-    """Return the registry's row of a kind of columns, such as ``lobe_slot_rms``; None for those of others."""
-    return next((row for row in REGISTRY.values() if row.column().split("(")[0] == kind), None)
-
-
 def words_of(kind: str) -> Words:
     """Return a kind of columns in words, by default the registry's name and unit.
 
@@ -63,8 +59,9 @@ def words_of(kind: str) -> Words:
     >>> words_of("amplitude_nm").axis
     'amplitude (Nm)'
     """
-    row = feature_of(kind)
+    row = next((row for row in REGISTRY.values() if row.column().split("(")[0] == kind), None)
     if row is None:
         return Words(kind, kind)
     name = row.name.replace("_", " ")
-    return _OF_LOBE_MAP.get(row.name, Words(name.capitalize(), f"{name} ({row.unit})"))
+    words = _OF_LOBE_MAP.get(row.name, Words(name.capitalize(), f"{name} ({row.unit})"))
+    return replace(words, formula=f"{row.formula} ({row.source})")

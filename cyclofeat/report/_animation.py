@@ -87,24 +87,7 @@ def write_animation(
     ...     "<svg" in file.read_text(encoding="utf-8")
     True
     """
-    target = check_page_path(path)
-    summary = summarise_animation(run, frames=frames, part=part, source=source, title=title)
-    return write_page(target, "animation.html", summary, scripts=["animation.js"])
-
-
-def summarise_animation(
-    run: SimulationRun,
-    *,
-    frames: int = 720,
-    part: tuple[float, float | None] = (0.0, None),
-    source: str = "simulated",
-    title: str = "",
-) -> dict[str, Any]:
-    """Summarise an animation for its template; parameters and errors are as for the page.
-
-    ``machine`` holds geometry in mm, angles in rad and forces in N of each frame, the torque in Nm over time
-    in s.
-    """
+    check_page_path(path)
     if run.external_forces is None or run.external_points is None or run.internal_points is None:
         raise ValueError("run must hold forces and points: simulate(..., forces=True, points=True)")
     one_of("source", source, ("simulated", "surrogate"))
@@ -120,24 +103,10 @@ def summarise_animation(
         raise ValueError(f"part from {start_s:g} to {stop_s:g} s must hold two samples at least")
     picked = np.linspace(first, last, frames).round().astype(int)
     machine = _machine_geometry(run) | _frame_angles_and_forces(run, picked) | _torque_trace(run, first, last)
-    defects, gearbox = run.defects, run.gearbox
-    parts = (
-        [f"removed lobes: {lobes_text(defects.removed_lobes, run.gearbox.n_lobes)}"]
-        if defects.removed_lobes
-        else []
-    )
-    if defects.worn_lobes or not parts:
-        parts.insert(0, count_text(len(defects.worn_lobes), defects.worn_lobes, run.gearbox.n_lobes))
-    if defects.defect_count and len(defects.wheels) == 1:
-        parts.append(f"on wheel {defects.wheels[0] + 1} only")
-    wear = "; ".join(parts)
-    depth = "" if defects.wear_um is not None or not defects.worn_lobes else f", depth {defects.depth:g}"
-    if defects.worn_lobes and defects.wear_um is not None:
-        depths = dict.fromkeys(f"{value:g}" for value in np.ravel(defects.wear_um))
-        depth = f", radial, {' and '.join(depths)} um (not drawn)"
+    gearbox, (wear, depth) = run.gearbox, _wear_in_words(run)
     ends = [machine["force_scale"] * (k / 5) ** 2 for k in range(6)]
     ranges = [f"{low:.3g} to {high:.3g} N" for low, high in pairwise(ends)]
-    return {
+    summary = {
         "title": title or "The gearbox turning",
         "surrogate": {
             "heading": "Simulated:" if source == "simulated" else "SIMULATED:",
@@ -158,6 +127,26 @@ def summarise_animation(
             "integration step": f"{run.dt:g} s",
         },
     }
+    return write_page(path, "animation.html", summary, scripts=["animation.js"])
+
+
+def _wear_in_words(run: SimulationRun) -> tuple[str, str]:
+    """Return which lobes are worn or removed, and how deep the wear is."""
+    defects, n_lobes = run.defects, run.gearbox.n_lobes
+    parts = []
+    if defects.worn_lobes or not defects.removed_lobes:
+        parts.append(count_text(len(defects.worn_lobes), defects.worn_lobes, n_lobes))
+    if defects.removed_lobes:
+        parts.append(f"removed lobes: {lobes_text(defects.removed_lobes, n_lobes)}")
+    if defects.defect_count and len(defects.wheels) == 1:
+        parts.append(f"on wheel {defects.wheels[0] + 1} only")
+    depth = ""
+    if defects.worn_lobes and defects.wear_um is None:
+        depth = f", depth {defects.depth:g}"
+    elif defects.worn_lobes and defects.wear_um is not None:
+        depths = dict.fromkeys(f"{value:g}" for value in np.ravel(defects.wear_um))
+        depth = f", radial, {' and '.join(depths)} um (not drawn)"
+    return "; ".join(parts), depth
 
 
 def _machine_geometry(run: SimulationRun) -> dict[str, Any]:

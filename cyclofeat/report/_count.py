@@ -19,7 +19,7 @@ from cyclofeat.plotting import (
     TorqueDisplay,
     TrainingDisplay,
 )
-from cyclofeat.plotting.kinds import feature_of, words_of
+from cyclofeat.plotting.kinds import words_of
 from cyclofeat.recordings.recording import facts_in_words
 from cyclofeat.report import _figures
 from cyclofeat.report._page import check_page_path, count_text, describe_origin, write_page
@@ -104,24 +104,9 @@ def write_count_report(
     >>> counted = [CountedRecording("rig.tdms", recording, model.count(recording))]  # doctest: +SKIP
     >>> write_count_report(model, counted, "count.html")  # doctest: +SKIP
     """
-    target = check_page_path(path)
-    summary = summarise_count(
-        model, counted, failures=failures, settings=settings, most_sections=most_sections
-    )
-    return write_page(target, "count.html", summary)
-
-
-def summarise_count(
-    model: LobeModel,
-    counted: Iterable[CountedRecording],
-    *,
-    failures: Mapping[str, str] | None = None,
-    settings: Mapping[str, object] | None = None,
-    most_sections: int = _MOST_SECTIONS,
-) -> dict[str, Any]:
-    """Summarise a count for its template; parameters and errors are as for the page."""
     from cyclofeat.counting.evaluation.evaluation import count_reasons
 
+    check_page_path(path)
     if most_sections < 0:
         raise ValueError(f"most_sections must not be negative, got {most_sections!r}")
     rows: list[dict[str, Any]] = []
@@ -129,30 +114,16 @@ def summarise_count(
     others: dict[str, object] = {}
     urgent: list[tuple[bool, float, int, CountedRecording]] = []
     for place, item in enumerate(counted):
-        count, stated = item.count, item.recording.defect_count
-        probability = count.probability[count.defect_count]
-        rows.append({
-            "anchor": "",
-            "name": str(item.name),
-            "count": count.defect_count,
-            "lobes": lobes_text(count.lobes, item.recording.n_lobes),
-            "relative": bool(count.lobe_probability) and not count.absolute,
-            "probability": probability,
-            "refused": count.refused,
-            "reason": count.reason,
-            "n_warnings": len(count.warnings),
-            "wear": None if count.wear_um is None else count.wear_um.in_words(),
-            "stated": stated,
-            "wrong": stated is not None and stated != count.defect_count,
-        })  # fmt: skip
+        row = _answer_row(item)
+        rows.append(row)
         sources.append(item.recording.source)
         if item.model is not None and item.model is not model:
-            others[f"model for {in_words(item.recording.quantity)} trained on"] = item.model.card_[
-                "description"
-            ]
+            label = f"model for {in_words(item.recording.quantity)} trained on"
+            others[label] = item.model.card_["description"]
         # Refused recordings are the most urgent, then the least probable.
-        urgent = heapq.nsmallest(most_sections, [*urgent, (not count.refused, probability, place, item)])
-    failed = {str(name): str(reason) for name, reason in (failures or {}).items()}
+        entry = (not row["refused"], row["probability"], place, item)
+        urgent = heapq.nsmallest(most_sections, [*urgent, entry])
+    failed = [{"name": str(name), "reason": str(reason)} for name, reason in (failures or {}).items()]
     if not rows and not failed:
         raise ValueError("counted must hold at least one recording, got none")
     sections = []
@@ -163,29 +134,41 @@ def summarise_count(
     _, surrogate, origin = describe_origin(sources)
     several = len(rows) + len(failed) > 1
     kinds = dict.fromkeys(drawn["kind"] for section in sections for drawn in section["features"])
-    definitions = [(kind, feature_of(kind)) for kind in kinds]
-    return {
+    summary = {
         "title": "Worn lobes" if several or not rows else f"Worn lobes: {rows[0]['name']}",
         "surrogate": surrogate,
         "origin": origin if rows else "",
         "several": several,
         "reasons": count_reasons(row["reason"] for row in rows),
         "rows": rows,
-        "failures": [{"name": name, "reason": reason} for name, reason in failed.items()],
+        "failures": failed,
         "sections": sections,
         "n_more": len(rows) - len(sections),
-        "features": [
-            {
-                "title": words_of(kind).title,
-                "name": kind,
-                "formula": "" if row is None else f"{row.formula} ({row.source})",
-            }
-            for kind, row in definitions
-        ],
+        "features": [(kind, words_of(kind)) for kind in kinds],
         "n_lobes": model.n_lobes_,
         "calibrated": bool(model.card_.get("calibrated")),
         "model": _describe_model(model),
         "provenance": dict(settings or {}) | others,
+    }
+    return write_page(path, "count.html", summary)
+
+
+def _answer_row(item: CountedRecording) -> dict[str, Any]:
+    """Return the answer of a model for a recording."""
+    count, stated = item.count, item.recording.defect_count
+    return {
+        "anchor": "",
+        "name": str(item.name),
+        "count": count.defect_count,
+        "lobes": lobes_text(count.lobes, item.recording.n_lobes),
+        "relative": bool(count.lobe_probability) and not count.absolute,
+        "probability": count.probability[count.defect_count],
+        "refused": count.refused,
+        "reason": count.reason,
+        "n_warnings": len(count.warnings),
+        "wear": None if count.wear_um is None else count.wear_um.in_words(),
+        "stated": stated,
+        "wrong": stated is not None and stated != count.defect_count,
     }
 
 

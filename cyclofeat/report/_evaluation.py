@@ -71,19 +71,7 @@ def write_evaluation_report(
     >>> result = evaluate(counter, X, y, groups)  # doctest: +SKIP
     >>> write_evaluation_report({"lobe map": result}, "evaluation.html")  # doctest: +SKIP
     """
-    target = check_page_path(path)
-    summary = summarise_evaluation(results, sources=sources, folds=folds, settings=settings)
-    return write_page(target, "evaluation.html", summary)
-
-
-def summarise_evaluation(
-    results: Mapping[str, Evaluation],
-    *,
-    sources: Sequence[str | None] = (),
-    folds: str = "",
-    settings: Mapping[str, object] | None = None,
-) -> dict[str, Any]:
-    """Summarise an evaluation for its template; parameters and errors are as for the page."""
+    check_page_path(path)
     if not results:
         raise ValueError("results must hold at least one evaluation, got none")
     main, first = next(iter(results.items()))
@@ -97,18 +85,7 @@ def summarise_evaluation(
     for k, row in enumerate(classes):
         others = np.where(np.arange(first.classes.size) == k, 0, first.confusion[k])
         row["taken_for"] = f"{first.classes[others.argmax()]} ({others.max()})" if others.any() else ""
-    # Assemblies that were not always counted right, the worst first.
-    wrong = []
-    order = np.argsort(first.group_accuracy, kind="stable")
-    for k in order[first.group_accuracy[order] < 1]:
-        of_group = first.assemblies == first.groups[k]
-        wrong.append({
-            "assembly": str(first.groups[k]),
-            "true": np.unique(labels[of_group]).tolist(),
-            "answers": Counter(first.predictions[of_group].tolist()).most_common(),
-            "accuracy": float(first.group_accuracy[k]),
-        })  # fmt: skip
-    return {
+    summary = {
         "title": "Counting on assemblies not seen before",
         "surrogate": surrogate,
         "origin": origin if sources else "",
@@ -131,13 +108,28 @@ def summarise_evaluation(
         "parts": [_summarise_part(unit, first)]
         + ([] if windows is None else [_summarise_part("window", windows)]),
         "refusals": None if first.reasons is None else list(first.refusal_counts().items()),
-        "wrong": wrong[:_MOST_WRONG],
-        "n_more_wrong": max(len(wrong) - _MOST_WRONG, 0),
+        "wrong": _wrong_assemblies(first)[:_MOST_WRONG],
+        "n_more_wrong": max(int(np.sum(first.group_accuracy < 1)) - _MOST_WRONG, 0),
         "protocol": first.protocol,
         "folds": str(folds),
         "provenance": dict(settings or {})
         | {"windows": int((windows or first).labels.size), "assemblies": int(first.groups.size)},
     }
+    return write_page(path, "evaluation.html", summary)
+
+
+def _wrong_assemblies(result: Evaluation) -> list[dict[str, Any]]:
+    """Return the assemblies that were not always counted right, the worst first."""
+    wrong = []
+    for k in np.argsort(result.group_accuracy, kind="stable")[: np.sum(result.group_accuracy < 1)]:
+        of_group = result.assemblies == result.groups[k]
+        wrong.append({
+            "assembly": str(result.groups[k]),
+            "true": np.unique(result.labels[of_group]).tolist(),
+            "answers": Counter(result.predictions[of_group].tolist()).most_common(),
+            "accuracy": float(result.group_accuracy[k]),
+        })  # fmt: skip
+    return wrong
 
 
 def _plain_scores(result: Evaluation) -> dict[str, Any]:

@@ -58,16 +58,15 @@ _OVERLAYS = {
 }  # fmt: skip
 _N_CLEAREST = 8
 _SIMULATED_PER_RECORDING = 10  # when the number of recordings that agreement takes is estimated
-# Pictures of a comparison: kind, what phases are folded over, and what they show.
+_FOLDED = "Torque folded over turns, recordings against model, and the difference"
+# What the kinds of pictures of a comparison show.
 _PICTURES = {
-    "families": ("families", "lobe",
-                 "Clearest difference of each group of numbers, in standard deviations of one recording"),
-    "spectrum": ("spectrum", "lobe",
-                 "Levels in third octaves and their differences; bands that differ are shaded"),
-    "orders": ("orders", "lobe", "Differences of the lines of lobes and input shaft, by order"),
-    "lobe": ("phase", "lobe", "Torque folded over turns, recordings against model, and the difference"),
-    "input": ("phase", "input", "Torque folded over turns, recordings against model, and the difference"),
-}  # fmt: skip
+    "families": "Clearest difference of each group of numbers, in standard deviations of one recording",
+    "spectrum": "Levels in third octaves and their differences; bands that differ are shaded",
+    "orders": "Differences of the lines of lobes and input shaft, by order",
+    "lobe phase": _FOLDED,
+    "input phase": _FOLDED,
+}
 
 
 def write_gap_report(
@@ -109,20 +108,7 @@ def write_gap_report(
     --------
     >>> write_gap_report(result, "gap.html")  # doctest: +SKIP
     """
-    target = check_page_path(path)
-    summary = summarise_gap(result, sources=sources, settings=settings, title=title, counters=counters)
-    return write_page(target, "gap.html", summary)
-
-
-def summarise_gap(
-    result: GapResult,
-    *,
-    sources: Sequence[str | None] = (),
-    settings: Mapping[str, Any] | None = None,
-    title: str = "",
-    counters: Sequence[Mapping[str, Any]] = (),
-) -> dict[str, Any]:
-    """Summarise a gap for its template; parameters and errors are as for the page."""
+    check_page_path(path)
     label, surrogate, origin = describe_origin(sources)
     given = list(result.warnings)
     n = sum(where.n_recordings for where in result.where)
@@ -142,19 +128,16 @@ def summarise_gap(
         "random state": first.random_state,
         "computing time": f"{result.seconds:.0f} s" if math.isfinite(result.seconds) else None,
     }
-    return {
+    summary = {
         "title": title or "Model against recordings",
         "surrogate": surrogate,
         "origin": origin,
-        "verdict": result.verdict,
+        **{name: getattr(result, name) for name in ("verdict", "headline", "size_note", "undecided_text")},
         "p": keep_together(p_words(result.p)),
         "one_in": rounded_text(1 / max(result.p, 1e-9)),
         "n_recordings": n,
-        "headline": result.headline,
         "n_effects": len(result.effects),
         "effects": _effect_rows(result, "missing", "probably missing"),
-        "size_note": result.size_note,
-        "undecided_text": result.undecided_text,
         "undecided": _effect_rows(result, "undecided"),
         "small": _effect_rows(result, "too small to matter"),
         "absent": _effect_rows(result, "not missing"),
@@ -176,18 +159,17 @@ def summarise_gap(
         "proof": [_summarise_reduction(proof) for proof in result.proof],
         "provenance": settings | circumstances | settings,
     }
+    return write_page(path, "gap.html", summary)
 
 
 def _draw_overlays(result: GapResult, label: str) -> list[dict[str, Any]]:
     """Return the kinds of overlays, each with one picture per condition."""
     kinds = []
-    for kind, (heading, *axes) in _OVERLAYS.items():
+    for kind, (heading, across, up) in _OVERLAYS.items():
         of_kind = [overlay for overlay in result.overlays if overlay.kind == kind]
-        across, up = axes
         pictures = []
-        if of_kind:
-            up = replace(up, ends=GapOverlayDisplay.reach(of_kind))
         for overlay in of_kind:
+            display = GapOverlayDisplay(overlay, label=label, beside=of_kind)
             curves = (
                 ("model", "ink", "dashed", overlay.model),
                 (label, "accent", "wide", overlay.measured),
@@ -199,10 +181,10 @@ def _draw_overlays(result: GapResult, label: str) -> list[dict[str, Any]]:
                 if band is not None
             ]
             picture = _figures.draw_picture(
-                GapOverlayDisplay(overlay, label=label, ends=up.ends).plot,
-                GapOverlayDisplay.size if len(of_kind) == 1 else _BESIDE_ANOTHER,
+                display.plot,
+                display.size if len(of_kind) == 1 else _BESIDE_ANOTHER,
                 f"{heading} of recordings, model and corrected model: {overlay.condition.text}",
-                plot=Plot(overlay.x, lines, (across, up)),
+                plot=Plot(overlay.x, lines, (across, replace(up, ends=display.ends))),
             )
             pictures.append({"condition": overlay.condition.text, "picture": picture})
         if pictures:
@@ -215,11 +197,10 @@ def _summarise_where(where: Where, label: str) -> dict[str, Any]:
     display = GapDisplay(where, label=label)
     flagged = where.flagged_rows
     levels = where.means("spectrum")
-    pictures = {}
-    for name, (kind, phase, alt) in _PICTURES.items():
-        if display.has(kind, phase):  # type: ignore[arg-type]
-            draw = partial(display.plot, kind, phase=phase)  # type: ignore[arg-type]
-            pictures[name] = _figures.draw_picture(draw, display.SIZES[kind], alt)  # type: ignore[index]
+    pictures = {
+        kind: _figures.draw_picture(partial(display.plot, kind), display.SIZES[kind], _PICTURES[kind])
+        for kind in display.kinds
+    }
     numbers = (
         "verdict", "n_cells", "n_simulated", "n_permutations", "margin_db", "margin_spreads", "one_assembly",
         "alpha",

@@ -63,12 +63,7 @@ def write_history_report(
     >>> from cyclofeat.report import write_history_report
     >>> write_history_report(History("press.sqlite"), "press.html")  # doctest: +SKIP
     """
-    target = check_page_path(path)
-    return write_page(target, "history.html", summarise_history(history, states=states))
-
-
-def summarise_history(history: History, *, states: Sequence[GearboxState] | None = None) -> dict[str, Any]:
-    """Summarise a history for its template; parameters and errors are as for the page."""
+    check_page_path(path)
     shown = [history.state(name) for name in history.gearboxes()] if states is None else list(states)
     if not shown:
         raise ValueError(f"history {history.path} holds no recording")
@@ -76,7 +71,7 @@ def summarise_history(history: History, *, states: Sequence[GearboxState] | None
     _, surrogate, origin = describe_origin(
         [row.answer.get("source") for part in rows.values() for row in part]
     )
-    return {
+    summary = {
         "title": "Worn lobes over time" if len(shown) > 1 else f"Worn lobes over time: {shown[0].gearbox}",
         "surrogate": surrogate,
         "origin": origin,
@@ -90,6 +85,7 @@ def summarise_history(history: History, *, states: Sequence[GearboxState] | None
         ],
         "provenance": {"history": str(history.path)},
     }
+    return write_page(path, "history.html", summary)
 
 
 def _gearbox_section(state: GearboxState, rows: Sequence[HistoryRow]) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import math
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -19,12 +20,21 @@ from cyclofeat._base.files import check_parent, package_versions, write_whole
 from cyclofeat._base.quantities import number_of, probability_text
 
 if TYPE_CHECKING:
-    import os
-
     import jinja2
 
 SIMULATED = ("simulated", "surrogate")
 _SCRIPTS_OF_PLOTS = ("uplot/LICENSE", "uplot/uPlot.iife.min.js", "plot.js")
+
+
+class Section(os.PathLike[str]):
+    """Place of a page within another one: given as its path, it keeps the page's template and summary."""
+
+    def __init__(self) -> None:
+        self.template = ""
+        self.summary: Mapping[str, Any] = {}
+
+    def __fspath__(self) -> str:
+        return "section.html"
 
 
 def check_page_path(path: str | os.PathLike[str]) -> Path:
@@ -38,15 +48,21 @@ def check_page_path(path: str | os.PathLike[str]) -> Path:
 
 
 def write_page(
-    target: Path, template: str, summary: Mapping[str, Any], scripts: Sequence[str] = _SCRIPTS_OF_PLOTS
+    path: str | os.PathLike[str],
+    template: str,
+    summary: Mapping[str, Any],
+    scripts: Sequence[str] = _SCRIPTS_OF_PLOTS,
 ) -> Path:
     """Render a template of this package with scripts, by default those of plots, and write the whole page."""
+    if isinstance(path, Section):
+        path.template, path.summary = template, summary
+        return Path(path)
     folder = files("cyclofeat.report").joinpath("templates")
     parts = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in scripts}
     script = "\n".join(f"/*\n{text}\n*/" if "LICENSE" in name else text for name, text in parts.items())
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
     html = template_environment().get_template(template).render(summary, script=script, script_digest=digest)
-    return write_whole(target, lambda file: file.write(html.encode()))
+    return write_whole(Path(path), lambda file: file.write(html.encode()))
 
 
 def template_environment(*packages: str) -> jinja2.Environment:

@@ -12,17 +12,13 @@ from typing import Any, Self
 from cyclofeat._base.checks import is_number, is_whole, repr_of
 from cyclofeat.recordings import Recording
 from cyclofeat.report import _figures
-from cyclofeat.report._count import summarise_count, write_count_report
-from cyclofeat.report._evaluation import summarise_evaluation, write_evaluation_report
+from cyclofeat.report._count import write_count_report
+from cyclofeat.report._evaluation import write_evaluation_report
 from cyclofeat.report._figures import data_uri
-from cyclofeat.report._gap import summarise_gap, write_gap_report
-from cyclofeat.report._page import check_page_path, template_environment, write_page
+from cyclofeat.report._gap import write_gap_report
+from cyclofeat.report._page import Section, check_page_path, template_environment, write_page
 
-_SECTIONS: dict[Callable[..., Path], tuple[str, Callable[..., dict[str, Any]]]] = {
-    write_count_report: ("count.html", summarise_count),
-    write_evaluation_report: ("evaluation.html", summarise_evaluation),
-    write_gap_report: ("gap.html", summarise_gap),
-}
+_PAGES = (write_count_report, write_evaluation_report, write_gap_report)
 _PICTURES = (".gif", ".jpeg", ".jpg", ".png", ".svg", ".webp")
 _SIZE = (8.0, 3.6)
 
@@ -206,14 +202,15 @@ class Report:
         -------
         self : Report
         """
-        if write not in _SECTIONS:
-            names = [page.__name__ for page in _SECTIONS]
-            raise TypeError(f"write must be one of {', '.join(names)}, got {repr_of(write)}")
-        template, summarise = _SECTIONS[write]
+        if write not in _PAGES:
+            names = ", ".join(page.__name__ for page in _PAGES)
+            raise TypeError(f"write must be one of {names}, got {repr_of(write)}")
+        section = Section()
+        write(*arguments, path=section, **options)
         # Sections of one kind must not share the anchors of their links.
         layout = {"layout": "part.html", "prefix": f"part-{len(self._parts) + 1}-"}
-        page = template_environment().get_template(template)
-        return self._add(section=page.render(summarise(*arguments, **options), **layout))
+        page = template_environment().get_template(section.template)
+        return self._add(section=page.render(section.summary, **layout))
 
     def write(self, path: str | os.PathLike[str]) -> Path:
         """Write the page, replacing a file of that name, and return its path.
@@ -232,10 +229,10 @@ class Report:
         ValueError
             If nothing was added.
         """
-        target = check_page_path(path)
+        check_page_path(path)
         if not self._parts:
             raise ValueError("the report is empty: add text, a figure, a table or a result first")
-        return write_page(target, "report.html", {"title": self.title, "parts": self._parts})
+        return write_page(path, "report.html", {"title": self.title, "parts": self._parts})
 
     def _add(self, **part: Any) -> Self:
         self._parts.append(part)

@@ -13,7 +13,8 @@ from cyclofeat import Recording
 from cyclofeat.counting import LobeCount
 from cyclofeat.counting.model.radial_wear import WearDepth
 from cyclofeat.history import History
-from cyclofeat.report._history import summarise_history
+from cyclofeat.report import write_history_report
+from cyclofeat.report._page import Section
 
 HOUR = 3600.0
 SCORES = {"classes": [0, 1], "confusion": [[60, 0], [1, 59]], "n_windows": 120, "n_assemblies": 120}
@@ -34,6 +35,12 @@ def filled(path, counts, card=CARD, gearbox="press", start=0.0):
         history.add(gearbox, f"{k}.csv", start + HOUR * k, answer, RECORDING, card)
     history.write()
     return history
+
+
+def shown_gearboxes(history):
+    page = Section()
+    write_history_report(history, page)
+    return page.summary["gearboxes"]
 
 
 def test_rows_come_back(tmp_path):
@@ -64,7 +71,7 @@ def test_the_depth_of_the_wear_is_kept_and_drawn_over_time(tmp_path):
         history.add("press", "4.csv", HOUR * 4, count(0, refused=True), RECORDING, CARD)
         history.write()
         state = history.state("press")
-        (shown,) = summarise_history(history)["gearboxes"]
+        (shown,) = shown_gearboxes(history)
         table = history.to_frame("press")
     assert state.wear_um == state.to_dict()["wear_um"] == 45.0  # the last one that was counted
     assert table["time"].iloc[1].timestamp() == HOUR
@@ -74,7 +81,7 @@ def test_the_depth_of_the_wear_is_kept_and_drawn_over_time(tmp_path):
     assert [row["wear"] for row in shown["last"]] == ["-", "45", "31", "20", "-"]
     assert [picture["alt"] for picture in shown["pictures"]][1] == "Depth of wear of press over time"
     with filled(tmp_path / "b.sqlite", [0, 0]) as history:
-        (shown,) = summarise_history(history)["gearboxes"]
+        (shown,) = shown_gearboxes(history)
         assert history.state("press").wear_um is None
     assert (shown["states_wear"], len(shown["pictures"])) == (False, 2)
 
@@ -85,7 +92,7 @@ def test_pictures_have_dates_steps_and_refused_recordings(tmp_path):
             history.add("press", f"{k}.csv", HOUR * (100 + k), one, RECORDING, CARD)
         history.add("lathe", "single.csv", HOUR, count(1), RECORDING, CARD)
         history.write()
-        lathe, press = summarise_history(history)["gearboxes"]
+        lathe, press = shown_gearboxes(history)
         first, *boxes = str(history).splitlines()
     assert (first, len(boxes)) == (f"History {tmp_path / 'a.sqlite'}", 2)
     assert boxes[1].startswith("  press: 3 recordings; ")

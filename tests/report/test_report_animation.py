@@ -8,11 +8,10 @@ import re
 
 import numpy as np
 import pytest
-from pages import parse, words
+from pages import parse, summary_of, words
 
 from cyclofeat.counting import passage_of_lobe_zero
 from cyclofeat.report import write_animation
-from cyclofeat.report._animation import summarise_animation
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, simulate
 
 WORN = (0, 4)
@@ -26,7 +25,7 @@ def run():
 
 @pytest.fixture(scope="module")
 def machine(run):
-    return summarise_animation(run, part=(0.25, None), frames=60)["machine"]
+    return summary_of(write_animation, run, part=(0.25, None), frames=60)["machine"]
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +98,7 @@ def test_the_shaded_times_are_the_passages_of_the_worn_lobes(run, machine):
 
 
 def test_colours_are_equal_steps_of_the_root_of_the_force(run):
-    found = summarise_animation(run, part=(0.25, None), frames=60)
+    found = summary_of(write_animation, run, part=(0.25, None), frames=60)
     scale = found["machine"]["force_scale"]
     assert found["machine"]["largest_force"] <= 1.5 * scale
     below, *_, above = found["steps"]
@@ -129,8 +128,11 @@ def test_the_page_is_whole_and_its_script_the_only_one_allowed(run, tmp_path):
 
 
 def test_a_surrogate_is_called_one_and_removed_lobes_are_said(run):
-    found = summarise_animation(
-        dataclasses.replace(run, defects=LobeDefects.removed((2,), wheels=(1,))), frames=2, source="surrogate"
+    found = summary_of(
+        write_animation,
+        dataclasses.replace(run, defects=LobeDefects.removed((2,), wheels=(1,))),
+        frames=2,
+        source="surrogate",
     )
     assert found["surrogate"]["heading"] == "SIMULATED:"
     assert found["worn"] == "removed lobes: 3; on wheel 2 only"
@@ -153,10 +155,10 @@ def test_a_surrogate_is_called_one_and_removed_lobes_are_said(run):
 )
 def test_animations_refuse(run, options, message):
     with pytest.raises(ValueError, match=message):
-        summarise_animation(run, **options)
+        summary_of(write_animation, run, **options)
 
 
 def test_a_run_without_points_says_how_to_get_them():
     run = simulate(CycloidalGearbox.steel(), duration=0.01)
     with pytest.raises(ValueError, match="forces=True, points=True"):
-        summarise_animation(run)
+        summary_of(write_animation, run)

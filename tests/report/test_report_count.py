@@ -8,13 +8,12 @@ import weakref
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from pages import parse, unpacked, without_pictures, words
+from pages import parse, summary_of, unpacked, without_pictures, words
 from small_model import RATE, SPEED, recording, small_model, unlike_training
 
 from cyclofeat.counting.model.radial_wear import WearDepth
 from cyclofeat.plotting import SpectrumDisplay
 from cyclofeat.report import CountedRecording, write_count_report
-from cyclofeat.report._count import summarise_count
 from cyclofeat.report._figures import window_spans
 
 
@@ -126,7 +125,7 @@ def test_a_long_recording_shares_the_room_of_the_page_and_keeps_its_peaks(model,
     torque = long.torque.copy()
     torque[5000] = 40.0
     one = CountedRecording("long.npz", long.replace(torque=torque), model.count(long))
-    summarise_count(model, [one, one])
+    summary_of(write_count_report, model, [one, one])
     plot = given[0]
     time, values = unpacked(plot["x"]), unpacked(plot["lines"][0]["columns"][0])
     assert time.size + values.size <= 500
@@ -195,7 +194,7 @@ def test_a_page_of_24_recordings_is_small(model, counted, tmp_path):
 
 
 def test_sections_go_first_to_recordings_that_need_a_look(model, counted, drawn):
-    found = summarise_count(model, counted, most_sections=1)
+    found = summary_of(write_count_report, model, counted, most_sections=1)
     assert [section["name"] for section in found["sections"]] == ["strange.npz"]
     assert found["n_more"] == 2
     assert [bool(row["anchor"]) for row in found["rows"]] == [False, False, True]
@@ -216,7 +215,7 @@ def test_only_recordings_with_a_section_stay_in_memory(model, drawn):
             del counted
             most.append(sum(made() is not None for made in alive))
 
-    found = summarise_count(model, arriving(), most_sections=2)
+    found = summary_of(write_count_report, model, arriving(), most_sections=2)
     assert [row["name"] for row in found["rows"]] == list("012345")
     assert len(found["sections"]) == 2
     assert max(most) <= 3  # those with a section, and the one in hand
@@ -229,7 +228,7 @@ def test_failures_may_be_entered_while_recordings_are_counted(model, counted, dr
         yield counted[0]
         failures["late.csv"] = "empty"
 
-    found = summarise_count(model, arriving(), failures=failures)
+    found = summary_of(write_count_report, model, arriving(), failures=failures)
     assert found["failures"] == [{"name": "late.csv", "reason": "empty"}]
 
 
@@ -247,7 +246,7 @@ def displays(monkeypatch, drawn):
 def test_a_refused_recording_of_unknown_speed_has_no_lobe_lines(model, displays, drawn):
     strange, worn = unlike_training(), recording((4, 5, 6), seed=100)
     counted = [CountedRecording(name, one, model.count(one)) for name, one in (("s", strange), ("w", worn))]
-    refused, sound = summarise_count(model, counted)["sections"]
+    refused, sound = summary_of(write_count_report, model, counted)["sections"]
     assert (refused["refused"], refused["speed_known"], refused["features"]) == (True, False, [])
     assert dict(refused["recorded"])["speed measured"] == "not found: refused, and without a tachometer"
     assert (sound["refused"], sound["speed_known"], len(sound["features"])) == (False, True, 4)
@@ -263,7 +262,9 @@ def test_a_refused_recording_with_a_tachometer_keeps_its_lines(model, displays):
     turning = strange.replace(
         angle=2 * np.pi * 500 / 60 * np.arange(strange.n_samples) / strange.sampling_rate
     )
-    (section,) = summarise_count(model, [CountedRecording("s", turning, model.count(turning))])["sections"]
+    (section,) = summary_of(
+        write_count_report, model, [CountedRecording("s", turning, model.count(turning))]
+    )["sections"]
     assert (section["refused"], section["speed_known"]) == (True, True)
     assert displays[0][0].input_speed_hz == pytest.approx(500 / 60)
 
@@ -273,7 +274,9 @@ def test_speeds_stated_and_measured_stand_apart(model, drawn):
     by_tachometer = recording((4, 5, 6), seed=100, slowing=0.01)
     without = by_tachometer.replace(angle=None, angle_is_absolute=False, speed_rpm=None)
     counted = [CountedRecording("a", one, model.count(one)) for one in (by_tachometer, without)]
-    first, second = (dict(section["recorded"]) for section in summarise_count(model, counted)["sections"])
+    first, second = (
+        dict(section["recorded"]) for section in summary_of(write_count_report, model, counted)["sections"]
+    )
     assert first["speed stated"] == "500 RPM, the nominal speed by file or option"
     assert first["speed measured"] == "497.5 RPM, by the tachometer"
     assert second["speed stated"] == "none"
@@ -284,7 +287,9 @@ def test_speeds_stated_and_measured_stand_apart(model, drawn):
 
 def test_lobes_without_an_absolute_angle_are_said_to_be_relative(model, drawn):
     turned = recording((4, 5, 6), seed=100).replace(angle=None, angle_is_absolute=False)
-    (section,) = summarise_count(model, [CountedRecording("a", turned, model.count(turned))])["sections"]
+    (section,) = summary_of(write_count_report, model, [CountedRecording("a", turned, model.count(turned))])[
+        "sections"
+    ]
     assert section["relative"]
     assert any("relative" in warning for warning in section["warnings"])
 
@@ -292,7 +297,9 @@ def test_lobes_without_an_absolute_angle_are_said_to_be_relative(model, drawn):
 def test_a_wrong_count_stands_out(model, drawn):
     one = recording((4, 5, 6), seed=100)
     mislabelled = one.replace(worn_lobes=None, defect_count=0)
-    (row,) = summarise_count(model, [CountedRecording("a", mislabelled, model.count(one))])["rows"]
+    (row,) = summary_of(write_count_report, model, [CountedRecording("a", mislabelled, model.count(one))])[
+        "rows"
+    ]
     assert (row["count"], row["stated"], row["wrong"]) == (3, 0, True)
 
 

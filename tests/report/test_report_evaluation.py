@@ -5,12 +5,11 @@ import json
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from pages import parse, words
+from pages import parse, summary_of, words
 from sklearn.naive_bayes import GaussianNB
 
 from cyclofeat.counting import evaluate
 from cyclofeat.report import write_evaluation_report
-from cyclofeat.report._evaluation import summarise_evaluation
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +60,7 @@ def test_the_score_comes_first_with_its_interval(page, results):
 @pytest.mark.slow
 def test_each_count_is_that_of_the_confusion_matrix(data, results):
     _, y, groups = data
-    found = summarise_evaluation(results)
+    found = summary_of(write_evaluation_report, results)
     said = results["bayes & co"].predictions
     for row in found["classes"]:
         count = row["defect_count"]

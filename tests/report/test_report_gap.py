@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 from gap_answers import EFFECTS, REMAINDER, answered, compared, proof_of
 from numpy.testing import assert_allclose
-from pages import parse, without_scripts, words
+from pages import parse, summary_of, without_scripts, words
 
 from cyclofeat._base.quantities import quantity_text
 from cyclofeat.gap.result import FoundEffect, NextMeasurement
 from cyclofeat.gap.where.locate import where_of
 from cyclofeat.report import write_gap_report
-from cyclofeat.report._gap import recordings_for_agreement, summarise_gap
+from cyclofeat.report._gap import recordings_for_agreement
 from cyclofeat.report._page import rounded_text
 
 OPTIONS = {"sources": ["surrogate"] * 12, "settings": {"model": "rig/<script>alert(1)</script>.csv"}}
@@ -193,14 +193,14 @@ def evenly(column):
 
 @pytest.mark.usefixtures("bare")
 def test_the_summary_is_plain(result):
-    summary = summarise_gap(result)
+    summary = summary_of(write_gap_report, result)
     told = json.loads(json.dumps(summary))
     assert told.keys() == summary.keys()
     assert told["effects"] == summary["effects"]
     counters = [
         {"counter": name, "n": 12, "right": n, "refused": 12 - n} for name, n in (("new", 12), ("old", 7))
     ]
-    summary = summarise_gap(result, counters=counters, settings={"corrected model": "c.json"})
+    summary = summary_of(write_gap_report, result, counters=counters, settings={"corrected model": "c.json"})
     assert (summary["counters"], summary["rig_file"]) == (counters, "c.json")
 
 
