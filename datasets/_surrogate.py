@@ -23,8 +23,8 @@ from cyclofeat.simulators.sampling import (
     draw_conditions,
     recording_seed,
     sample_each,
+    vary_errors,
 )
-from cyclofeat.simulators.variation import vary_errors
 
 _PRESETS = ("R0", "R1", "R2", "published")
 # Machines that are drawn for one recording while none of them can run.
@@ -112,7 +112,7 @@ def make_rig_recordings(
     varied_errors : bool, default False
         If True, each assembly has errors, drift and noise from none to 1.5 times what the rig states, and
         some have hum, offsets and the like that spoil no count: machines of any quality, to train on
-        (:func:`cyclofeat.simulators.variation.vary_errors`).
+        (:func:`cyclofeat.simulators.sampling.vary_errors`).
     first_assembly : int, default 0
         Assemblies per defect count to leave out before the first: a set may be made in parts.
     keep : callable, optional

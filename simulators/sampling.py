@@ -1,4 +1,4 @@
-"""Draw assemblies and recordings of rigs: conditions, worn lobes and machines, from seeds to runs.
+"""Draw assemblies and recordings of rigs: errors, conditions, worn lobes and machines, from seeds to runs.
 
 Equal seeds give equal recordings, to the last bit, alone or in a batch. Common random numbers: recordings
 with equal ``assembly`` seeds are of one machine, and recordings with equal ``random_state`` share start
@@ -15,7 +15,8 @@ import numpy as np
 
 from cyclofeat._base import checks
 from cyclofeat.simulators.defects import MOST_WEAR_UM, LobeDefects
-from cyclofeat.simulators.effects import Effect
+from cyclofeat.simulators.effects import Drift, Effect, Gain, Hum, Noise, Offset, TorqueMeterLowPass
+from cyclofeat.simulators.effects._parameter import from_plain, is_distribution, to_plain
 from cyclofeat.simulators.effects.library import child_seed
 from cyclofeat.simulators.machine import MachineRun, PlannedRun
 from cyclofeat.simulators.many import simulate_each
@@ -28,6 +29,13 @@ Seed = np.random.SeedSequence
 # Children of a recording's seed. The second is the stream of the start angle too; those before the fifth are
 # the rig's.
 _CONDITIONS, _REDRAWN = 2, 5
+# Assumptions: errors and drift as multiples of what the rig states, and noise, log-uniform.
+_ERRORS, _NOISE = (0.0, 1.5), (0.1, 1.5)
+# Largest hum, drift and offset of a torque meter as shares of the load, its gain, its lowest cut-off in Hz.
+_HUM, _DRIFT, _OFFSET, _GAIN, _CUTOFF_HZ = 0.014, 0.14, 0.09, 0.05, 300.0
+_BELOW_NYQUIST = 0.9
+# Probability of each of these five.
+_HARMLESS = 1 / 8
 
 
 def recording_seed(random_state: int, name: str, index: int) -> Seed:
@@ -207,19 +215,61 @@ def draw_conditions(
     load = rig.gearbox.load_torque if load_nm is None else log_uniform(load_nm, shares[1])
     # A brake drifts with its load, but the rig states no more than this drift.
     factor = min(1.0, load / rig.gearbox.load_torque)
-    effects = list(rig.effects)
-    for place, effect in enumerate(effects):
-        if effect.effect_id == "load_drift" and factor < 1:
-            rms_nm = effect.rms_nm
-            ends = checks.list_members(rms_nm)
-            if ends is None and not checks.is_number(rms_nm):
-                raise ValueError(
-                    f"load_nm scales the load drift, whose rms_nm must then be a number or a range, got "
-                    f"{rms_nm!r}"
-                )
-            scaled = factor * rms_nm if ends is None else tuple(factor * end for end in ends)
-            effects[place] = effect.with_parameters(rms_nm=scaled)
+    effects = [_scaled(one, factor) if one.effect_id == "load_drift" else one for one in rig.effects]
     return rig.replace(effects=effects).at(speed, load)
+
+
+def vary_errors(rig: Rig, random: np.random.Generator, sampling_rate: float) -> Rig:
+    """Return the rig of one assembly with as much of its errors as a better or a poorer bench has.
+
+    Errors of the geometry, all by one factor, and drift are uniform from none to 1.5 times what the rig
+    states; noise is log-uniform from a tenth to 1.5 times. With a probability of 1/8 each, the assembly has
+    mains hum, a meter that drifts, one with an offset, one with another gain, or one with a low-pass. None of
+    it spoils a count (all *assumptions*).
+
+    ``sampling_rate`` in Hz limits the cut-off of the low-pass.
+
+    Examples
+    --------
+    >>> vary_errors(Rig.r1(), np.random.default_rng(0), 25_600).effects[0]
+    PinErrors(rms=9.554425309821816e-06)
+    """
+    geometry, drift = random.uniform(*_ERRORS, 2).tolist()
+    noise = log_uniform(_NOISE, random.random())
+
+    def varied(effect: Effect) -> Effect:
+        if isinstance(effect, Noise):
+            return _scaled(effect, noise)
+        if isinstance(effect, Drift):
+            return _scaled(effect, drift)
+        return _scaled(effect, geometry) if effect.place == "geometry" else effect
+
+    load, share, side = abs(rig.gearbox.load_torque), random.random(), float(random.uniform(-1, 1))
+    harmless: tuple[Effect, ...] = (
+        Hum(_HUM * load * 15 ** (share - 1)), Drift(_DRIFT * load * share, 1.5, of="sensor"),
+        Offset(_OFFSET * load * side), Gain(1 + _GAIN * side),
+        TorqueMeterLowPass(min(_CUTOFF_HZ * 7**share, _BELOW_NYQUIST * sampling_rate / 2)),
+    )  # fmt: skip
+    chosen = int(random.random() / _HARMLESS)
+    return rig.replace(
+        effects=(*map(varied, rig.effects), *harmless[chosen : chosen + 1]),
+        variants=tuple(tuple(map(varied, one)) for one in rig.variants),
+    )
+
+
+def _scaled(effect: Effect, factor: float) -> Effect:
+    """Return an effect whose sizes, which have a neutral value, are multiplied."""
+    sizes = {name: getattr(effect, name) for name, one in effect.parameters.items() if one.neutral == 0}
+    return effect.with_parameters(**{name: _times(value, factor) for name, value in sizes.items()})
+
+
+def _times(value: Any, factor: float) -> Any:
+    if is_distribution(value):
+        plain = to_plain(value, is_parameter=True)
+        return from_plain(
+            plain | {name: factor * plain.get(name, at) for name, at in (("loc", 0.0), ("scale", 1.0))}
+        )
+    return tuple(factor * end for end in value) if isinstance(value, tuple) else factor * value
 
 
 def log_uniform(ends: tuple[float, float], share: float) -> float:

@@ -150,24 +150,23 @@ class Shards:
             yield from self._map_shard(shard)
 
     def __getitem__(self, key: Any) -> Any:
-        rows, rest = (key[0], key[1:]) if isinstance(key, tuple) else (key, ())
+        rows, *rest = key if isinstance(key, tuple) else (key,)
         if len(rest) > 1 or rows is None or rows is Ellipsis:
             raise IndexError(f"Shards take rows, or rows and samples, got {key!r}")
-        samples = rest[0] if rest else slice(None)
         taken = np.arange(len(self))[rows]  # numpy's rules for numbers, slices, masks and lists
         if taken.ndim > 1:
             raise IndexError(f"Shards take one or a list of rows, got shape {taken.shape}")
+        samples = rest[0] if rest else slice(None)
         shards = np.searchsorted(self._ends, taken, side="right")
+        inside = taken - self._starts[shards]
         if taken.ndim == 0:
-            return self._map_shard(int(shards))[taken - self._starts[shards]][samples]
-        # A list of samples is taken after the rows: beside a list of rows, numpy would pair them.
-        read = samples if isinstance(samples, (slice, int, np.integer)) else slice(None)
-        width = np.empty((0, self.shape[1]), dtype=self.dtype)[:, read].shape[1:]
-        copy = np.empty((len(taken), *width), dtype=self.dtype)
+            return self._map_shard(int(shards))[inside][samples]
+        # Samples are taken apart: beside a list of rows, numpy would pair a list of them.
+        copy = np.empty((len(taken), *np.empty(self.shape[1])[samples].shape), dtype=self.dtype)
         for shard in np.unique(shards).tolist():
-            inside = shards == shard
-            copy[inside] = self._map_shard(shard)[:, read][taken[inside] - self._starts[shard]]
-        return copy if read is samples else copy[:, samples]
+            chosen = shards == shard
+            copy[chosen] = self._map_shard(shard)[:, samples][inside[chosen]]
+        return copy
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         if copy is False:

@@ -137,20 +137,19 @@ def register_effect(kind: Kind, *, replace: bool = False) -> Kind:
     if not (inspect.isclass(kind) and issubclass(kind, Effect)) or kind is Effect:
         raise TypeError(f"register_effect needs a subclass of Effect, got {repr_of(kind)}")
     name = kind.__name__
-    if not isinstance(kind.parameters, Mapping):
-        raise ValueError(f"parameters of {name} must be a mapping from names to EffectParameter")
+    parameters = kind.parameters
+    if not isinstance(parameters, Mapping) or not all(
+        isinstance(one, EffectParameter) for one in parameters.values()
+    ):
+        what = "a mapping from names to EffectParameter"
+        raise ValueError(f"parameters of {name} must be {what}, got {repr_of(parameters)}")
     arguments = inspect.signature(kind).parameters
     for key, argument in arguments.items():
         if argument.kind in (argument.VAR_POSITIONAL, argument.VAR_KEYWORD):
             raise ValueError(f"{name}.__init__ must name its arguments, got *{key}")
         if argument.default is argument.empty:
             raise TypeError(f"{name}.__init__ must have a default for {key!r}: {name}() must be possible")
-    for key, parameter in kind.parameters.items():
-        if not isinstance(parameter, EffectParameter):
-            raise ValueError(
-                f"parameters of {name} must be a mapping from names to EffectParameter, got "
-                f"{repr_of(parameter)} for {key!r}"
-            )
+    for key, parameter in parameters.items():
         if not parameter.low < parameter.high:
             raise ValueError(
                 f"{key} of {name} must have bounds low < high, got {parameter.low!r} and {parameter.high!r}"
@@ -171,12 +170,10 @@ def register_effect(kind: Kind, *, replace: bool = False) -> Kind:
     if missing := [key for key in arguments if not hasattr(effect, key)]:
         raise ValueError(f"{name}.__init__ must store {', '.join(missing)} under the same name")
     taken = type(_KNOWN.get(effect.effect_id, effect))
-    same_place = (taken.__module__, taken.__qualname__) == (kind.__module__, kind.__qualname__)
-    if taken is not kind and (effect.effect_id in _OF_TOOLKIT or not (same_place or replace)):
-        raise ValueError(
-            f"effect_id of {name} must be a name of its own, got {effect.effect_id!r}, which is that of "
-            f"{taken.__module__}.{taken.__qualname__}"
-        )
+    places = [f"{one.__module__}.{one.__qualname__}" for one in (taken, kind)]
+    if taken is not kind and (effect.effect_id in _OF_TOOLKIT or not (places[0] == places[1] or replace)):
+        what = f"{effect.effect_id!r}, which is that of {places[0]}"
+        raise ValueError(f"effect_id of {name} must be a name of its own, got {what}")
     _KNOWN[effect.effect_id] = effect
     return kind
 

@@ -117,7 +117,7 @@ def forgetful(self: Any, size: float = 1.0) -> None:
         (effect(effect_id="My Effect"), "effect_id of Mine must be a name in snake_case, got 'My Effect'"),
         (effect(effect_id="hum"), "effect_id of Mine must be a name of its own, got 'hum', .* of cyclofeat"),
         (effect(parameters=[AMOUNT], __init__=forgetful), "parameters of Mine must be a mapping from names"),
-        (effect(parameters={"size": 1.0}, __init__=forgetful), "parameters of Mine .* got 1.0 for 'size'"),
+        (effect(parameters={"size": 1.0}, __init__=forgetful), "parameters of Mine .* got {'size': 1.0}"),
         (effect(parameters={"size": EffectParameter("1", 1, 0)}, __init__=forgetful), "size of Mine must "),
         (effect(parameters={"x": AMOUNT}, __init__=forgetful), "Mine.__init__ must take the param"),
         (
