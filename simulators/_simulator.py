@@ -139,9 +139,7 @@ class Simulator(ABC):
         name = given.pop("class", None)
         known = cls._known.get(name, {})
         if not known:
-            raise ValueError(
-                f"simulator must be of a defined class, got {repr_of(name)}: define or import it first"
-            )
+            raise ValueError(f"simulator must be of a defined class, got {repr_of(name)}: import it first")
         if len(known) > 1:
             modules = " and ".join(sorted(known))
             raise ValueError(f"simulator must be of one class, but {modules} define {name}: rename one")

@@ -149,10 +149,7 @@ class _OfTime:
         except (TypeError, ValueError):
             raise TypeError(f"{self._name} must be {_COURSE}, got {repr_of(given)}") from None
         if course.shape not in ((), time.shape):
-            raise ValueError(
-                f"{self._name} must be {_COURSE}, one per time; it gave shape {course.shape} for "
-                f"{time.shape[0]} times"
-            )
+            raise ValueError(f"{self._name} must give one number per time, got shape {course.shape}")
         if not np.all(np.isfinite(course)):
             raise ValueError(f"{self._name} must be finite, it gave NaN or infinity")
         course = np.broadcast_to(course, time.shape)

@@ -88,9 +88,7 @@ class LobeDefects:
         object.__setattr__(self, "wheels", _wheel_indices(self.wheels))
         check_number("depth", self.depth)
         if not 0 <= self.depth <= 1:
-            raise ValueError(
-                f"depth must lie between 0 (healthy) and 1 (the papers' chord), got {self.depth!r}"
-            )
+            raise ValueError(f"depth must lie between 0 (healthy) and 1 (the chord), got {self.depth!r}")
         both = set(self.worn_lobes) & set(self.removed_lobes)
         if both:
             raise ValueError(f"worn_lobes and removed_lobes must not overlap, both hold {sorted(both)}")
@@ -117,9 +115,7 @@ class LobeDefects:
                 raise ValueError("wear_share and wear_centre have no effect without wear_um: give it too")
             return
         if self.depth != 0:
-            raise ValueError(
-                f"depth must be 0 with wear_um (a lobe has the chord or radial wear), got {self.depth!r}"
-            )
+            raise ValueError(f"depth must be 0 with wear_um (radial wear), got {self.depth!r}")
         if not 0 < share <= 1:
             raise ValueError(f"wear_share must lie above 0 and up to 1, got {self.wear_share!r}")
         # A half share may be rounded past the flank's end.

@@ -325,20 +325,16 @@ class CycloidalGearbox(Replaceable):
             )
         one_of("contact_law", self.contact_law, CONTACT_LAWS)
         if self.brake_inertia > 0 and self.meter_stiffness == 0:
-            raise ValueError(
-                "brake_inertia needs a meter_stiffness above 0 (Nm/rad) between output shaft and brake, got 0"
-            )
+            raise ValueError("brake_inertia needs a meter_stiffness above 0 Nm/rad, got 0")
         self._check_teeth()
         for name, length in (
             ("pin_radial_errors", self.n_pins), ("pin_tangential_errors", self.n_pins),
             ("lobe_pitch_errors", 2 * self.n_lobes), ("wheel_runouts", 2), ("cam_errors", 2),
         ):  # fmt: skip
-            values = list_members(getattr(self, name))
+            values = list_members(given := getattr(self, name))
             what, kinds = ("complex numbers", "iufc") if length == 2 else ("numbers", "iuf")
             if values is None or any(map(np.ndim, values)) or np.asarray(values).dtype.kind not in kinds:
-                raise TypeError(
-                    f"{name} must be a sequence of {what} (m), or empty, got {repr_of(getattr(self, name))}"
-                )
+                raise TypeError(f"{name} must be a sequence of {what} (m), or empty, got {repr_of(given)}")
             if len(values) not in (0, length):
                 raise ValueError(f"{name} must be empty or hold {length} values, got {len(values)}")
             if not np.all(np.isfinite(values)):
@@ -362,18 +358,13 @@ class CycloidalGearbox(Replaceable):
             object.__setattr__(self, name, whole(name, getattr(self, name), least, MAX_SLEEVES))
         points = whole("profile_points", self.profile_points, 0)
         if 0 < points < 4 * self.n_lobes:
-            raise ValueError(
-                "profile_points must be 0 (smooth) or a number of corners, at least 4 per lobe "
-                f"({4 * self.n_lobes}), got {points!r}"
-            )
+            raise ValueError(f"profile_points must be 0 or at least 4 per lobe, got {points}")
         object.__setattr__(self, "profile_points", points)
-        smallest = 1 / float(self.profile.curvature(np.linspace(0, math.pi / self.n_lobes, 181)).max())
-        if self.pin_radius + self.pin_clearance >= smallest:
-            raise ValueError(
-                f"pin_radius must be below {smallest - self.pin_clearance:.6g} m, the least radius of "
-                "curvature of the pins' path less pin_clearance (else the profile is undercut), got "
-                f"{self.pin_radius!r}"
-            )
+        # The least radius of curvature of the pins' path, less the clearance.
+        flank = np.linspace(0, math.pi / self.n_lobes, 181)
+        most = 1 / float(self.profile.curvature(flank).max()) - self.pin_clearance
+        if self.pin_radius >= most:
+            raise ValueError(f"pin_radius must be below {most:.6g} m, else undercut, got {self.pin_radius!r}")
 
     @classmethod
     def steel(cls, **changes: Any) -> CycloidalGearbox:

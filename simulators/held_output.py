@@ -42,9 +42,7 @@ class TorqueDeflection:
         torque, deflection = self._closed_loop()
         at = np.flatnonzero((torque[1:] >= 0) != (torque[:-1] >= 0))
         if at.size != 2:
-            raise ValueError(
-                f"the loop must cross zero torque twice, it does {at.size} times: raise n_points"
-            )
+            raise ValueError(f"the loop must cross zero torque twice, not {at.size} times: raise n_points")
         share = torque[at] / (torque[at] - torque[at + 1])
         return float(np.ptp(deflection[at] + share * (deflection[at + 1] - deflection[at])))
 
@@ -130,10 +128,7 @@ def torque_deflection(
     every = max(round(period / (n_points * dt)), 1)
     n_steps = round(n_cycles * period / dt)
     if n_steps > LARGEST_N_STEPS:
-        raise ValueError(
-            f"period {period:g} s and n_cycles {n_cycles} take {n_steps:.3g} steps of dt = {dt:g} s, more "
-            f"than {LARGEST_N_STEPS:g}"
-        )
+        raise ValueError(f"period and n_cycles take {n_steps:.3g} steps, more than {LARGEST_N_STEPS:g}")
     z = gearbox.n_lobes
     half_steps = np.arange(2 * n_steps + 1) * (dt / 2)
     phase = half_steps / period

@@ -183,10 +183,7 @@ class MachineRun:
             if isinstance(values, np.ndarray)
         }
         if (ran := len(channels["torque_out"])) < needed:
-            raise ValueError(
-                f"effects need {needed} samples, the machine ran for {ran}: name them among the chains of "
-                "its plan_run"
-            )
+            raise ValueError(f"effects need {needed} samples, the machine ran for {ran}: state the chains")
         channels = {name: values[:needed] for name, values in channels.items()}
         measured = machine.measure_channels(channels, rate, plan.random_state, plan.quantity)
         changes: dict[str, Any] = {

@@ -6,7 +6,7 @@ import dataclasses
 import json
 import math
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -43,7 +43,7 @@ from cyclofeat.simulators.effects import (
     library,
 )
 from cyclofeat.simulators.effects._gearbox import GEARBOX_NUMBERS
-from cyclofeat.simulators.effects._parameter import is_distribution, suggest_key, to_plain, value_text
+from cyclofeat.simulators.effects._parameter import is_distribution, reject_unknown, to_plain, value_text
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.machine import Machine, PlannedRun, RandomState, draw_effects, seed_sequence
 from cyclofeat.simulators.motor import Motor
@@ -148,20 +148,12 @@ class Rig(Replaceable, WithCard):
             name = f"effects and variants[{index}]" if variants else "effects"
             motors = [effect.effect_id for effect in effects if effect.place == "motor"]
             if len(set(motors)) < len(motors):
-                raise ValueError(
-                    f"{name} must hold each effect of the motor once at most, got {', '.join(motors)}"
-                )
+                raise ValueError(f"{name} must hold each motor effect once at most, got {', '.join(motors)}")
             if motors and self.simulator is not None:
-                raise ValueError(
-                    "simulator must be None for a rig with a motor, which turns the toolkit's gearbox, got "
-                    f"{self.simulator!r} beside {motors[0]}"
-                )
+                raise ValueError(f"simulator must be None for a rig with a motor, got {self.simulator!r}")
             brakes = (self.gearbox.brake_inertia > 0) + sum(isinstance(one, BrakeRotor) for one in effects)
             if brakes > 1:
-                raise ValueError(
-                    f"{name} must hold one {BrakeRotor.effect_id} at most, and none where the gearbox has a "
-                    f"brake, got {brakes} brakes in all"
-                )
+                raise ValueError(f"{name} must hold one brake_rotor at most, in all, got {brakes} brakes")
             for effect in effects:
                 if isinstance(effect, GearboxParameter):
                     for share in (0.0, 1.0):  # the gearbox rejects wrong values
@@ -388,12 +380,7 @@ class Rig(Replaceable, WithCard):
         >>> rig.gearbox.load_torque
         18.0
         """
-        known = self.parameters()
-        for name in values:
-            if name not in known:
-                raise ValueError(
-                    f"unknown parameter {name!r} of rig {self.name!r}: {suggest_key(name, known)}"
-                )
+        reject_unknown(values, self.parameters(), of=f" of rig {self.name!r}")
         effects = library.label_effects(self.effects)
         changed: dict[str, dict[str, Any]] = {label: {} for label in effects}
         gearbox: dict[str, Any] = {}
@@ -562,10 +549,7 @@ class Rig(Replaceable, WithCard):
         motor = machine.motor
         self.check_quantity(quantity)
         if quantity == "motor_current" and motor is None:
-            raise ValueError(
-                "quantity must be a torque for a rig without a motor, got 'motor_current': add "
-                "motor_effects() to its effects"
-            )
+            raise ValueError("quantity motor_current needs a motor: add motor_effects() to the effects")
         n_run = max(machine.measured_by(chain).samples_needed(n_samples) for chain in ((), *chains))
         if motor is not None:
             n_settling += math.ceil(motor.warm_up * sampling_rate)
@@ -610,9 +594,7 @@ class Rig(Replaceable, WithCard):
         """
         one_of("quantity", quantity, QUANTITIES)
         if self.simulator is not None and quantity != QUANTITIES[0]:
-            raise ValueError(
-                f"quantity must be {QUANTITIES[0]!r} for a rig with a simulator of its own, got {quantity!r}"
-            )
+            raise ValueError(f"quantity must be {QUANTITIES[0]!r} for a user's simulator, got {quantity!r}")
         return quantity
 
     def to_dict(self) -> dict[str, Any]:
@@ -801,9 +783,7 @@ def read_json(path: str | os.PathLike[str], make: Callable[[Any], Made], what: s
     except FileNotFoundError:
         raise FileNotFoundError(f"{name}: no such file; to_json writes a description of {what}") from None
     except UnicodeDecodeError as error:
-        raise ValueError(
-            f"{name}: is not text in UTF-8 (byte {error.start}); a description of {what} is a JSON file"
-        ) from None
+        raise ValueError(f"{name}: is not text in UTF-8 (byte {error.start}); give a JSON file") from None
     except OSError as error:
         raise OSError(f"{name}: cannot be read ({error.strerror}); give a JSON file") from None
     try:
@@ -822,15 +802,6 @@ def read_json(path: str | os.PathLike[str], make: Callable[[Any], Made], what: s
         raise ValueError(f"{name}: is not a description of {what}: brackets are nested too deeply") from None
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name}: {error}") from None
-
-
-def reject_unknown(given: Mapping[str, Any], known: Iterable[str], prefix: str = "") -> None:
-    """Raise ValueError for the first unknown key; the message has the nearest."""
-    names = list(known)
-    for key, value in given.items():
-        if key not in names:
-            right = suggest_key(key, names, prefix)
-            raise ValueError(f"unknown key {prefix + key!r} with value {repr_of(value)}: {right}")
 
 
 def _check_object(name: str, content: Any) -> Mapping[str, Any]:

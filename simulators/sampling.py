@@ -177,14 +177,9 @@ class Wear:
         if not 0 < checks.number("radial_share", self.radial_share, "a share") <= 1:
             raise ValueError(f"radial_share must be above 0 and at most 1, got {self.radial_share!r}")
         if self.wear_um is None and self.radial_share != 1:
-            raise ValueError(
-                f"radial_share needs wear_um, the depth of the wear, got {self.radial_share!r} without"
-            )
+            raise ValueError(f"radial_share needs wear_um, got {self.radial_share!r} without")
         if self.wear_um is not None and not 0 <= self.wear_um[0] <= self.wear_um[1] <= MOST_WEAR_UM:
-            raise ValueError(
-                f"wear_um must be a number of um or a range (low, high) within 0 to {MOST_WEAR_UM:g}, "
-                f"got {self.wear_um!r}"
-            )
+            raise ValueError(f"wear_um must be a range within 0 to {MOST_WEAR_UM:g} um, got {self.wear_um!r}")
 
     def draw(self, count: int, n_lobes: int, random_state: Seed) -> LobeDefects:
         """Draw ``count`` worn lobes of a recording, and then their wear: the lobes do not depend on it."""

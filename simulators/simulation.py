@@ -384,17 +384,11 @@ class Sampling:
             raise ValueError(f"duration {duration:g} s is shorter than one sample at {sampling_rate:g} Hz")
         ratio = Fraction(sampling_rate * dt).limit_denominator(100_000)
         if solver.decimation == "pick" and ratio.numerator != 1:
-            raise ValueError(
-                f"sampling_rate must divide 1/dt = {1 / dt:g} Hz with decimation='pick', got "
-                f"{sampling_rate:g} Hz"
-            )
+            raise ValueError(f"sampling_rate must divide 1/dt = {1 / dt:g} Hz to pick, got {sampling_rate:g}")
         # The anti-alias filter pads with zeros. That is right at the start, at rest; MARGIN covers the end.
         n_steps = math.ceil((n_samples + MARGIN) / ratio)
         if n_steps > LARGEST_N_STEPS:
-            raise ValueError(
-                f"duration {duration:g} s takes {n_steps:.3g} steps of dt = {dt:g} s, more than "
-                f"{LARGEST_N_STEPS:g}: simulate shorter runs"
-            )
+            raise ValueError(f"duration must take at most {LARGEST_N_STEPS:g} steps of dt, got {n_steps:.3g}")
         time = np.arange(n_samples) / sampling_rate
         steps = np.minimum(np.rint(time / dt).astype(int), n_steps - 1)
         return cls(time, n_steps, steps, ratio, solver.decimation)
@@ -717,8 +711,5 @@ def settling_samples(gearbox: CycloidalGearbox, sampling_rate: float) -> int:
     """Return the samples until a run is steady; raise ValueError beyond a minute."""
     settling = settling_time(gearbox)
     if settling > _LONGEST_SETTLING:
-        raise ValueError(
-            f"the gearbox must have more damping: it settles in {settling:.3g} s, more than "
-            f"{_LONGEST_SETTLING:g} s; raise the damping of brake or contacts"
-        )
+        raise ValueError(f"the gearbox must have more damping: it settles in {settling:.3g} s, over a minute")
     return math.ceil(settling * sampling_rate)

@@ -22,10 +22,10 @@ from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import from_1
 from cyclofeat._base.shards import json_bytes
 from cyclofeat.simulators.defects import MOST_WEAR_UM, LobeDefects
-from cyclofeat.simulators.effects._parameter import settings_of_file, settings_to_file
+from cyclofeat.simulators.effects._parameter import reject_unknown, settings_of_file, settings_to_file
 from cyclofeat.simulators.effects.library import label_effects
 from cyclofeat.simulators.machine import MachineRun, PlannedRun
-from cyclofeat.simulators.rig import Rig, read_json, reject_unknown
+from cyclofeat.simulators.rig import Rig, read_json
 from cyclofeat.simulators.sampling import Sample, Wear, recording_seed, sample_runs
 from cyclofeat.simulators.simulation import GearboxLocked, SimulationFailed, Solver, settling_time
 
@@ -393,18 +393,13 @@ def _rig_of(rig: Any) -> Rig:
         return rig
     if isinstance(rig, str) and rig.upper() in _PRESETS:
         return _PRESETS[rig.upper()]()
-    raise ValueError(
-        f"rig must be one of {tuple(_PRESETS)} or a Rig (cyclofeat.datasets.rig_preset makes others), "
-        f"got {checks.repr_of(rig)}"
-    )
+    raise ValueError(f"rig must be one of {tuple(_PRESETS)} or a Rig, got {checks.repr_of(rig)}")
 
 
 def _check_severity(name: str, value: Any, most: float, words: str) -> float | tuple[float, float]:
     low, high = checks.range_ends(name, value)
     if not 0 < low <= high <= most:
-        raise ValueError(
-            f"{name} must lie above 0 and up to {words}, or be a range (low, high), got {value!r}"
-        )
+        raise ValueError(f"{name} must lie above 0 and up to {words}, or be such a range, got {value!r}")
     return low if checks.is_number(value) else (low, high)
 
 
@@ -434,9 +429,7 @@ def check_kernel(campaign: Campaign) -> None:
     from cyclofeat.simulators.batch import runs
 
     if error := runs.compile_error():
-        raise RuntimeError(
-            f"runs in batches cannot be compiled: {error}; a campaign of kernel='exact' needs none"
-        )
+        raise RuntimeError(f"batches cannot be compiled: {error}; a campaign of kernel='exact' needs none")
 
 
 def check_middle(campaign: Campaign) -> None:
@@ -456,9 +449,7 @@ def check_middle(campaign: Campaign) -> None:
         if isinstance(run, MachineRun):  # a failure is a result, and other runs may succeed
             run.record()
     except ValueError as error:
-        raise ValueError(
-            f"the design cannot be simulated, not even in the middle of its ranges: {error}"
-        ) from None
+        raise ValueError(f"the design cannot be simulated, not even in its middle: {error}") from None
 
 
 def _draw_run(campaign: Campaign, plan: RunPlan) -> tuple[dict[str, Any], PlannedRun | ValueError]:

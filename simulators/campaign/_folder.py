@@ -237,11 +237,9 @@ def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> Camp
     store = CampaignStore(folder)
     campaign, _ = store.read_design()
     if not (folder / MANIFEST).is_file():
-        missing = store.missing_names(shard_file(shard, "sha256") for shard in range(campaign.n_shards))
-        raise ValueError(
-            f"{folder}: the campaign is not finished, {campaign.n_shards - len(missing)} of "
-            f"{campaign.n_shards} shards are there: run it again to go on"
-        )
+        n = campaign.n_shards
+        done = n - len(store.missing_names(shard_file(shard, "sha256") for shard in range(n)))
+        raise ValueError(f"{folder}: is not finished, {done} of {n} shards are there: run it again to go on")
     manifest = store.read_manifest()
     wrong = []
     for name, stated in manifest["files"].items():
@@ -384,9 +382,7 @@ class CampaignStore(ShardStore):
         """Return the content of the manifest."""
         content = self.read_json(MANIFEST)
         if content.get("format") != MANIFEST_FORMAT or not isinstance(content.get("files"), dict):
-            raise ValueError(
-                f"{self.path_of(MANIFEST)}: is not a campaign's manifest of format {MANIFEST_FORMAT!r}"
-            )
+            raise ValueError(f"{self.path_of(MANIFEST)}: is not of format {MANIFEST_FORMAT!r}")
         return content
 
     def check_content(self, campaign: Campaign, versions: dict[str, str]) -> None:
@@ -399,22 +395,13 @@ class CampaignStore(ShardStore):
         if not self.path_of(DESIGN).exists():
             others = sorted(p.name for p in folder.iterdir() if not p.match(f".{DESIGN}.*.part"))
             if others:
-                raise ValueError(
-                    f"{folder}: must be empty or hold a campaign, got {others[0]!r} and no {DESIGN}: take "
-                    "another folder"
-                )
+                raise ValueError(f"{folder}: must be empty or hold a campaign, got {others[0]!r}")
             return
         stored, begun_with = self.read_design()
         for difference in _find_differences(stored.to_dict(), campaign.to_dict()):
-            raise ValueError(
-                f"{folder}: holds a campaign of another design: {difference}; take another folder, or the "
-                f"design in {DESIGN}"
-            )
+            raise ValueError(f"{folder}: holds a campaign of another design: {difference}; take another")
         for difference in _find_differences(begun_with, versions):
-            raise ValueError(
-                f"{folder}: was begun with other versions: {difference}; finish it with those, or take "
-                "another folder"
-            )
+            raise ValueError(f"{folder}: was begun with other versions: {difference}; finish it with those")
 
     def shard_digests(self, shard: int) -> dict[str, str]:
         """Return the digests of a shard's files if all exist and are unchanged; else nothing."""
@@ -520,10 +507,8 @@ def simulate_task(campaign: Campaign, plans: Sequence[RunPlan], expected: dict[s
     """Simulate runs on a worker, which must have the ``expected`` versions and the campaign's kernel."""
     here = made_with()
     for name, version in expected.items():
-        if version != here.get(name):
-            raise ValueError(
-                f"a worker has {name} {here.get(name)}, the campaign {version}: install the same"
-            )
+        if (found := here.get(name)) != version:
+            raise ValueError(f"a worker has {name} {found}, the campaign {version}: install the same")
     check_kernel(campaign)
     return simulate_runs(campaign, plans)
 
@@ -548,9 +533,7 @@ def simulate_anywhere(
         with stopped_quietly(made):
             yield from itertools.chain.from_iterable(made)
     except concurrent.futures.BrokenExecutor as error:
-        raise WorkerLost(
-            f"a worker process died ({type(error).__name__}; killed, or out of memory?); {_KEPT}"
-        ) from error
+        raise WorkerLost(f"a worker process died ({type(error).__name__}); {_KEPT}") from error
 
 
 def simulate_on_cluster(
@@ -561,9 +544,7 @@ def simulate_on_cluster(
         from distributed import CancelledError, Client, KilledWorker
         from distributed.comm.core import CommClosedError
     except ImportError:
-        raise ImportError(
-            "a scheduler needs dask.distributed: pip install distributed, there and here"
-        ) from None
+        raise ImportError("a scheduler needs dask.distributed: pip install distributed") from None
     waiting: deque[Any] = deque()
     with contextlib.ExitStack() as stack:
         client = scheduler
@@ -577,9 +558,7 @@ def simulate_on_cluster(
                 ) from None
             stack.enter_context(client)
         elif not isinstance(scheduler, Client):
-            raise TypeError(
-                f"scheduler must be an address like 'tcp://host:8786' or a Client, got {scheduler!r}"
-            )
+            raise TypeError(f"scheduler must be like 'tcp://host:8786', or a Client, got {scheduler!r}")
         try:
             ahead = _AHEAD * _count_threads(client)
             while True:
@@ -597,9 +576,7 @@ def simulate_on_cluster(
                 yield from results
                 waiting.popleft()
         except (KilledWorker, CancelledError, CommClosedError) as error:
-            raise WorkerLost(
-                f"the cluster lost workers or scheduler ({type(error).__name__}); {_KEPT}"
-            ) from error
+            raise WorkerLost(f"the cluster lost workers ({type(error).__name__}); {_KEPT}") from error
         finally:
             with contextlib.suppress(Exception):  # the scheduler may be gone
                 client.cancel(list(waiting), force=True)

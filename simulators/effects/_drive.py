@@ -37,9 +37,7 @@ def check_phase(self: Any) -> None:
     """Raise ValueError unless ``phase`` of an effect is None or a finite number of rad."""
     phase = self.phase
     if phase is not None and not (is_number(phase) and math.isfinite(phase)):
-        raise ValueError(
-            f"phase of {self.effect_id} must be a number of rad, or None for a random one, got {phase!r}"
-        )
+        raise ValueError(f"phase of {self.effect_id} must be a number of rad or None, got {phase!r}")
 
 
 class _AddedTorque(Effect):
@@ -515,8 +513,5 @@ def check_time(time: Any, end: float) -> Float:
     """Return times as an array; raise ValueError for times outside 0 to ``end`` (s)."""
     times = np.asarray(time, dtype=float)
     if times.size and not (times.min() >= 0 and times.max() <= end):
-        raise ValueError(
-            f"time must lie between 0 and {end:g} s in this drift, got {times.min():g} to "
-            f"{times.max():g} s: draw it with a longer duration"
-        )
+        raise ValueError(f"time must lie between 0 and {end:g} s, got {times.min():g} to {times.max():g} s")
     return times

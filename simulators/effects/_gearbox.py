@@ -89,9 +89,7 @@ class RunOut(Effect):
     def check_settings(self) -> None:
         given = list_members(self.wheels)
         if given is None or given not in ((0,), (1,), (0, 1)):
-            raise ValueError(
-                f"wheels of {self.effect_id} must be (0,), (1,) or (0, 1), got {repr_of(self.wheels)}"
-            )
+            raise ValueError(f"wheels of {self.effect_id} must be (0,), (1,) or (0, 1), got {self.wheels!r}")
 
     def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
         directions = np.exp(2j * np.pi * random.random(2))
@@ -232,16 +230,11 @@ class ContactDampingForm(Effect):
 
     def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
         if gearbox.contact_law not in _FORMS:
-            raise ValueError(
-                f"{self.effect_id} needs a gearbox with contact_law in {_FORMS}, got {gearbox.contact_law!r}"
-            )
+            raise ValueError(f"{self.effect_id} needs a contact_law in {_FORMS}, got {gearbox.contact_law!r}")
         damping = gearbox.contact_damping
         if self.form != gearbox.contact_law:
             if gearbox.load_torque <= 0:
-                raise ValueError(
-                    f"{self.effect_id} needs a load_torque above 0 Nm to match the damping at, "
-                    f"got {gearbox.load_torque!r}"
-                )
+                raise ValueError(f"{self.effect_id} needs a load_torque above 0, got {gearbox.load_torque!r}")
             # D/C in 1/N of the two forms of contact damping, matched in the ring of pins at mean load.
             loaded = max(gearbox.n_pins // 2, 1)
             arms = gearbox.eccentricity * gearbox.n_lobes * np.sin(np.pi * (np.arange(loaded) + 0.5) / loaded)
@@ -325,11 +318,8 @@ class BrakeRotor(Effect):
     def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
         if self.inertia == 0:
             return gearbox
-        if gearbox.brake_inertia > 0:
-            raise ValueError(
-                f"{self.effect_id} needs a gearbox or rig without a brake, got one with brake_inertia "
-                f"{gearbox.brake_inertia:g} kg m2: change that one instead"
-            )
+        if (brake := gearbox.brake_inertia) > 0:
+            raise ValueError(f"{self.effect_id} needs a gearbox without a brake, got brake_inertia {brake:g}")
         return gearbox.with_brake(self.inertia, self.stiffness, self.damping_ratio)
 
 

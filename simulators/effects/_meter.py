@@ -174,10 +174,7 @@ class Hum(_MeterEffect):
         check_phase(self)
         given = list_members(self.harmonics)
         if not given or not all(is_number(share) and math.isfinite(share) for share in given):
-            raise ValueError(
-                f"harmonics of {self.effect_id} must be one or more finite relative amplitudes like "
-                f"(1, 0, 0.3), got {self.harmonics!r}"
-            )
+            raise ValueError(f"harmonics of {self.effect_id} must hold finite numbers, got {given!r}")
 
     def _distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         highest = len(self.harmonics) * self.frequency_hz
@@ -229,9 +226,7 @@ class ShaftLine(_MeterEffect):
     def _distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         phase = 2 * np.pi * random.random() if self.phase is None else self.phase
         if context.gearbox is None or context.input_angle is None:
-            raise ValueError(
-                f"{self.effect_id} needs gearbox and input_angle of the record as context, got {context!r}"
-            )
+            raise ValueError(f"{self.effect_id} needs gearbox and input_angle as context, got {context!r}")
         angle = context.input_angle / (context.gearbox.n_lobes if self.of == "output" else 1)
         return np.asarray(torque + self.amplitude_nm * np.sin(angle + phase))
 
@@ -307,10 +302,7 @@ class Quantisation(_MeterEffect):
     def check_settings(self) -> None:
         if self.has_spread or self.lsb_nm <= self.full_scale_nm:
             return
-        raise ValueError(
-            f"full_scale_nm of {self.effect_id} must be at least lsb_nm = {self.lsb_nm:g} Nm, "
-            f"got {self.full_scale_nm!r}"
-        )
+        raise ValueError(f"full_scale_nm must be at least lsb_nm {self.lsb_nm:g}, got {self.full_scale_nm!r}")
 
     def _distort_torque(self, torque: Float, rate: float, random: Generator, context: TorqueContext) -> Float:
         step, full = float(self.lsb_nm), float(self.full_scale_nm)

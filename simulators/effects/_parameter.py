@@ -102,8 +102,7 @@ class EffectParameter:
             inside = float(value.cdf(self.high)) - float(value.cdf(self.low))
             if not inside >= 0.5:  # also true for NaN, from arguments that scipy rejects
                 raise ValueError(
-                    f"{where} must lie between {bounds}, where {value_text(value)} has {inside:.0%} of its "
-                    "probability"
+                    f"{where} must lie between {bounds}, where {value_text(value)} has {inside:.0%}"
                 )
             return
         unit = "" if self.unit == "1" else f" of {self.unit}"
@@ -168,12 +167,8 @@ def from_plain(value: Any) -> Any:
         )
     distribution = getattr(stats, name)
     shapes = _shapes(distribution)
-    known = (*shapes, "loc", "scale")
+    reject_unknown(given, (*shapes, "loc", "scale"), of=f" of {name}")
     for key, number in given.items():
-        if key not in known:
-            raise ValueError(
-                f"unknown key {key!r} of {name} with value {repr_of(number)}: {suggest_key(key, known)}"
-            )
         if not is_number(number):
             raise TypeError(f"{key} of {name} must be a number, got {repr_of(number)}")
     if missing := [key for key in shapes if key not in given]:
@@ -193,6 +188,15 @@ def suggest_key(key: str, known: Iterable[str], prefix: str = "") -> str:
     """Return the nearest known key, or all of them, for an error message."""
     near = difflib.get_close_matches(key, names := list(known), n=1, cutoff=0.5)
     return f"did you mean {prefix + near[0]!r}?" if near else f"known are {', '.join(names)}"
+
+
+def reject_unknown(given: Mapping[str, Any], known: Iterable[str], prefix: str = "", of: str = "") -> None:
+    """Raise ValueError for the first unknown key; the message has the nearest."""
+    names = list(known)
+    for key, value in given.items():
+        if key not in names:
+            right = suggest_key(key, names, prefix)
+            raise ValueError(f"unknown key {prefix + key!r}{of} with value {repr_of(value)}: {right}")
 
 
 def _shapes(distribution: Any) -> list[str]:

@@ -425,16 +425,11 @@ class Effect(BaseEstimator):
         self.check()
         vector = []
         for name in self.vector_names():
-            value, parameter = getattr(self, name), self.parameters[name]
+            value, parameter, what = getattr(self, name), self.parameters[name], f"{name} of {self.effect_id}"
             if is_spread(value):
-                raise ValueError(
-                    f"{name} of {self.effect_id} must be a number to be fitted, got {value_text(value)}"
-                )
+                raise ValueError(f"{what} must be a number to be fitted, got {value_text(value)}")
             if parameter.log and not 0 < value < math.inf:
-                raise ValueError(
-                    f"{name} of {self.effect_id} must be above 0 and finite to be fitted in its logarithm, "
-                    f"got {value!r}: start elsewhere, for instance at a draw from its prior"
-                )
+                raise ValueError(f"{what} must be above 0 and finite to be fitted, got {value!r}")
             vector.append(_fit_value(parameter, value))
         return np.array(vector)
 
@@ -453,10 +448,7 @@ class Effect(BaseEstimator):
         names = self.vector_names()
         values = np.asarray(vector, dtype=float)
         if values.shape != (len(names),):
-            raise ValueError(
-                f"vector of {self.effect_id} must have shape ({len(names)},), for {', '.join(names)}, "
-                f"got {values.shape}"
-            )
+            raise ValueError(f"vector of {self.effect_id} must hold {len(names)} values, got {values.shape}")
         parameters = {}
         for name, value in zip(names, values.tolist(), strict=True):
             parameter = self.parameters[name]

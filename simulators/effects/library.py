@@ -24,6 +24,7 @@ from cyclofeat.simulators.effects import _drive, _gearbox, _meter
 from cyclofeat.simulators.effects._parameter import (
     EffectParameter,
     from_plain,
+    reject_unknown,
     settings_of_file,
     suggest_key,
 )
@@ -151,9 +152,7 @@ def register_effect(kind: Kind, *, replace: bool = False) -> Kind:
             raise TypeError(f"{name}.__init__ must have a default for {key!r}: {name}() must be possible")
     for key, parameter in parameters.items():
         if not parameter.low < parameter.high:
-            raise ValueError(
-                f"{key} of {name} must have bounds low < high, got {parameter.low!r} and {parameter.high!r}"
-            )
+            raise ValueError(f"{key} of {name} must have low < high, got {parameter!r}")
         if key not in arguments:
             raise ValueError(f"{name}.__init__ must take the parameter {key!r}, got {', '.join(arguments)}")
         if parameter.prior is not None:
@@ -204,10 +203,7 @@ def checked_effects(effects: Any) -> tuple[Effect, ...]:
     given = tuple(effects)
     for effect in given:
         if not isinstance(effect, Effect):
-            raise TypeError(
-                f"effects must hold effects like Hum(amplitude_nm=0.2), got {effect!r}: "
-                "known_effects() has them all"
-            )
+            raise TypeError(f"effects must hold effects like Hum(amplitude_nm=0.2), got {effect!r}")
     return tuple(effect.with_parameters() for effect in given)
 
 
@@ -288,14 +284,10 @@ def effect_from_dict(content: Any) -> Effect:
     effect = _KNOWN.get(name)
     if effect is None:
         raise ValueError(f"unknown effect {repr_of(name)}: {suggest_key(name, _KNOWN)}")
-    keys, values = file_keys(effect), {}
-    for key, value in settings_of_file(content).items():
-        if key == "effect":
-            continue
-        if key not in keys:
-            raise ValueError(
-                f"unknown key {key!r} of {name} with value {repr_of(value)}: {suggest_key(key, keys)}"
-            )
+    given, values = settings_of_file(content), {}
+    del given["effect"]
+    reject_unknown(given, file_keys(effect), of=f" of {name}")
+    for key, value in given.items():
         try:
             value = from_plain(value)
         except (TypeError, ValueError) as error:
@@ -351,9 +343,7 @@ def load_effects(path: str | os.PathLike[str]) -> dict[str, type[Effect]]:
     try:
         text = file.read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise FileNotFoundError(
-            f"{file}: no such file; give a Python file with subclasses of Effect"
-        ) from None
+        raise FileNotFoundError(f"{file}: no such file; give one with subclasses of Effect") from None
     except UnicodeDecodeError as error:
         raise ValueError(f"{file}: is not text in UTF-8 (byte {error.start})") from None
     module = _run_file(str(file.resolve()), text)

@@ -321,9 +321,7 @@ def test_a_rig_of_which_no_machine_runs_says_what_to_change():
 
 def test_a_rig_that_never_settles_is_refused():
     ringing = Rig.r1().with_parameters({"gearbox.contact_damping": 0.0, "brake_rotor.damping_ratio": 1e-6})
-    with pytest.raises(
-        ValueError, match=r"rig R1: assembly R1-0-0000: .* more damping: .* settles in .* raise"
-    ):
+    with pytest.raises(ValueError, match=r"rig R1: assembly R1-0-0000: .* more damping: .* settles in"):
         make_rig_recordings(1, [0], rig=ringing, random_state=0)
 
 
@@ -349,8 +347,8 @@ def test_a_rig_that_never_settles_is_refused():
         ({"speed_rpm": -1}, "speed_rpm must be positive"),
         ({"output_turns": 1}, "duration and output_turns exclude each other, got 0.05 s and 1 turns"),
         ({"output_turns": 0, "duration": None}, "output_turns must be positive"),
-        ({"wear_um": 300}, "wear_um must be a number of um or a range .* within 0 to 200, got"),
-        ({"radial_share": 0.5}, "radial_share needs wear_um, the depth of the wear, got 0.5"),
+        ({"wear_um": 300}, "wear_um must be a range within 0 to 200 um, got"),
+        ({"radial_share": 0.5}, "radial_share needs wear_um, got 0.5 without"),
     ],
 )
 def test_bad_arguments_are_named(arguments, message):

@@ -246,7 +246,7 @@ def test_json_gives_the_design_back(tmp_path: Path) -> None:
         ('{"repeats": 3, "repeats": 4}', "key 'repeats' must stand only once"),
         ('{"format": "cyclofeat campaign 9"}', "format must be 'cyclofeat campaign 3', got"),
         ('{"rig": {"effect": 1}}', "rig: unknown key 'effect' with value 1: did you mean 'effects'?"),
-        ('{"rig": "R9"}', r"rig must be one of \('R0', 'R1', 'R2'\) or a Rig .*rig_preset.*, got 'R9'"),
+        ('{"rig": "R9"}', r"rig must be one of \('R0', 'R1', 'R2'\) or a Rig, got 'R9'"),
         ('{"repeats": 0}', "repeats must be at least 1, got 0"),
         ('{"name": ""}', "name must be a line of printable text, got ''"),
         ('{"defect_counts": [16]}', "defect_counts must be at most 15, got 16"),
@@ -336,7 +336,10 @@ def test_what_batches_do_not_simulate_is_left_to_the_exact_kernel_or_refused(tmp
     campaign = SMALL.replace(rig=coarse, depth=1.0, repeats=1)
     data = run_campaign(campaign, tmp_path / "auto")
     assert data.parameters["kernel"].tolist() == ["exact"] * 3
-    with pytest.raises(ValueError, match="cannot be simulated, .*: kernel 'batch' does not simulate a poly"):
+    with pytest.raises(
+        ValueError,
+        match="cannot be simulated, not even in its middle: kernel 'batch' does not simulate a poly",
+    ):
         run_campaign(campaign.replace(kernel="batch"), tmp_path / "batch")
     assert not (tmp_path / "batch").exists()
 
@@ -397,7 +400,7 @@ def test_where_batches_cannot_be_compiled_a_campaign_does_not_change_to_other_by
     with pytest.raises(RuntimeError, match="batches cannot be compiled: no such vectors; .* kernel='exact'"):
         run_campaign(SMALL, tmp_path / "out")
     assert not (tmp_path / "out").exists()
-    with pytest.raises(RuntimeError, match="runs in batches cannot be compiled: no such"):
+    with pytest.raises(RuntimeError, match="batches cannot be compiled: no such"):
         _folder.simulate_task(SMALL, list(SMALL.plans(0, 1)), _folder.made_with())
     assert run_campaign(SMALL.replace(kernel="exact", repeats=1), tmp_path / "out").ok.all()
 
@@ -531,7 +534,7 @@ def test_values_that_contradict_each_other_are_a_row_too(tmp_path: Path) -> None
 
 def test_a_design_of_which_nothing_can_be_simulated_is_refused(tmp_path: Path) -> None:
     campaign = SMALL.replace(sampling_rate=200_000.0)
-    with pytest.raises(ValueError, match="not even in the middle of its ranges: sampling_rate must not"):
+    with pytest.raises(ValueError, match="not even in its middle: sampling_rate must not"):
         run_campaign(campaign, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
@@ -675,7 +678,7 @@ def test_what_is_no_campaigns_folder_is_refused(tmp_path: Path) -> None:
 def test_damaged_descriptions_are_named(copied: Path) -> None:
     manifest = copied / "manifest.json"
     manifest.write_text('{"format": "another"}', encoding="utf-8")
-    with pytest.raises(ValueError, match="manifest.json: is not a campaign's manifest"):
+    with pytest.raises(ValueError, match="manifest.json: is not of format"):
         load_campaign(copied)
     manifest.write_text("{", encoding="utf-8")
     with pytest.raises(ValueError, match="manifest.json: is not valid JSON"):
@@ -811,7 +814,7 @@ def test_no_scheduler_no_workers_no_dask(tmp_path: Path, monkeypatch: pytest.Mon
         run_campaign(SMALL, tmp_path / "out", scheduler="tcp://127.0.0.1:9")
     with pytest.raises(WorkerLost, match="no Dask scheduler answers at 'magic://'"):
         run_campaign(SMALL, tmp_path / "out", scheduler="magic://")
-    with pytest.raises(TypeError, match="scheduler must be an address like"):
+    with pytest.raises(TypeError, match="scheduler must be like 'tcp://host:8786', or a Client, got 8786"):
         run_campaign(SMALL, tmp_path / "out", scheduler=8786)
     with (
         cluster(0, processes=False) as made,

@@ -237,7 +237,7 @@ def test_bounds_come_back_exactly_and_beyond_them_nothing_is_clipped():
             at[index] += 1e-6 if ends is high else -1e-6
             with pytest.raises(ValueError, match=f"{name} of brake_rotor must lie between"):
                 brake.from_vector(at)
-    with pytest.raises(ValueError, match=r"vector of brake_rotor must have shape \(3,\).* got \(2,\)"):
+    with pytest.raises(ValueError, match=r"vector of brake_rotor must hold 3 values, got \(2,\)"):
         brake.from_vector([0.0, 1.0])
     with pytest.raises(ValueError, match="inertia of brake_rotor must be above 0 and finite"):
         brake.with_parameters(inertia=0.0).to_vector()
@@ -285,9 +285,9 @@ def test_a_range_changes_nothing_else_of_an_assembly():
         (Hum(amplitude_nm=(0.3, 0.1)), r"with low <= high, got \(0.3, 0.1\)"),
         (Hum(amplitude_nm=(0, 0.1)), "as a range, must begin above 0"),
         (Hum(amplitude_nm=(0.1, 0.2, 0.3)), r"\(low, high\) or a distribution, got \(0.1, 0.2, 0.3\)"),
-        (Hum(harmonics=()), "harmonics of hum must be one or more"),
-        (Hum(harmonics=(1, math.inf)), "harmonics of hum must be one or more finite"),
-        (Hum(phase="random"), "phase of hum must be a number of rad, or None for a random one, got 'random'"),
+        (Hum(harmonics=()), "harmonics of hum must hold finite numbers"),
+        (Hum(harmonics=(1, math.inf)), "harmonics of hum must hold finite numbers"),
+        (Hum(phase="random"), "phase of hum must be a number of rad or None, got 'random'"),
         (TorqueMeterLowPass((100, math.inf)), "torque_meter_low_pass, as a range, must begin .* end finite"),
         (TorqueMeterLowPass(order=2.0), "order of torque_meter_low_pass must be a whole number, got 2.0"),
         (Drift(order=0), "order of load_drift must be at least 1, got 0"),
@@ -296,7 +296,7 @@ def test_a_range_changes_nothing_else_of_an_assembly():
         (BrakeRotor(damping_ratio=1.0), "damping_ratio of brake_rotor must lie between 0 and 0.99, got 1.0"),
         (ContactDampingForm("hertz"), "form of contact_damping_form must be 'paper' or .* got 'hertz'"),
         (LostSamples(fill="x"), "fill of lost_samples must be one of 'hold', 'zero', 'cut', got 'x'"),
-        (Quantisation(1.0, 0.5), "full_scale_nm of quantisation must be at least lsb_nm = 1 Nm, got 0.5"),
+        (Quantisation(1.0, 0.5), "full_scale_nm must be at least lsb_nm 1, got 0.5"),
     ],
     ids=str,
 )  # fmt: skip
@@ -398,7 +398,7 @@ def test_damping_of_the_other_form_is_matched_at_the_mean_load(load, n_pins):
 
 
 def test_forms_that_cannot_be_matched_are_refused():
-    with pytest.raises(ValueError, match="needs a load_torque above 0 Nm .* got 0"):
+    with pytest.raises(ValueError, match="needs a load_torque above 0, got 0"):
         gearbox_of(ContactDampingForm(), STEEL.replace(load_torque=0.0))
     with pytest.raises(ValueError, match="contact_law in .* got 'conservative'"):
         gearbox_of(ContactDampingForm(), STEEL.replace(contact_law="conservative"))
@@ -408,7 +408,7 @@ def test_forms_that_cannot_be_matched_are_refused():
 
 def test_brake_rotor_is_with_brake():
     assert gearbox_of(BrakeRotor(0.03, 5e3, 0.04)) == STEEL.with_brake(0.03, 5e3, 0.04)
-    with pytest.raises(ValueError, match="without a brake, got one with brake_inertia 0.02"):
+    with pytest.raises(ValueError, match="without a brake, got brake_inertia 0.02"):
         gearbox_of(BrakeRotor(), STEEL.with_brake(0.02, 1e4, 0.1))
 
 

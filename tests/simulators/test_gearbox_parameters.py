@@ -129,7 +129,7 @@ def test_defects_of_another_type_are_refused(given: dict, message: str) -> None:
         ({"pin_radial_errors": (0.0, 0.0)}, "pin_radial_errors must be empty or hold 16 values, got 2"),
         ({"wheel_runouts": (0j,) * 3}, "wheel_runouts must be empty or hold 2 values, got 3"),
         ({"pin_tangential_errors": (math.inf,) * 16}, "pin_tangential_errors must be finite"),
-        ({"pin_radius": 0.014}, r"pin_radius must be below 0.0131227 m, .* \(else .* undercut\), got 0.014"),
+        ({"pin_radius": 0.014}, "pin_radius must be below 0.0131227 m, else undercut, got 0.014"),
     ],
 )
 def test_impossible_gearboxes_are_refused(changes: dict, message: str) -> None:

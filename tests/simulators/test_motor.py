@@ -315,10 +315,10 @@ class Own(Simulator):
 @pytest.mark.parametrize(
     ("act", "words"),
     [
-        (current_of, "quantity must be a torque for a rig without a motor, .* add motor_effects"),
+        (current_of, "quantity motor_current needs a motor: add motor_effects"),
         (
             lambda: Rig(effects=[Cogging(), Cogging()]),
-            "each effect of the motor once at most, got cogging, c",
+            "each motor effect once at most, got cogging, c",
         ),
         (
             lambda: Rig(effects=[ServoMotor()], simulator=Own()),
@@ -329,7 +329,7 @@ class Own(Simulator):
         (lambda: Rig().simulate(quantity="power", random_state=0), "quantity must be one of 'output_torque'"),
         (
             lambda: Rig(simulator=Own()).simulate(quantity="input_torque", random_state=0),
-            "quantity must be 'output_torque' for a rig with a simulator of its own",
+            "quantity must be 'output_torque' for a user's simulator",
         ),
     ],
 )

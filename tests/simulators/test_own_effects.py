@@ -232,7 +232,7 @@ def test_files_that_cannot_be_are_named_with_their_line(text: str, message: str,
 
 
 def test_files_that_are_none_are_named(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match=r"gone.py: no such file; give a Python file with subclasses"):
+    with pytest.raises(FileNotFoundError, match=r"gone.py: no such file; give one with subclasses"):
         load_effects(tmp_path / "gone.py")
     (tmp_path / "bytes.py").write_bytes(b"\xff\xfe")
     with pytest.raises(ValueError, match=r"bytes.py: is not text in UTF-8 \(byte 0\)"):

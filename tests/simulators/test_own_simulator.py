@@ -257,9 +257,7 @@ def test_a_wrong_answer_names_the_simulator(fault: str, message: str) -> None:
 
 
 def test_a_world_considers_what_its_simulator_answers(misaligned) -> None:  # type: ignore[no-untyped-def]
-    with pytest.raises(
-        ValueError, match="quantity must be 'output_torque' for a rig with a simulator of its"
-    ):
+    with pytest.raises(ValueError, match="quantity must be 'output_torque' for a user's simulator"):
         World(rig=OWN, quantity="input_torque")
     own, of_gearbox = set(World(rig=OWN).names), set(World().names)
     assert own - of_gearbox == {"misaligned"}

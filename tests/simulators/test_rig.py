@@ -195,7 +195,7 @@ def test_settling_follows_damping():
             {"effects": [Noise(uniform(5000, 1))]},
             r"must lie between 0 and 1000 Nm, where uniform.* has 0%",
         ),
-        ({"effects": [Noise(norm(0.2, -1))]}, "where norm.* has nan% of its probability"),
+        ({"effects": [Noise(norm(0.2, -1))]}, "where norm.* has nan%"),
         ({"effects": [Noise(gamma(2.0))]}, "noise must be one of scipy's uniform, loguniform, .* got gamma"),
     ],
 )

@@ -204,10 +204,12 @@ def test_parameters_have_names():
     assert changed.gearbox == STEEL.replace(load_torque=18.0)
     assert named.effects[1].amplitude_nm == (0.2, 0.3)
     with pytest.raises(
-        ValueError, match=r"unknown parameter 'hum.amplitude' of rig 'rig': did you mean 'hum"
+        ValueError, match=r"unknown key 'hum.amplitude' of rig 'rig' with value 1.0: did you mean 'hum"
     ):
         named.with_parameters({"hum.amplitude": 1.0})
-    with pytest.raises(ValueError, match=r"unknown parameter 'zzz' of rig 'rig': known are gearbox.ecc"):
+    with pytest.raises(
+        ValueError, match=r"unknown key 'zzz' of rig 'rig' with value 1.0: known are gearbox.ecc"
+    ):
         named.with_parameters({"zzz": 1.0})
     with pytest.raises(ValueError, match="amplitude_nm of hum must lie between"):
         named.with_parameters({"hum.amplitude_nm": -1.0})

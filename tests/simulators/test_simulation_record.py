@@ -169,10 +169,10 @@ def test_runs_are_the_same_bit_for_bit() -> None:
         ({"sampling_rate": 2e5}, "sampling_rate must not exceed 1/dt = 100000 Hz, got 200000 Hz"),
         ({"start_angle": float("nan")}, "start_angle must be finite, got nan"),
         ({"decimation": "mean"}, "decimation must be 'antialias' or 'pick', got 'mean'"),
-        ({"decimation": "pick"}, "sampling_rate must divide 1/dt = 100000 Hz .* got 25600 Hz"),
+        ({"decimation": "pick"}, "sampling_rate must divide 1/dt = 100000 Hz to pick, got 25600"),
         (
             {"load_fluctuation": lambda t: np.zeros(3)},
-            r"load_fluctuation must be a number or a function of time .* it gave shape \(3,\)",
+            r"load_fluctuation must give one number per time, got shape \(3,\)",
         ),
         ({"speed": lambda t: np.full_like(t, np.nan)}, "speed must be finite, it gave NaN or infinity"),
         ({"integrator": "euler"}, "integrator must be one of 'midpoint', 'adams_bashforth', 'leapfrog', got"),
