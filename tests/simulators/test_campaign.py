@@ -523,7 +523,7 @@ def test_a_failed_run_is_a_row_with_its_reason(tmp_path: Path) -> None:
 def test_values_that_contradict_each_other_are_a_row_too(tmp_path: Path) -> None:
     # The smallest damping would take longer than a minute to settle; the middle does not.
     rig = Rig.r1().replace(gearbox=CycloidalGearbox.steel(ramp_time=0.02, contact_damping=0.0))
-    rig = rig.with_effects(BrakeRotor(0.02, 1e4, loguniform(1e-8, 0.2)))
+    rig = rig.with_effects(BrakeRotor(0.02, 1e4, loguniform(1e-5, 0.5)))
     campaign = SMALL.replace(rig=rig, defect_counts=(0,), repeats=4, depth=1.0)
     data = run_campaign(campaign, tmp_path / "damping")
     invalid = data.parameters["status"] == "invalid"
