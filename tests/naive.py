@@ -10,48 +10,53 @@ from collections.abc import Callable, Sequence
 
 def hamming_symmetric(n: int) -> list[float]:
     """MATLAB's ``hamming(n)``."""
-    if n == 1:
-        return [1.0]
-    return [0.54 - 0.46 * math.cos(2 * math.pi * k / (n - 1)) for k in range(n)]
+    return [0.54 - 0.46 * math.cos(2 * math.pi * k / (n - 1)) for k in range(n)] if n > 1 else [1.0]
 
 
 def hann_periodic(n: int) -> list[float]:
     """MATLAB's ``hann(n, 'periodic')``."""
-    if n == 1:
-        return [1.0]
-    return [0.5 - 0.5 * math.cos(2 * math.pi * k / n) for k in range(n)]
+    return [0.5 - 0.5 * math.cos(2 * math.pi * k / n) for k in range(n)] if n > 1 else [1.0]
 
 
-def power(x: Sequence[float], n_fft: int, line: int) -> float:
+def transform(x: Sequence[complex], step: float) -> complex:
+    """Sum of the samples times exp(-i step k)."""
+    return sum(value * cmath.exp(-1j * step * k) for k, value in enumerate(x))
+
+
+def power(x: Sequence[complex], n_fft: int, line: int) -> float:
     """Squared modulus of one line of the discrete Fourier transform of ``x``, padded to ``n_fft``."""
-    return abs(sum(value * cmath.exp(-2j * cmath.pi * line * k / n_fft) for k, value in enumerate(x))) ** 2
+    return abs(transform(x, 2 * math.pi * line / n_fft)) ** 2
+
+
+def product(x: Sequence[complex], weights: Sequence[float]) -> list[complex]:
+    return [value * weight for value, weight in zip(x, weights, strict=True)]
+
+
+def segments(x: Sequence[float]) -> tuple[list[list[float]], int]:
+    """Half-overlapping segments of floor(n / 4.5) samples, and the length to which they are padded."""
+    length = max(1, math.floor(len(x) / 4.5))
+    n_fft = 256
+    while n_fft < length:
+        n_fft *= 2
+    starts = range(0, len(x) - length + 1, length - math.floor(length / 2))
+    return [[float(value) for value in x[start : start + length]] for start in starts], n_fft
 
 
 def welch_psd(
     x: Sequence[float], sampling_rate: float, preset: str = "matlab_pwelch"
 ) -> tuple[list[float], list[float]]:
     """Frequencies in Hz and one-sided density of one window, segment by segment and line by line."""
-    segment = max(1, math.floor(len(x) / 4.5))
-    overlap = math.floor(segment / 2)
-    n_fft = 256
-    while n_fft < segment:
-        n_fft *= 2
-    window = {"matlab_pwelch": hamming_symmetric, "ripple": hann_periodic}[preset](segment)
-    segments = []
-    start = 0
-    while start + segment <= len(x):
-        piece = [float(value) for value in x[start : start + segment]]
-        if preset == "ripple":
-            mean = math.fsum(piece) / segment
-            piece = [value - mean for value in piece]
-        segments.append([value * weight for value, weight in zip(piece, window, strict=True)])
-        start += segment - overlap
-    norm = sampling_rate * math.fsum(weight**2 for weight in window) * len(segments)
+    pieces, n_fft = segments(x)
+    window = {"matlab_pwelch": hamming_symmetric, "ripple": hann_periodic}[preset](len(pieces[0]))
+    if preset == "ripple":
+        means = [math.fsum(piece) / len(piece) for piece in pieces]
+        pieces = [[value - mean for value in piece] for piece, mean in zip(pieces, means, strict=True)]
+    norm = sampling_rate * math.fsum(weight**2 for weight in window) * len(pieces)
     frequencies, psd = [], []
     for line in range(n_fft // 2 + 1):
         sides = 1 if line in (0, n_fft // 2) else 2
         frequencies.append(line * sampling_rate / n_fft)
-        psd.append(sides * math.fsum(power(piece, n_fft, line) for piece in segments) / norm)
+        psd.append(sides * math.fsum(power(product(piece, window), n_fft, line) for piece in pieces) / norm)
     return frequencies, psd
 
 
@@ -168,22 +173,10 @@ def level_envelope(
         signal = full[len(taps) - 2 : 2 * len(signal)]
     first = 0 if whole else (len(signal) - n) // 2
     signal = signal[first : first + n]
-    lines = [
-        sum(value * cmath.exp(-2j * cmath.pi * line * k / n) for k, value in enumerate(signal))
-        for line in range(n)
-    ]
+    lines = [transform(signal, 2 * math.pi * line / n) for line in range(n)]
     # The analytic signal: negative frequencies go, positive ones count twice.
     weights = [1 if line in (0, n / 2) else 2 if line < n / 2 else 0 for line in range(n)]
-    return [
-        abs(
-            sum(
-                w * c * cmath.exp(2j * cmath.pi * line * k / n)
-                for line, (w, c) in enumerate(zip(weights, lines, strict=True))
-            )
-        )
-        / n
-        for k in range(n)
-    ]
+    return [abs(transform(product(lines, weights), -2 * math.pi * k / n)) / n for k in range(n)]
 
 
 def spectral_flatness(psd: Sequence[float]) -> float:
@@ -231,10 +224,7 @@ def amplitude_spectrum(x: Sequence[float], n_fft: int) -> list[float]:
     starts = range(0, len(x) - block + 1, n_fft // 2)
     amplitudes = []
     for line in range(n_fft // 2 + 1):
-        powers = [
-            power([w * value for w, value in zip(window, x[start : start + block], strict=True)], n_fft, line)
-            for start in starts
-        ]
+        powers = [power(product(x[start : start + block], window), n_fft, line) for start in starts]
         sides = 1 if line in (0, n_fft // 2) else 2
         amplitudes.append(sides * math.sqrt(math.fsum(powers) / len(powers)) / math.fsum(window))
     return amplitudes
@@ -242,27 +232,17 @@ def amplitude_spectrum(x: Sequence[float], n_fft: int) -> list[float]:
 
 def coherence(x: Sequence[float], reference: Sequence[float]) -> list[float]:
     """Magnitude-squared coherence by the defaults of MATLAB's ``mscohere``."""
-    segment = max(1, math.floor(len(x) / 4.5))
-    overlap = math.floor(segment / 2)
-    n_fft = 256
-    while n_fft < segment:
-        n_fft *= 2
-    window = hamming_symmetric(segment)
+    pieces, n_fft = segments(x)
+    others, _ = segments(reference)
+    window = hamming_symmetric(len(pieces[0]))
     result = []
     for line in range(n_fft // 2 + 1):
-        cross, own, others = 0j, 0.0, 0.0
-        for start in range(0, len(x) - segment + 1, segment - overlap):
-            a, b = (
-                sum(
-                    w * value * cmath.exp(-2j * cmath.pi * line * k / n_fft)
-                    for k, (w, value) in enumerate(zip(window, y[start : start + segment], strict=True))
-                )
-                for y in (x, reference)
-            )
-            cross += a.conjugate() * b
-            own += abs(a) ** 2
-            others += abs(b) ** 2
-        result.append(abs(cross) ** 2 / (own * others))
+        a, b = (
+            [transform(product(piece, window), 2 * math.pi * line / n_fft) for piece in group]
+            for group in (pieces, others)
+        )
+        cross = sum(u.conjugate() * v for u, v in zip(a, b, strict=True))
+        result.append(abs(cross) ** 2 / (sum(abs(u) ** 2 for u in a) * sum(abs(v) ** 2 for v in b)))
     return result
 
 
@@ -271,10 +251,8 @@ def order_lines(x: Sequence[float], step: float, n_lines: int) -> list[complex]:
     turns = round(len(x) * step / (2 * math.pi))
     length = min(len(x), round(turns * 2 * math.pi / step)) or len(x)
     mean = math.fsum(x[:length]) / length
-    return [
-        2 / length * sum((x[n] - mean) * cmath.exp(-1j * k * step * n) for n in range(length))
-        for k in range(1, n_lines + 1)
-    ]
+    ripple = [value - mean for value in x[:length]]
+    return [2 / length * transform(ripple, k * step) for k in range(1, n_lines + 1)]
 
 
 def profile_point(t: float, eccentricity: float, n_pins: int, shortening: float, depth: float) -> complex:

@@ -13,7 +13,7 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.linear_model import LogisticRegression
 from sklearn.utils import estimator_checks, get_tags
 from sklearn.utils.estimator_checks import parametrize_with_checks
-from transformers import SAMPLING_RATE, SPECTRAL, STATISTICS, WAVELET
+from transformers import RATE, SPECTRAL, STATISTICS, WAVELET
 
 from cyclofeat.counting import (
     ConformalRegressor,
@@ -34,15 +34,15 @@ def estimators() -> list[BaseEstimator]:
         *STATISTICS,
         *SPECTRAL,
         *WAVELET,
-        LobeMap(SAMPLING_RATE),
-        LobeMap(SAMPLING_RATE, align="start", speed_tolerance=0, ar_order=0),
-        make_lobe_counter(SAMPLING_RATE, n_trees=4),
-        make_entropy_counter(SAMPLING_RATE, n_trees=4),
-        make_lobe_counter(SAMPLING_RATE, kind="ladder"),
+        LobeMap(RATE),
+        LobeMap(RATE, align="start", speed_tolerance=0, ar_order=0),
+        make_lobe_counter(RATE, n_trees=4),
+        make_entropy_counter(RATE, n_trees=4),
+        make_lobe_counter(RATE, kind="ladder"),
         EntropyLadder(),
         EntropyLadder(column=-1),
-        LobeCounter(SAMPLING_RATE, n_lobes=4, n_trees=2, n_splits=2),
-        LobeCounter(SAMPLING_RATE, kind="network", n_lobes=4, n_epochs=1, n_splits=2),
+        LobeCounter(RATE, n_lobes=4, n_trees=2, n_splits=2),
+        LobeCounter(RATE, kind="network", n_lobes=4, n_epochs=1, n_splits=2),
         GroupCalibratedCounter(LogisticRegression(), n_splits=2),
         ConformalRegressor(n_trees=2, n_splits=2),
         TrainingDomain(n_splits=2),
@@ -51,12 +51,8 @@ def estimators() -> list[BaseEstimator]:
 
 # Class name -> check -> reason. Empty for transformers.
 _STEPS_ARE_FITTED = "Pipeline.fit fits the steps that it was given: every plain scikit-learn Pipeline fails"
-EXPECTED_FAILURES: dict[str, dict[str, str]] = {
-    "Pipeline": {
-        "check_estimators_overwrite_params": _STEPS_ARE_FITTED,
-        "check_dont_overwrite_parameters": _STEPS_ARE_FITTED,
-    }
-}
+_CHECKS_OF_STEPS = ("check_estimators_overwrite_params", "check_dont_overwrite_parameters")
+EXPECTED_FAILURES = {"Pipeline": dict.fromkeys(_CHECKS_OF_STEPS, _STEPS_ARE_FITTED)}
 
 
 def expected_failures(estimator: BaseEstimator) -> dict[str, str]:

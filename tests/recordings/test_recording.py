@@ -227,8 +227,6 @@ def test_recordings_of_two_quantities_do_not_mix():
     assert common_quantity([record(quantity="motor_current")] * 2) == "motor_current"
     assert common_quantity([]) == "output_torque"
     with pytest.raises(ValueError, match=r"quantity must be the same .* got input_torque, output_torque"):
-        common_quantity([record(), record(quantity="input_torque")])
-    with pytest.raises(ValueError, match=r"quantity must be the same .* got input_torque, output_torque"):
         Windower().windows([record(), record(quantity="input_torque")])
 
 
@@ -402,7 +400,7 @@ def test_unknown_speed_names_both_remedies():
 def test_mixed_rates_and_speeds_are_errors():
     slow = Recording(noise(51_200), 12_800, assembly="B", defect_count=0, speed_rpm=500)
     with pytest.raises(
-        ValueError, match=r"sampling_rate, got 25600 Hz in recording 0.* 12800 Hz in recording 1"
+        ValueError, match=r"sampling_rate, got 25600 Hz in recording 0.* 12800 Hz in recording 1.*samples_per"
     ):
         Windower().windows([record(), slow])
     with pytest.raises(
@@ -552,8 +550,6 @@ def test_by_angle_rates_and_speeds_may_be_mixed():
     found = Windower(samples_per_turn=256).windows(records)
     assert {0, 1} == set(found.recording.tolist())
     np.testing.assert_allclose(found.X[0], found.X[-1], atol=2e-3)
-    with pytest.raises(ValueError, match=r"sampling_rate, got 25600 Hz .* 12800 Hz .*samples_per_turn"):
-        Windower().windows(records)
 
 
 def test_recordings_that_cannot_be_cut_by_angle_are_named():

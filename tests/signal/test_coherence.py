@@ -170,19 +170,15 @@ def test_which_windows_become_references():
     X = torque(30, 50)
     letters = np.tile(["b", "a", "c"], 10)
     chosen = {
-        "healthy, 0 is smallest": (CoherenceToReference(SAMPLING_RATE), np.tile([2, 0, 1], 10), X[1::3]),
-        "healthy, by its name": (
-            CoherenceToReference(SAMPLING_RATE),
-            np.tile(["z", "a", "healthy"], 10),
-            X[2::3],
-        ),
-        "healthy, first letter": (CoherenceToReference(SAMPLING_RATE), letters, X[1::3]),
-        "no labels": (CoherenceToReference(SAMPLING_RATE), None, X),
-        "a label": (CoherenceToReference(SAMPLING_RATE, reference="c"), letters, X[2::3]),
-        "a number": (CoherenceToReference(SAMPLING_RATE, reference=2), np.tile([2, 0, 1], 10), X[::3]),
+        "healthy, 0 is smallest": ("healthy", np.tile([2, 0, 1], 10), X[1::3]),
+        "healthy, by its name": ("healthy", np.tile(["z", "a", "healthy"], 10), X[2::3]),
+        "healthy, first letter": ("healthy", letters, X[1::3]),
+        "no labels": ("healthy", None, X),
+        "a label": ("c", letters, X[2::3]),
+        "a number": (2, np.tile([2, 0, 1], 10), X[::3]),
     }
-    for case, (transformer, y, candidates) in chosen.items():
-        references = transformer.fit(X, y).references_
+    for case, (reference, y, candidates) in chosen.items():
+        references = CoherenceToReference(SAMPLING_RATE, reference=reference).fit(X, y).references_
         assert references.shape == (8, 50), case
         rows = [int(np.flatnonzero((candidates == reference).all(1))[0]) for reference in references]
         # evenly spread, from the first to the last

@@ -81,10 +81,9 @@ def test_comb_is_cut_to_what_the_sampling_rate_holds():
     ],
 )
 def test_bad_arguments_of_the_speed(arguments, message):
+    given = {"X": np.ones((1, 100)), "sampling_rate": RATE, "nominal_hz": SPEED, **arguments}
     with pytest.raises(ValueError, match=message):
-        estimate_input_speed(
-            **{"X": np.ones((1, 100)), "sampling_rate": RATE, "nominal_hz": SPEED, **arguments}
-        )
+        estimate_input_speed(**given)
 
 
 # Order lines
@@ -130,16 +129,9 @@ def test_thinning_out_changes_nothing(n_lobes):
     ],
 )
 def test_bad_arguments_of_lines(arguments, message):
+    given = {"X": np.ones((1, 100)), "sampling_rate": RATE, "input_speed_hz": [SPEED], "n_lines": 3}
     with pytest.raises(ValueError, match=message):
-        order_lines(
-            **{
-                "X": np.ones((1, 100)),
-                "sampling_rate": RATE,
-                "input_speed_hz": [SPEED],
-                "n_lines": 3,
-                **arguments,
-            }
-        )
+        order_lines(**{**given, **arguments})
 
 
 def test_synchronous_average_is_the_mean_over_turns():

@@ -258,18 +258,16 @@ def test_unknown_preset():
 def test_bad_bands(band, message):
     frequencies = welch_frequencies(100, SAMPLING_RATE)
     with pytest.raises(ValueError, match=message):
-        band_slice(frequencies, band)
-    with pytest.raises(ValueError, match=message):
         shannon_entropy(np.ones(129), frequencies, band)
 
 
-@pytest.mark.parametrize("entropy", [shannon_entropy, normalized_entropy])
-def test_bad_densities(entropy):
+@pytest.mark.parametrize("shape", [shannon_entropy, normalized_entropy, spectral_flatness])
+def test_bad_densities(shape):
     for psd in ([1.0, np.nan], [1.0, -1.0, 3.0], [np.inf, 1.0]):
         with pytest.raises(ValueError, match="finite and not negative"):
-            entropy(psd)
+            shape(psd)
     with pytest.raises(ValueError, match="frequencies are needed"):
-        entropy([1.0, 2.0], band=(0, 1))
+        shape([1.0, 2.0], band=(0, 1))
 
 
 # Entropy
@@ -325,13 +323,6 @@ def test_mean_torque_alone_has_the_entropy_of_the_hamming_window():
 TABLE_4_MEAN = np.array([22.03, 22.86, 22.71, 22.37, 22.8, 22.28, 22.83, 22.17])
 TABLE_4_STD = np.array([2.912, 4.964, 4.557, 4.047, 4.232, 4.125, 3.923, 3.462])
 TABLE_6_ENTROPY = np.array([1.6838, 1.8495, 1.8087, 1.7801, 1.7794, 1.776, 1.7516, 1.7241])
-
-
-def test_published_entropies_follow_from_published_means_and_stds():
-    a = TABLE_4_STD**2 / (TABLE_4_MEAN**2 + TABLE_4_STD**2)
-    h2 = np.array([naive.binary_entropy(share) for share in a])
-    assert_allclose(1.534 + 1.174 * h2, TABLE_6_ENTROPY, atol=0.009)
-    assert np.corrcoef(a, TABLE_6_ENTROPY)[0, 1] == pytest.approx(0.997, abs=0.001)
 
 
 @pytest.mark.parametrize("std", [0.05, 0.5, 3.0, 10.0])
@@ -459,8 +450,6 @@ def test_bands_by_default_are_octaves_and_hold_lines_however_short_the_window():
         (lambda f, p: narrowband_ratio(p, f, 100, 5, 0), "n_harmonics must be at least 1 or None, got 0"),
         (lambda f, p: narrowband_ratio(p, f, 100, 5, 129), "harmonic 129 .* 12900 Hz, beyond .* 12800 Hz"),
         (lambda f, p: narrowband_ratio(p, f, 13_000), "harmonic 1 .* 13000 Hz"),
-        (lambda f, p: spectral_flatness(-p), "finite and not negative"),
-        (lambda f, p: spectral_flatness(p, band=(0, 1)), "frequencies are needed"),
     ],
 )
 def test_bad_arguments_of_shapes(call, message):
@@ -602,33 +591,16 @@ scales = st.floats(1e-6, 1e6)
 presets = st.sampled_from(sorted(PRESETS))
 
 
-def entropy_of(X: np.ndarray, preset: str) -> np.ndarray:
-    return shannon_entropy(welch_psd(X, SAMPLING_RATE, preset)[1])
-
-
 @derandomized
 @given(X=windows, preset=presets, scale=scales)
-def test_entropy_does_not_depend_on_scale_or_sign(X, preset, scale):
-    expected = entropy_of(X, preset)
-    assert_allclose(entropy_of(X * scale, preset), expected, atol=1e-9)
-    assert_allclose(entropy_of(-X, preset), expected, atol=1e-12)
-
-
-@derandomized
-@given(X=windows, offset=offsets)
-def test_ripple_does_not_see_an_offset(X, offset):
-    assert_array_equal(entropy_of(X + offset, "ripple"), entropy_of(X, "ripple"))
-
-
-@derandomized
-@given(X=windows, preset=presets)
-def test_entropies_are_bounded_and_proportional(X, preset):
-    _, psd = welch_psd(X, SAMPLING_RATE, preset)
-    bits, normalized = shannon_entropy(psd), normalized_entropy(psd)
-    limit = np.log2(psd.shape[1])
+def test_entropies_are_bounded_and_depend_neither_on_scale_nor_on_sign(X, preset, scale):
+    psd, scaled, turned = (welch_psd(x, SAMPLING_RATE, preset)[1] for x in (X, X * scale, -X))
+    bits, limit = shannon_entropy(psd), np.log2(psd.shape[1])
     assert (bits >= 0).all()
     assert (bits <= limit + 1e-12).all()
-    assert_allclose(normalized, bits / limit, atol=1e-13)
+    assert_allclose(normalized_entropy(psd), bits / limit, atol=1e-13)
+    assert_allclose(shannon_entropy(scaled), bits, atol=1e-9)
+    assert_allclose(shannon_entropy(turned), bits, atol=1e-12)
 
 
 @derandomized
@@ -660,6 +632,7 @@ def test_shapes_under_scale_and_offset(X, preset, scale, offset):
     ):
         assert_allclose(shape(scaled), shape(psd), rtol=1e-6, atol=1e-9)
         assert_array_equal(shape(shifted), shape(ripple))
+    assert_array_equal(shannon_entropy(shifted), shannon_entropy(ripple))
     assert_allclose(
         band_power(scaled, frequencies), scale**2 * band_power(psd, frequencies), rtol=1e-9, atol=1e-20
     )
