@@ -62,12 +62,9 @@ class TorqueFeatures(WindowTransformer):
     sampling_rate : float
         Samples per second in Hz, or per input turn for windows on equal steps of the angle.
     features : "all" or sequence of str, default="all"
-        Names of the parts, in the order of the columns: ``TorqueStatistics``, ``SpectralEntropy`` (in bits),
-        ``NormalizedEntropy``, ``SpectralFlatness``, ``SpectralCentroid``, ``SpectralRolloff``,
-        ``NarrowbandRatio``, ``BandPower``, ``CoherenceToReference``, ``WaveletMinimaOverlap``,
-        ``WaveletEnvelopeSpectrum``, ``WaveletLevelStatistics``, ``LobeMap``, ``OrderSpectrum`` - these are
-        ``"all"`` - and, by name only, the whole spectra ``WelchPSD`` and ``AmplitudeSpectrum`` with thousands
-        of columns.
+        Names of the parts, in the order of the columns: those of the transformers and ``NormalizedEntropy``.
+        ``"all"`` leaves out ``HighPass`` and, with thousands of columns, ``WelchPSD`` and
+        ``AmplitudeSpectrum``.
     preset : {"ripple", "matlab_pwelch"}, default="ripple"
         Definition of the density of all parts, see :class:`SpectralEntropy`: they share one.
     wavelet

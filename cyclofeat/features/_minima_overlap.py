@@ -61,22 +61,19 @@ class WaveletMinimaOverlap(WaveletTransformer):
 
     Notes
     -----
-    **Reference.** Windows at equal distances in the class's order, so that they come from as many recordings
-    as possible. In ``transform``, a window that is identical to one in the reference is not compared with it
-    (it would share all its minima), unless nothing else is in the reference. Other windows of a recording in
-    the reference still resemble it: evaluate with whole assemblies held out. Without ``y`` all windows count
-    as one class, and ``reference`` must be ``"worst"``.
+    **Reference.** Windows at equal distances in the class's order, or, without ``y``, in that of all. In
+    ``transform``, a window is not compared with itself in the reference (it would share all its minima),
+    unless nothing else is there. Other windows of a recording in the reference still resemble it: evaluate
+    with whole assemblies held out.
 
-    **Alignment.** The compared part of the scalogram begins at the border of two coefficients nearest to the
-    window's lobe phase and is one lobe period (15/16 of an input turn) shorter than the window, so that it
-    fits behind every phase. From level 8 on (at 25.6 kHz) a coefficient is longer than a slot, and alignment
-    means little. Colours are those of the whole window. With ``"none"``, coefficients count by their cells in
-    the central cut: the exact share of MATLAB's picture. Windows must hold ``2 ** levels`` samples and, to be
-    aligned, half an output turn; those of less than two lobe periods are compared from their first sample on.
+    **Alignment.** The compared part begins at the border of two coefficients nearest to the window's lobe
+    phase and is one lobe period (15/16 of an input turn) shorter than the window, so that it fits behind
+    every phase; colours are those of the whole window. From level 8 on (at 25.6 kHz) a coefficient is longer
+    than a slot, and alignment means little. Windows must hold ``2 ** levels`` samples and, to be aligned,
+    half an output turn; those of less than two lobe periods are compared from their first sample on.
 
-    A constant window is of the lowest colour throughout. A peaked level has many cells of the lowest colour
-    and shares many with any other, so that the worst class need not have the largest overlap. Paper A found
-    no gradual relation in measured torque. Read it beside :class:`WaveletLevelStatistics`.
+    A peaked level has many cells of the lowest colour and shares many with any other, so that the worst class
+    need not have the largest overlap: read it beside :class:`WaveletLevelStatistics`.
 
     Examples
     --------

@@ -12,20 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cyclofeat import signal
 from cyclofeat._base.sklearn_private import Interval, StrOptions
 from cyclofeat.features.base import POSITIVE, WindowTransformer, at_least, parameter
 from cyclofeat.features.registry import REGISTRY, band_qualifier
-from cyclofeat.signal import (
-    amplitude_spectrum,
-    band_power,
-    narrowband_ratio,
-    normalized_entropy,
-    shannon_entropy,
-    spectral_centroid,
-    spectral_flatness,
-    spectral_rolloff,
-    welch_psd,
-)
 from cyclofeat.signal.density import band_slice, checked_bands, narrowband_mask
 from cyclofeat.signal.welch import AMPLITUDE_WINDOWS, EIGHT_SEGMENTS, PRESETS, welch_frequencies
 from cyclofeat.signal.windows import Float
@@ -55,7 +45,7 @@ class SpectralTransformer(WindowTransformer):
         """Features, shape (n_windows, n_features), of densities of shape (n_windows, n_bins) in Nm^2/Hz."""
 
     def _compute_features(self, X: NDArray[Any]) -> Float:
-        return self._from_psd(*welch_psd(X, self.sampling_rate, self.preset))
+        return self._from_psd(*signal.welch_psd(X, self.sampling_rate, self.preset))
 
 
 @dataclass(eq=False, repr=False)
@@ -101,7 +91,7 @@ class CourseTransformer(SpectralTransformer):
         # A window of fewer samples than parts repeats its last ones.
         begins = np.minimum(np.arange(self.n_parts) * length, X.shape[1] - length)
         parts = X[:, begins[:, np.newaxis] + np.arange(length)]
-        frequencies, psd = welch_psd(parts.reshape(-1, length), self.sampling_rate, self.preset)
+        frequencies, psd = signal.welch_psd(parts.reshape(-1, length), self.sampling_rate, self.preset)
         return self._from_psd(frequencies, psd).reshape(len(X), self.n_parts)
 
 
@@ -129,11 +119,9 @@ class SpectralEntropy(CourseTransformer):
 
     Notes
     -----
-    The entropy depends on the length of the windows, through resolution and zero-padding: constant torque has
-    1.26 bits in windows of 46,080 samples and 1.05 bits in 57,600. Compare windows of one length only.
-
-    Under ``"matlab_pwelch"`` a constant window has the entropy of the Hamming window's transform, 0.84 bits
-    without zero-padding, and one of fewer than 9 samples that of a flat spectrum.
+    The entropy depends on the length of the windows, through resolution and zero-padding: under
+    ``"matlab_pwelch"`` constant torque has 1.26 bits in windows of 46,080 samples and 1.05 bits in 57,600, as
+    its spectrum is that of the Hamming window. Compare windows of one length only.
 
     Examples
     --------
@@ -149,7 +137,7 @@ class SpectralEntropy(CourseTransformer):
     normalize: bool = parameter(False, "boolean")
 
     def _value_of(self) -> Callable[..., Float]:
-        return normalized_entropy if self.normalize else shannon_entropy
+        return signal.normalized_entropy if self.normalize else signal.shannon_entropy
 
 
 class SpectralFlatness(CourseTransformer):
@@ -174,7 +162,7 @@ class SpectralFlatness(CourseTransformer):
     """
 
     def _value_of(self) -> Callable[..., Float]:
-        return spectral_flatness
+        return signal.spectral_flatness
 
 
 class SpectralCentroid(CourseTransformer):
@@ -199,7 +187,7 @@ class SpectralCentroid(CourseTransformer):
     """
 
     def _value_of(self) -> Callable[..., Float]:
-        return spectral_centroid
+        return signal.spectral_centroid
 
 
 @dataclass(eq=False, repr=False)
@@ -232,7 +220,7 @@ class SpectralRolloff(CourseTransformer):
     fraction: float = parameter(0.95, Interval(Real, 0, 1, closed="right"))
 
     def _value_of(self) -> Callable[..., Float]:
-        return partial(spectral_rolloff, fraction=self.fraction)
+        return partial(signal.spectral_rolloff, fraction=self.fraction)
 
 
 @dataclass(eq=False, repr=False)
@@ -276,8 +264,8 @@ class NarrowbandRatio(SpectralTransformer):
         return [REGISTRY["narrowband_ratio"].column(self.preset, width)]
 
     def _from_psd(self, frequencies: Float, psd: Float) -> Float:
-        ratio = narrowband_ratio(psd, frequencies, self.fundamental_hz, self.half_width_hz, self.n_harmonics)
-        return ratio[:, np.newaxis]
+        lines = self.fundamental_hz, self.half_width_hz, self.n_harmonics
+        return signal.narrowband_ratio(psd, frequencies, *lines)[:, np.newaxis]
 
 
 @dataclass(eq=False, repr=False)
@@ -315,7 +303,7 @@ class BandPower(SpectralTransformer):
         return [REGISTRY["band_power"].column(self.preset, band_qualifier(band)) for band in bands]
 
     def _from_psd(self, frequencies: Float, psd: Float) -> Float:
-        return band_power(psd, frequencies, self.bands)
+        return signal.band_power(psd, frequencies, self.bands)
 
 
 _FLOOR = 1e-30  # Nm^2/Hz, read as -300 dB
@@ -397,7 +385,7 @@ class AmplitudeSpectrum(WindowTransformer):
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         # One window's spectrum: raises where a parameter does not fit.
-        self.frequencies_, _ = amplitude_spectrum(X[:1], self.sampling_rate, self.n_fft, self.window)
+        self.frequencies_, _ = signal.amplitude_spectrum(X[:1], self.sampling_rate, self.n_fft, self.window)
         band_slice(self.frequencies_, self.band)
 
     def _feature_names(self) -> list[str]:
@@ -406,5 +394,5 @@ class AmplitudeSpectrum(WindowTransformer):
         return [REGISTRY["amplitude"].column(definition, f"{frequency:.12g}Hz") for frequency in frequencies]
 
     def _compute_features(self, X: NDArray[Any]) -> Float:
-        _, amplitudes = amplitude_spectrum(X, self.sampling_rate, self.n_fft, self.window)
+        _, amplitudes = signal.amplitude_spectrum(X, self.sampling_rate, self.n_fft, self.window)
         return amplitudes[:, band_slice(self.frequencies_, self.band)]

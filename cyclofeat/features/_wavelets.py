@@ -15,16 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from cyclofeat._base.sklearn_private import Interval
 from cyclofeat.features.base import INPUT_SPEED_HZ, SPEED_TOLERANCE, WindowTransformer, at_least, parameter
 from cyclofeat.features.registry import REGISTRY
-from cyclofeat.signal.wavelets import (
-    AnyWavelet,
-    as_wavelet,
-    dwt,
-    envelope_lines,
-    level_envelope,
-    level_of,
-    level_statistics,
-    wavelet_qualifier,
-)
+from cyclofeat.signal import wavelets
 from cyclofeat.signal.windows import Float
 
 # Defaults and constraints of parameters.
@@ -41,10 +32,10 @@ class WaveletTransformer(WindowTransformer):
     which lets a composite share one transform, as deep as the deepest of its parts needs.
     """
 
-    wavelet: AnyWavelet = parameter(*WAVELET)
+    wavelet: wavelets.AnyWavelet = parameter(*WAVELET)
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
-        as_wavelet(self.wavelet)  # raises where it is none
+        wavelets.as_wavelet(self.wavelet)  # raises where it is none
 
     @abstractmethod
     def _deepest_level(self) -> int:
@@ -58,7 +49,7 @@ class WaveletTransformer(WindowTransformer):
         """
 
     def _compute_features(self, X: NDArray[Any]) -> Float:
-        return self._from_coefficients(X, dwt(X, self.wavelet, self._deepest_level()))
+        return self._from_coefficients(X, wavelets.dwt(X, self.wavelet, self._deepest_level()))
 
 
 _STATISTICS = ("rms", "energy_share", "kurtosis", "lowest_colour")
@@ -115,7 +106,7 @@ class WaveletLevelStatistics(WaveletTransformer):
             row = REGISTRY[f"wavelet_{name}"]
             # The share depends on which levels it is a share of.
             more = {"lowest_colour": (f"{self.colours}colours",), "energy_share": (f"of{self.levels}levels",)}
-            definition = (wavelet_qualifier(self.wavelet), *more.get(name, ()))
+            definition = (wavelets.wavelet_qualifier(self.wavelet), *more.get(name, ()))
             columns += [row.column(*definition, f"level{level:02d}") for level in range(1, self.levels + 1)]
         return columns
 
@@ -124,7 +115,7 @@ class WaveletLevelStatistics(WaveletTransformer):
 
     def _from_coefficients(self, X: NDArray[Any], coefficients: Sequence[Float]) -> Float:
         details = coefficients[: self.levels + 1]  # the last one is not used
-        statistics = level_statistics(details, X.shape[1], self.colours)
+        statistics = wavelets.level_statistics(details, X.shape[1], self.colours)
         return np.hstack([statistics[name] for name in _STATISTICS])
 
 
@@ -198,7 +189,7 @@ class WaveletEnvelopeSpectrum(WaveletTransformer):
                 f"the mesh frequency shaft_hz * n_pins = {mesh:g} must lie below half of sampling_rate="
                 f"{self.sampling_rate:g}: sample faster, or check shaft_hz={self.shaft_hz:g}"
             )
-        self.level_ = level_of(mesh, self.sampling_rate)
+        self.level_ = wavelets.level_of(mesh, self.sampling_rate)
         # What the envelope holds: its sampling rate is that of three levels up.
         highest = self.sampling_rate / 2 ** max(self.level_ - 3, 0) / 2
         for name, base, number in (
@@ -213,7 +204,7 @@ class WaveletEnvelopeSpectrum(WaveletTransformer):
                 )
 
     def _feature_names(self) -> list[str]:
-        definition = (wavelet_qualifier(self.wavelet), f"level{self.level_:02d}")
+        definition = (wavelets.wavelet_qualifier(self.wavelet), f"level{self.level_:02d}")
         line = REGISTRY["wavelet_envelope_line"]
         shaft = [line.column(*definition, f"shaft{k:02d}") for k in range(1, self.n_shaft_harmonics + 1)]
         mesh = [line.column(*definition, f"mesh{k:02d}") for k in range(1, self.n_mesh_harmonics + 1)]
@@ -224,10 +215,10 @@ class WaveletEnvelopeSpectrum(WaveletTransformer):
 
     def _from_coefficients(self, X: NDArray[Any], coefficients: Sequence[Float]) -> Float:
         detail = coefficients[self.level_ - 1]
-        envelope, step = level_envelope(detail, self.level_, self.wavelet, X.shape[1])
+        envelope, step = wavelets.level_envelope(detail, self.level_, self.wavelet, X.shape[1])
         harmonics = np.r_[
             np.arange(1, self.n_shaft_harmonics + 1), self.n_pins * np.arange(1, self.n_mesh_harmonics + 1)
         ]
         rate = self.sampling_rate / step
-        lines = envelope_lines(envelope, rate, harmonics * self.shaft_hz, self.speed_tolerance)
+        lines = wavelets.envelope_lines(envelope, rate, harmonics * self.shaft_hz, self.speed_tolerance)
         return np.hstack([envelope.mean(axis=1, keepdims=True), lines])
