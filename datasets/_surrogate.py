@@ -13,6 +13,7 @@ import numpy as np
 
 from cyclofeat._base import checks
 from cyclofeat._base.quantities import QUANTITIES, from_1
+from cyclofeat.datasets.readers._columns import name_errors
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import LobeDefects, Rig, Solver, motor_effects
 from cyclofeat.simulators.effects.library import child_seed
@@ -248,10 +249,9 @@ class _RecordingSettings:
                 f"duration and output_turns exclude each other, got {self.duration!r} s and "
                 f"{self.output_turns!r} turns"
             )
-        if self.output_turns is not None:
-            checks.positive("output_turns", self.output_turns, "a number of turns of the output")
-        elif self.duration is not None:
-            checks.positive("duration", self.duration, "a number of s")
+        for name, unit in (("output_turns", "turns of the output"), ("duration", "s")):
+            if (length := getattr(self, name)) is not None:
+                checks.positive(name, length, f"a number of {unit}")
         duration = self.duration_at(self.rig)
         if round(duration * self.sampling_rate) < 2:
             raise ValueError(
@@ -269,23 +269,17 @@ class _RecordingSettings:
 
     def sample(self, index: int, defects: LobeDefects) -> Sample:
         """Return a recording to simulate: the rig at its speed and load, with a motor where one is needed."""
-        name = f"{self.rig.name}-{self.random_state}-{index:04d}"
-        try:
-            rig = self.rig
+        name, rig, seed = f"{self.rig.name}-{self.random_state}-{index:04d}", self.rig, self.seed_of(index)
+        with name_errors(f"assembly {name}", (ValueError,)):
             if self.varied_errors:
-                rig = vary_errors(
-                    rig,
-                    np.random.default_rng(child_seed(self.seed_of(index), _VARIATION)),
-                    self.sampling_rate,
-                )
-            rig = draw_conditions(rig, self.speed_rpm, self.load_nm, self.seed_of(index))
-        except ValueError as error:
-            raise ValueError(f"assembly {name}: {error}") from None
+                random = np.random.default_rng(child_seed(seed, _VARIATION))
+                rig = vary_errors(rig, random, self.sampling_rate)
+            rig = draw_conditions(rig, self.speed_rpm, self.load_nm, seed)
         if self.quantity == "motor_current" and rig.simulator is None and not rig.has_motor:
             rig = rig.with_added(*motor_effects(rig.gearbox))
         return Sample(
             rig=rig, defects=defects, duration=self.duration_at(rig), sampling_rate=self.sampling_rate,
-            random_state=self.seed_of(index), quantity=self.quantity, solver=self.solver, name=name,
+            random_state=seed, quantity=self.quantity, solver=self.solver, name=name,
         )  # fmt: skip
 
     def recording(self, sample: Sample, drawn: SampledRun) -> Recording:
@@ -301,10 +295,8 @@ class _RecordingSettings:
                 f"were drawn: {run}",
             )
             raise run
-        try:
+        with name_errors(f"assembly {sample.name}", (ValueError,)):
             record = run.record()
-        except ValueError as error:
-            raise ValueError(f"assembly {sample.name}: {error}") from None
         output_turn = 2 * np.pi * gearbox.n_lobes  # as an angle of the input
         meta = {
             "rig": sample.rig.name,
@@ -319,37 +311,26 @@ class _RecordingSettings:
         if failures:
             meta["drawn_anew"] = "; ".join(failures)
         return Recording.from_run(
-            record,
-            quantity=self.quantity,
-            with_angle=self.with_angle,
-            assembly=sample.name,
-            speed_rpm=round(60 * gearbox.input_speed_hz, 6),
-            load_nm=gearbox.load_torque,
-            source="surrogate",
+            record, quantity=self.quantity, with_angle=self.with_angle, assembly=sample.name,
+            speed_rpm=round(60 * gearbox.input_speed_hz, 6), load_nm=gearbox.load_torque, source="surrogate",
             meta=meta,
-        )
+        )  # fmt: skip
 
 
 def _simulate_recordings(
     settings: _RecordingSettings, defects: Sequence[LobeDefects], kernel: str, n_jobs: int, first: int = 0
 ) -> Iterator[tuple[int, Recording]]:
     """Yield places in ``defects`` and recordings; ``first`` is the number of the first recording."""
-    try:
+    with name_errors(f"rig {settings.rig.name}", (ValueError,)):
         samples = [settings.sample(index, worn) for index, worn in enumerate(defects, first)]
         for place, recording in sample_each(
             samples, lambda place, drawn: settings.recording(samples[place], drawn),
             kernel=kernel, n_jobs=n_jobs, most_draws=_MOST_DRAWS,
         ):  # fmt: skip
-            if recording.meta and "drawn_anew" in recording.meta:
-                warnings.warn(
-                    f"assembly {recording.assembly}: another machine is drawn, since "
-                    f"{recording.meta['drawn_anew']}",
-                    RuntimeWarning,
-                    stacklevel=3,
-                )
+            if recording.meta and (reason := recording.meta.get("drawn_anew")):
+                text = f"assembly {recording.assembly}: another machine is drawn, since {reason}"
+                warnings.warn(text, RuntimeWarning, stacklevel=3)
             yield place, recording
-    except ValueError as error:
-        raise ValueError(f"rig {settings.rig.name}: {error}") from None
 
 
 def _positive_range(name: str, given: Any, unit: str) -> tuple[float, float] | None:

@@ -268,11 +268,11 @@ def check_unpacked(path: Path, n_bytes: int, of_it: str = "") -> None:
 
 
 @contextmanager
-def name_errors(name: str) -> Iterator[None]:
+def name_errors(name: str, kinds: tuple[type[Exception], ...] = (TypeError, ValueError)) -> Iterator[None]:
     """Begin the texts of errors with what they are of, a file or a channel."""
     try:
         yield
-    except (TypeError, ValueError) as error:
+    except kinds as error:
         text, kind = str(error), TypeError if isinstance(error, TypeError) else ValueError
         if re.match("(angle|signal) must", text):
             text += " (angle_channel=False leaves the angle out)"

@@ -83,8 +83,8 @@ class TextLines:
             start = file.read(_LONGEST_LINE + 1)
         if len(start) > _LONGEST_LINE and b"\n" not in start and b"\r" not in start:
             raise ValueError(
-                f"{path.name} is no CSV file of samples: its first line is longer than {_LONGEST_LINE} "
-                "characters; one row per sample is right"
+                f"no CSV file of samples: its first line is longer than {_LONGEST_LINE} characters; one row "
+                "per sample is right"
             )
         marked = next((encoding for mark, encoding in _MARKS if start.startswith(mark)), None)
         for self.encoding in _UNMARKED if marked is None else (marked,):
@@ -92,7 +92,7 @@ class TextLines:
             if wrong is None:
                 return
         known = marked or "UTF-8, Latin-1, or UTF-16 with a byte-order mark"
-        raise ValueError(f"{path.name} is not text in {known} (byte {wrong}); {_REMEDY}")
+        raise ValueError(f"not text in {known} (byte {wrong}); {_REMEDY}")
 
     def _first_wrong_byte(self, marked: bool) -> int | None:
         """Return the place of the first byte that is not text in the encoding, or None."""
@@ -410,8 +410,7 @@ class _Columns:
         rate = (self.labels or {}).pop("sampling_rate", None)
         self.rates = self.table.rates if self.labels is None else [(rate, "header")]
         self.meta: dict[str, Any] = {"table": self.table.describe()}
-        if self.decimal == ",":
-            self.meta |= {"decimal_comma": True}
+        self.meta |= {"decimal_comma": True} if self.decimal == "," else {}
         self.arrays: dict[int, NDArray[Any]] = {}  # columns that pyarrow has read
 
     def source(self) -> Source:

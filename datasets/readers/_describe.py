@@ -110,9 +110,6 @@ def _recording_facts(recording: Recording, reduction: int, *, search: bool) -> d
         raise ValueError(f"reduction must be at least 2 (input turns per output turn), got {reduction!r}")
     torque, meta, counted = recording.torque, recording.meta or {}, recording.for_counting()
     low, high = float(torque.min()), float(torque.max())
-    angle = None
-    if recording.angle is not None:
-        angle = f"{recording.angle_of}, {'absolute' if recording.angle_is_absolute else 'relative'}"
     speed, speed_from = recording.mean_input_speed(reduction), "angle"
     nominal = recording.input_speed_hz
     if speed is None and search:
@@ -137,7 +134,7 @@ def _recording_facts(recording: Recording, reduction: int, *, search: bool) -> d
         "std": float(torque.std()),
         "constant": low == high,
         "duration_s": recording.duration,
-        "angle": angle,
+        "angle": _angle_text(recording),
         WORN: None if recording.worn_lobes is None else from_1(recording.worn_lobes),
         "clipped_share": 0.0 if low == high else float(clipped_share(rest) * np.mean(~drops)),
         "dropout_share": float(np.mean(drops)),
@@ -147,6 +144,11 @@ def _recording_facts(recording: Recording, reduction: int, *, search: bool) -> d
         "output_turns": None if known is None else recording.duration * known / reduction,
         "run_up_s": _run_up_time(counted),
     }
+
+
+def _angle_text(recording: Recording) -> str | None:
+    zero = "absolute" if recording.angle_is_absolute else "relative"
+    return None if recording.angle is None else f"{recording.angle_of}, {zero}"
 
 
 def _run_up_time(recording: Recording) -> float | None:
@@ -230,10 +232,7 @@ def one_line(recording: Recording) -> str:
         channel = quantity if channel == recording.quantity else f"{quantity} ({channel})"
     low, high, lobes = torque.min(), torque.max(), lobes_text(recording.worn_lobes, recording.n_lobes)
     unit = recording.unit + (" (unit assumed)" if meta.get("unit_assumed") else "")
-    worn, angle = f" ({lobes})" if lobes else "", "no angle"
-    if recording.angle is not None:
-        zero = "absolute" if recording.angle_is_absolute else "relative"
-        angle = f"angle of the {recording.angle_of}, {zero}"
+    worn, angle = f" ({lobes})" if lobes else "", _angle_text(recording)
     names = [
         str(meta.get("file") or ""),
         f"part {meta['part']}" if meta.get("part") else "",
@@ -247,7 +246,7 @@ def one_line(recording: Recording) -> str:
         f"{recording.n_samples} samples = {recording.duration:.4g} s",
         "" if recording.speed_rpm is None else f"{recording.speed_rpm:g} RPM",
         "" if recording.load_nm is None else f"load {recording.load_nm:g} Nm",
-        angle,
+        f"angle of the {angle}" if angle else "no angle",
         "" if recording.defect_count is None else number_of(recording.defect_count, "worn lobe") + worn,
         source_in_words(recording.source),
     ]

@@ -83,26 +83,20 @@ class _Variables:
             )  # fmt: skip
         return Source(self.path.name, channels, noun, by_index=False)
 
-    def _stated_rates(self, name: str) -> list[tuple[float, str]]:
+    def _stated_rates(self, scope: str) -> list[tuple[float, str]]:
         """Return rates by a number called fs and the like, or dt, of the same struct or the next above."""
-        scopes = [name]
-        while scopes[-1]:
-            scopes.append(scopes[-1].rpartition(self.dot)[0])
-        stated = (
-            words.list_rates(
-                (last, value, None, f"variable {f'{place}{self.dot}{last}'.lstrip(self.dot)!r}")
-                for place in (scope, f"{scope}.Properties".lstrip("."))
-                for last, value in self.scalars.get(place, {}).items()
-            )
-            for scope in scopes
+        rates = words.list_rates(
+            (last, value, None, f"variable {f'{place}{self.dot}{last}'.lstrip(self.dot)!r}")
+            for place in (scope, f"{scope}.Properties".lstrip("."))
+            for last, value in self.scalars.get(place, {}).items()
         )
-        return next(filter(None, stated), [])
+        return rates if rates or not scope else self._stated_rates(scope.rpartition(self.dot)[0])
 
     def refuse(self, name: str, reason: str) -> None:
         """State why a variable cannot be read."""
 
         def read() -> NDArray[Any]:
-            raise ValueError(f"{self.path.name}: variable {name!r} {reason}")
+            raise ValueError(f"variable {name!r} {reason}")
 
         self.vectors[name] = read, None
 

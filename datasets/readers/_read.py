@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Callable
 from dataclasses import fields
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +15,8 @@ import numpy as np
 from cyclofeat._base.checks import check_type
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import QUANTITIES, QUANTITY_UNITS
+from cyclofeat.datasets.readers import _binary, _csv, _matlab, _tdms
 from cyclofeat.datasets.readers import _words as words
-from cyclofeat.datasets.readers._binary import (
-    open_mdf,
-    open_npz,
-    open_parquet,
-    open_universal,
-    open_wav,
-    write_npz,
-)
 from cyclofeat.datasets.readers._columns import (
     ANGLE_REMEDY,
     Channel,
@@ -31,18 +25,16 @@ from cyclofeat.datasets.readers._columns import (
     Source,
     name_errors,
 )
-from cyclofeat.datasets.readers._csv import open_text, open_xlsx, write_csv
-from cyclofeat.datasets.readers._matlab import open_hdf5, open_matlab
-from cyclofeat.datasets.readers._tdms import open_tdms
 from cyclofeat.datasets.readers._times import time_base, time_channels
 from cyclofeat.recordings import Recording
 from cyclofeat.signal.tachometer import angle_from_pulses, continuous_angle
 
 # Function that returns the channels of each kind of file.
 SOURCES: dict[str, Callable[..., Source]] = {
-    ".csv": open_text, ".csv.gz": open_text, ".npz": open_npz, ".tdms": open_tdms, ".mat": open_matlab,
-    ".h5": open_hdf5, ".hdf5": open_hdf5, ".mf4": open_mdf, ".unv": open_universal, ".uff": open_universal,
-    ".parquet": open_parquet, ".wav": open_wav, ".xlsx": open_xlsx,
+    ".csv": _csv.open_text, ".csv.gz": _csv.open_text, ".npz": _binary.open_npz, ".tdms": _tdms.open_tdms,
+    ".mat": _matlab.open_matlab, ".h5": _matlab.open_hdf5, ".hdf5": _matlab.open_hdf5,
+    ".mf4": _binary.open_mdf, ".unv": _binary.open_universal, ".uff": _binary.open_universal,
+    ".parquet": _binary.open_parquet, ".wav": _binary.open_wav, ".xlsx": _csv.open_xlsx,
 }  # fmt: skip
 _TABLES = {".csv", ".csv.gz", ".xlsx"}  # whose functions take options
 # Read as these where they are named; a folder's other text files are notes.
@@ -160,9 +152,8 @@ def read_stretches(path: str | os.PathLike[str], **options: Any) -> list[Recordi
         elif labels.get("defect_count") is not None:
             parameters.pop("worn_lobes", None)
         torque = parameters["torque"]
-        edges = [*(start for start, _ in stretches), torque.size]
-        long = [(a, b, rate) for (a, rate), b in zip(stretches, edges[1:], strict=True) if b - a > 1]
-        recordings = []
+        ends, recordings = pairwise([*stretches, (torque.size, 0.0)]), []
+        long = [(begin, end, rate) for (begin, rate), (end, _) in ends if end - begin > 1]
         for number, (begin, end, rate) in enumerate(long, 1):
             samples = torque if end - begin == torque.size else torque[begin:end]
             part = parameters | {"sampling_rate": rate} | labels | {"torque": samples, "meta": dict(meta)}
@@ -188,15 +179,12 @@ def _make_recording(given: dict[str, Any]) -> Recording:
     recording = Recording(**given)
     if meta.get("angle_unit_assumed"):
         # An angle without a unit may turn as fast as only degrees would.
-        assert recording.angle is not None
-        steps = np.abs(np.diff(recording.angle))
+        steps, of_input = np.abs(np.diff(given["angle"])), recording.angle_of == "input"
         hertz = float(np.median(steps)) * recording.sampling_rate / (2 * math.pi)
-        limit = _FASTEST_INPUT_HZ / (1 if recording.angle_of == "input" else 5)
-        nominal = recording.input_speed_hz
-        in_degrees = hertz * math.pi / 180
+        in_degrees, nominal = hertz * math.pi / 180, recording.input_speed_hz
         # Nearer to the nominal speed as degrees than as rad, on the scale of ratios.
-        suits = recording.angle_of == "input" and nominal is not None and hertz * in_degrees > nominal**2
-        if hertz > limit or suits:
+        suits = of_input and nominal is not None and hertz * in_degrees > nominal**2
+        if hertz > _FASTEST_INPUT_HZ / (1 if of_input else 5) or suits:
             raise ValueError(
                 f"angle does not state its unit, and in rad it would turn at {60 * hertz:.5g} RPM (in deg at "
                 f"{60 * in_degrees:.5g} RPM); {ANGLE_REMEDY}"
@@ -246,7 +234,7 @@ def write_recording(path: str | os.PathLike[str], recording: Recording) -> None:
     check_type("recording", recording, Recording)
     if path.is_dir():
         raise ValueError(f"{path} is a directory; give a file name")
-    write = {".csv": write_csv, ".npz": write_npz}.get(path.suffix.lower())
+    write = {".csv": _csv.write_csv, ".npz": _binary.write_npz}.get(path.suffix.lower())
     if write is None:
         raise ValueError(f"{path.name}: unknown kind of file {path.suffix!r}; .csv and .npz can be written")
     labels = words.labels_to_write(recording)

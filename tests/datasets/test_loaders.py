@@ -21,32 +21,20 @@ MINI = ROOT / "datasets" / "oedi_gearbox" / "oedi_gearbox_mini_8192.npz"
 # -- Published tables
 
 
-@pytest.fixture
-def tables():
-    return load_published_tables()
-
-
-def test_every_table_has_one_row_per_disc(tables):
+def test_tables_have_one_row_per_disc_and_agree_with_each_other():
+    tables = load_published_tables()
     names = {"signal_statistics", "spectral_centroid", "spectral_entropy"}
     assert set(tables) == names | {"DESCR"}
-    for name in names:
-        assert tables[name]["defect_count"].tolist() == list(range(8))
-
-
-def test_statistics_agree_with_each_other(tables):
+    assert all(tables[name]["defect_count"].tolist() == list(range(8)) for name in names)
     found = tables.signal_statistics
     assert found.dtype.names == ("defect_count", "min_nm", "max_nm", "mean_nm", "std_nm", "range_nm")
     # printed to four digits
     np.testing.assert_allclose(found["range_nm"], found["max_nm"] - found["min_nm"], atol=0.011)
     assert np.all((found["min_nm"] < found["mean_nm"]) & (found["mean_nm"] < found["max_nm"]))
     assert np.all(found["std_nm"] < found["range_nm"] / 2)
-    assert found["std_nm"].argmin() == 0  # the healthy disc
-
-
-def test_entropy_falls_from_one_to_seven_worn_lobes(tables):
     entropy = tables.spectral_entropy["entropy_bits"]
-    assert np.all(np.diff(entropy[1:]) < 0)
-    assert entropy.argmin() == 0
+    assert np.all(np.diff(entropy[1:]) < 0)  # falls from one to seven worn lobes
+    assert found["std_nm"].argmin() == entropy.argmin() == 0  # the healthy disc
     assert entropy[[0, 7]].tolist() == [1.6838, 1.7241]
 
 
@@ -113,19 +101,14 @@ def oedi():
 def test_two_states_at_ten_load_levels(oedi):
     assert oedi.signals.shape == (20, 8_192, 4)
     assert oedi.signals.dtype == np.float64
-    pairs = set(zip(oedi.broken_tooth.tolist(), oedi.load_percent.tolist(), strict=True))
-    assert pairs == {(broken, load) for broken in (0, 1) for load in range(0, 100, 10)}
     assert oedi.channel_names == ["a1", "a2", "a3", "a4"]
-    for name, broken, load in zip(oedi.recording_names, oedi.broken_tooth, oedi.load_percent, strict=True):
-        assert name == f"{'hb'[broken]}30hz{load}"
-
-
-def test_labels_agree_with_the_list_of_recordings(oedi):
+    states = zip(oedi.broken_tooth.tolist(), oedi.load_percent.tolist(), strict=True)
+    named = [(name, *state) for name, state in zip(oedi.recording_names, states, strict=True)]
+    both = [(f"{'hb'[broken]}30hz{load}", broken, load) for broken in (0, 1) for load in range(0, 100, 10)]
+    assert sorted(named) == sorted(both)
     with (MINI.parent / "recordings.csv").open(encoding="utf-8", newline="") as file:
-        listed = list(csv.DictReader(file))
-    assert [row["recording"] for row in listed] == oedi.recording_names
-    assert [int(row["broken_tooth"]) for row in listed] == oedi.broken_tooth.tolist()
-    assert [int(row["load_percent"]) for row in listed] == oedi.load_percent.tolist()
+        listed = csv.DictReader(file)
+        assert named == [(x["recording"], int(x["broken_tooth"]), int(x["load_percent"])) for x in listed]
 
 
 def test_signals_are_scaled_to_the_unit_supplied(oedi):

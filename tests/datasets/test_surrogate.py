@@ -13,9 +13,7 @@ from cyclofeat.datasets import (
     load_published_tables,
     make_rig_recording,
     make_rig_recordings,
-    read_recording,
     rig_preset,
-    write_recording,
 )
 from cyclofeat.simulators import (
     BrakeRotor,
@@ -175,28 +173,18 @@ def test_a_recording_is_what_the_rig_simulates_from_its_seed(rig):
 def test_effects_of_a_rig_are_drawn_applied_and_listed(tmp_path):
     rig = Rig(effects=[Quantisation(0.25), Hum((0.1, 0.4)), BrakeRotor((0.01, 0.03), 1e4, 0.05)])
     rig.to_json(tmp_path / "rig.json")
-    made = make_rig_recordings(
-        2, [0, 2], rig=Rig.from_json(tmp_path / "rig.json"), duration=0.05, with_angle=True, random_state=0
-    )
-    again = make_rig_recordings(2, [0, 2], rig=rig, duration=0.05, with_angle=True, n_jobs=2, random_state=0)
+    options = {"duration": 0.05, "with_angle": True, "random_state": 0}
+    made = make_rig_recordings(2, [0, 2], rig=Rig.from_json(tmp_path / "rig.json"), **options)
+    again = make_rig_recordings(2, [0, 2], rig=rig, n_jobs=2, **options)
     assert made == again  # the same bytes from a file and for any number of processes
-    assert [one.torque.tobytes() for one in made] == [one.torque.tobytes() for one in again]
-    drawn = []
     for recording in made:
         np.testing.assert_array_equal(recording.torque * 4, np.rint(recording.torque * 4))
         brake, hum, steps = recording.meta["effects"]  # in the order of the chain
         assert (brake["effect"], hum["effect"]) == ("brake_rotor", "hum")
         assert steps == {"effect": "quantisation", "lsb_nm": 0.25, "full_scale_nm": None}
-        assert 0.01 <= brake["inertia"] <= 0.03
-        assert recording.meta["brake_inertia_kg_m2"] == brake["inertia"]
+        assert 0.01 <= brake["inertia"] == recording.meta["brake_inertia_kg_m2"] <= 0.03
         assert 0.1 <= hum["amplitude_nm"] <= 0.4
-        drawn.append(hum["amplitude_nm"])
-    assert len(set(drawn)) == 4
-    for file in ("r.npz", "r.csv"):
-        write_recording(tmp_path / file, made[0])
-        back = read_recording(tmp_path / file)
-        assert back.meta.items() >= made[0].meta.items()
-        assert back.source == "surrogate"
+    assert len({recording.meta["effects"][1]["amplitude_nm"] for recording in made}) == 4
 
 
 # The rig with the statistics of the published measurements
@@ -357,13 +345,12 @@ def test_bad_arguments_are_named(arguments, message):
         make_rig_recordings(**given)
 
 
-def test_defects_that_are_none_are_refused():
-    for defects, message in (
-        (3, "defects must be of type LobeDefects"),
-        (LobeDefects.worn((15,)), "lobe 15"),
-    ):
-        with pytest.raises((TypeError, ValueError), match=message):
-            make_rig_recording(defects=defects, **SHORT)
+@pytest.mark.parametrize(
+    ("defects", "message"), [(3, "must be of type LobeDefects"), (LobeDefects.worn((15,)), "lobe 15")]
+)
+def test_defects_that_are_none_are_refused(defects, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        make_rig_recording(defects=defects, **SHORT)
 
 
 def test_speeds_and_loads_are_drawn_per_assembly():
