@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 from memory import peak_bytes
 from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
+from refusals import check_error
 from scipy.io import savemat, wavfile
 
 from cyclofeat.datasets import describe, read_recording, write_recording
@@ -120,20 +121,17 @@ def test_a_tdms_scale_is_applied_wherever_it_stands(tmp_path, place):
 def test_a_tdms_scale_that_is_not_known_is_an_error_never_raw_counts(tmp_path, place, change):
     path = scaled_tdms(tmp_path / "rig.tdms", place, LINEAR | change)
     for arguments in ({}, {"scale": 2.0}):
-        with pytest.raises(ValueError, match=r"rig.tdms: channel 'g/torque' has a scale that cannot be comp"):
-            read_recording(path, **arguments)
+        check_error(path, "rig.tdms: channel 'g/torque' has a scale that cannot be comp", **arguments)
 
 
 def test_tdms_counts_without_a_scale_need_one(tmp_path):
     path = write_tdms(tmp_path / "a.tdms", [ChannelObject("g", "torque", COUNTS, wave(None))])
-    with pytest.raises(ValueError, match=r"holds raw counts \(int16\).*scale= \(Nm per count\)"):
-        read_recording(path)
+    check_error(path, "holds raw counts (int16) ... scale= (Nm per count)")
     np.testing.assert_array_equal(read_recording(path, scale=0.5).torque, 0.5 * COUNTS)
     path = write_tdms(
         tmp_path / "b.tdms", [ChannelObject("g", "torque", TORQUE, wave(NI_Scaling_Status="unscaled"))]
     )
-    with pytest.raises(ValueError, match=r"holds raw counts \(float64\)"):
-        read_recording(path)
+    check_error(path, "holds raw counts (float64)")
 
 
 def test_a_tdms_time_channel_gives_the_rate_where_no_property_does(tmp_path):
@@ -150,8 +148,7 @@ def test_a_tdms_time_channel_gives_the_rate_where_no_property_does(tmp_path):
     recording = read_recording(path)
     assert recording.sampling_rate == 1_000
     np.testing.assert_array_equal(recording.torque, TORQUE)
-    with pytest.raises(ValueError, match=r"'g/note' must hold real numbers"):
-        read_recording(path, channel="note", sampling_rate=1)
+    check_error(path, "'g/note' must hold real numbers", channel="note", sampling_rate=1)
 
 
 def test_one_channel_of_a_large_tdms_file_takes_the_memory_of_one(tmp_path):
@@ -284,8 +281,7 @@ def test_matlab_structs_and_matrices(tmp_path, write):
     for channel, right in (("data(:,2)", -TORQUE), ("flat(2,:)", 3 * TORQUE)):
         got = read_recording(path, channel=channel, sampling_rate=RATE)
         np.testing.assert_array_equal(got.torque, right)
-    with pytest.raises(ValueError, match=r"channel = 'rig' does not exist; variables are .*'rig.out.torque'"):
-        read_recording(path, channel="rig")
+    check_error(path, "channel = 'rig' does not exist; variables are ... 'rig.out.torque'", channel="rig")
 
 
 @writers
@@ -313,8 +309,7 @@ def test_a_struct_array_of_numbers_is_a_vector(tmp_path):
     rows["note"][:, 0] = ["a"] * 500
     savemat(tmp_path / "rig.mat", {"rows": rows, "fs": RATE})
     np.testing.assert_array_equal(read_recording(tmp_path / "rig.mat").torque, TORQUE)
-    with pytest.raises(ValueError, match=r"'rows.note' must hold one number in each element"):
-        read_recording(tmp_path / "rig.mat", channel="rows.note")
+    check_error(tmp_path / "rig.mat", "'rows.note' must hold one number in each element", channel="rows.note")
 
 
 @writers
@@ -323,12 +318,9 @@ def test_what_matlab_files_hold_besides_vectors_is_told(tmp_path, write):
         tmp_path / "rig.mat",
         {"c": ["a", 1.0], "cube": np.zeros((2, 3, 4)), "z": np.array([1j, 2]), "nothing": np.zeros((0, 0))},
     )
-    with pytest.raises(ValueError, match=r"'c' is a cell array"):
-        read_recording(path, channel="c", sampling_rate=1)
-    with pytest.raises(ValueError, match=r"'cube' must be a vector"):
-        read_recording(path, channel="cube", sampling_rate=1)
-    with pytest.raises(ValueError, match=r"'z' must .* real numbers"):
-        read_recording(path, channel="z", sampling_rate=1)
+    check_error(path, "'c' is a cell array", channel="c", sampling_rate=1)
+    check_error(path, "'cube' must be a vector", channel="cube", sampling_rate=1)
+    check_error(path, "'z' must ... real numbers", channel="z", sampling_rate=1)
 
 
 # -- Parquet
@@ -358,14 +350,16 @@ def test_parquet_of_pandas_and_of_pyarrow(tmp_path):
     assert recording.sampling_rate == RATE
 
 
-def test_parquet_with_holes_names_the_row(tmp_path):
-    table = pa.table({"torque": pa.array([1.0, 2.0, None, 4.0])})
-    pq.write_table(table, tmp_path / "rig.parquet")
-    with pytest.raises(ValueError, match=r"rig.parquet: column 'torque' holds nothing in row 3"):
-        read_recording(tmp_path / "rig.parquet", sampling_rate=1)
-    pq.write_table(pa.table({"torque": ["a", "b"]}), tmp_path / "text.parquet")
-    with pytest.raises(ValueError, match=r"column 'torque' must hold real numbers, got string"):
-        read_recording(tmp_path / "text.parquet", sampling_rate=1)
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ([1.0, 2.0, None, 4.0], "holds nothing in row 3; it must hold a number"),
+        (["a", "b"], "must hold real numbers, got string"),
+    ],
+)
+def test_parquet_with_holes_or_words_is_refused(tmp_path, values, words):
+    pq.write_table(pa.table({"torque": pa.array(values)}), tmp_path / "rig.parquet")
+    check_error(tmp_path / "rig.parquet", f"column 'torque' {words}", sampling_rate=1)
 
 
 # -- WAV
@@ -385,8 +379,7 @@ def test_wav_of_whole_numbers_needs_a_scale(tmp_path, kind, top):
 def test_wav_of_floats_is_taken_as_it_is(tmp_path):
     stereo = np.column_stack([TORQUE, -TORQUE]).astype(np.float32)
     wavfile.write(tmp_path / "rig.wav", 8_000, stereo)
-    with pytest.raises(ValueError, match=r"channel= must be given, .*: 0, 1 \(no names in the file\)"):
-        read_recording(tmp_path / "rig.wav")
+    check_error(tmp_path / "rig.wav", "channel= must be given, ... : 0, 1 (no names in the file)")
     recording = read_recording(tmp_path / "rig.wav", channel=1)
     np.testing.assert_array_equal(recording.torque, stereo[:, 1])
     assert describe(recording)["unit_assumed"]
@@ -451,7 +444,7 @@ def test_a_recording_that_went_through_excel_keeps_its_labels(tmp_path):
         ({"S": [*EXCEL, [1.5, "#DIV/0!"]]}, "row 6, column 'Drehmoment' holds '#DIV/0!', which is not"),
         (
             {"A": EXCEL, "B": [*EXCEL, ["x"]]},
-            "channel= must be .* fit: 'A/Drehmoment', 'B/Drehmoment'",
+            "channel= must be ... fit: 'A/Drehmoment', 'B/Drehmoment'",
         ),
         (
             {"I": [["note"], ["more"]], "B": [*EXCEL, [1.5, "x"]]},
@@ -461,8 +454,7 @@ def test_a_recording_that_went_through_excel_keeps_its_labels(tmp_path):
     ],
 )
 def test_wrong_cells_of_excel_are_named(tmp_path, sheets, message):
-    with pytest.raises(ValueError, match=message):
-        read_recording(write_xlsx(tmp_path / "wrong.xlsx", **sheets))
+    check_error(write_xlsx(tmp_path / "wrong.xlsx", **sheets), message)
 
 
 # -- files of other programs whose libraries may be missing

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from refusals import check_error
 
 from cyclofeat._base.quantities import QUANTITIES
 from cyclofeat.cli import main
@@ -57,29 +58,23 @@ def test_names_and_units_select_the_channel(tmp_path, names, quantity, column, f
 @pytest.mark.parametrize(
     ("names", "quantity", "words"),
     [
-        ("torque in,motor torque,n", IN, "channel= must be given, .* fit: 'torque in', 'motor torque'"),
-        ("current,motor current", CURRENT, "channel= must be given, .* fit: 'current', 'motor current'"),
+        ("torque in,motor torque,n", IN, "channel= must be given, ... fit: 'torque in', 'motor torque'"),
+        ("current,motor current", CURRENT, "channel= must be given, ... fit: 'current', 'motor current'"),
         ("a,b", CURRENT, "channel= must be given, to say which column is the motor current: 'a', 'b'"),
-        (
-            "Torque in (Nm),n",
-            None,
-            r"'Torque in \(Nm\)' holds input torque by its name or unit, not output torque: give q",
-        ),
+        ("Torque in (Nm),n", None, "holds input torque by its name or unit, not output torque: give q"),
         ("motor torque", OUT, "'motor torque' holds input torque by its name or unit, not output"),
-        ("x [A],n", None, r"'x \[A\]' holds motor current"),
+        ("x [A],n", None, "'x [A]' holds motor current"),
         ("torque out,n", IN, "'torque out' holds output torque by its name or unit, not input torque"),
-        ("torque [A],n", None, "is in 'A', known are Nm.* or quantity='motor_current'"),
+        ("torque [A],n", None, "is in 'A', known are Nm ... or quantity='motor_current'"),
     ],
 )
 def test_what_does_not_hold_the_quantity_is_not_read_as_it(tmp_path, names, quantity, words):
-    with pytest.raises(ValueError, match=f"rig.csv: .*{words}"):
-        read_recording(file_with(tmp_path, names), sampling_rate=9, quantity=quantity)
+    check_error(file_with(tmp_path, names), words, sampling_rate=9, quantity=quantity)
 
 
 def test_a_channel_named_alone_must_not_hold_another_quantity_by_its_name(tmp_path):
     path = file_with(tmp_path, ENGLISH)
-    with pytest.raises(ValueError, match=r"holds input torque.* if the name is wrong"):
-        read_recording(path, sampling_rate=9, channel=1)
+    check_error(path, "holds input torque ... if the name is wrong", sampling_rate=9, channel=1)
     # both stated: the names are wrong
     assert read_recording(path, sampling_rate=9, channel=1, quantity=OUT).torque[0] == 101
 
@@ -131,8 +126,7 @@ def test_an_array_of_another_program_is_in_the_unit_of_its_quantity(tmp_path):
     np.savez(tmp_path / "run.npz", motor_current=[0.5, 0.7], torque=[1.0, 2.0], sampling_rate=9.0)
     assert read_recording(tmp_path / "run.npz", quantity=CURRENT).torque.tolist() == [0.5, 0.7]
     np.savez(tmp_path / "run.npz", torque=[1.0, 2.0], sampling_rate=9.0, quantity="power")
-    with pytest.raises(ValueError, match="run.npz: quantity must be one of 'output_torque', .* got 'power'"):
-        read_recording(tmp_path / "run.npz")
+    check_error(tmp_path / "run.npz", "run.npz: quantity must be one of 'output_torque', ... got 'power'")
 
 
 def test_a_manifest_states_the_quantity_of_each_line(tmp_path):
