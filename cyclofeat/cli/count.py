@@ -129,7 +129,7 @@ class RecordingCounter:
         recording = self.without_start(recording)
         model = self.model_of(recording.quantity)
         count = model.count(recording)
-        of_record = record_warnings(recording, reduction=model.n_lobes_)
+        of_record = record_warnings(recording.replace(n_lobes=model.n_lobes_))
         count = replace(count, warnings=(*count.warnings, *of_record))
         name = model_name(self.arguments, recording.quantity)
         turns = model.windower_.output_turns

@@ -178,7 +178,7 @@ def _recording_section(model: LobeModel, item: CountedRecording, most_samples: i
 
     count, recording = item.count, item.recording
     speed_hz = model.speed_of(recording)
-    described = describe(recording.replace(speed_rpm=60 * speed_hz), reduction=model.n_lobes_)
+    described = describe(recording.replace(speed_rpm=60 * speed_hz, n_lobes=model.n_lobes_))
     # The speed is known by a tachometer, or if the torque is like that of training.
     speed_known = recording.angle is not None or not count.refused
     measured = described["speed_measured_rpm"]
@@ -189,7 +189,7 @@ def _recording_section(model: LobeModel, item: CountedRecording, most_samples: i
     else:
         by = f"{measured:.5g} RPM, by the {'tachometer' if recording.angle is not None else 'lobe lines'}"
     stated = recording.speed_rpm
-    of_record = record_warnings(recording, reduction=model.n_lobes_)
+    of_record = record_warnings(recording.replace(n_lobes=model.n_lobes_))
     return {
         "speed_known": speed_known,
         "warnings": list(dict.fromkeys([*count.warnings, *of_record])),

@@ -28,14 +28,13 @@ _OF_RECORDING = (
 )  # fmt: skip
 
 
-def describe(recording: Recording, *, reduction: int | None = None) -> dict[str, Any]:
+def describe(recording: Recording) -> dict[str, Any]:
     """Describe a recording: content, defects of the record, and what would spoil a count.
 
     Parameters
     ----------
     recording : Recording
-    reduction : int, optional
-        Input turns per output turn: the number of lobes. Default: what the recording states.
+        Its ``n_lobes`` is the number of input turns per output turn.
 
     Returns
     -------
@@ -72,8 +71,7 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
     >>> round(facts["clipped_share"], 2), round(facts["output_turns"], 2)
     (0.14, 1.11)
     """
-    reduction = recording.n_lobes if reduction is None else reduction
-    facts = _recording_facts(recording, reduction, search=True)
+    facts = _recording_facts(recording, search=True)
     warnings = _record_warnings(recording, facts)
     if facts["constant"]:
         return facts | {"warnings": warnings}
@@ -93,27 +91,23 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
     return facts | {"warnings": notes + warnings + relative}
 
 
-def record_warnings(recording: Recording, *, reduction: int | None = None) -> list[str]:
+def record_warnings(recording: Recording) -> list[str]:
     """Return the warnings of :func:`describe` that a count does not give itself.
 
-    A count states the speed that it finds in the torque, and that positions are relative. It raises an error
-    where a recording is too short, has no speed or too low a sampling rate. Without the search for a speed,
-    this takes less time than :func:`describe`.
+    A count states the speed that it finds in the torque, and that positions are relative; a short record, no
+    speed or too low a rate are its errors. No speed is sought here, which takes the most time.
     """
-    reduction = recording.n_lobes if reduction is None else reduction
-    return _record_warnings(recording, _recording_facts(recording, reduction, search=False))
+    return _record_warnings(recording, _recording_facts(recording, search=False))
 
 
-def _recording_facts(recording: Recording, reduction: int, *, search: bool) -> dict[str, Any]:
+def _recording_facts(recording: Recording, *, search: bool) -> dict[str, Any]:
     """Return the description without warnings; ``search`` measures the speed in a record without angle."""
-    if reduction < 2:
-        raise ValueError(f"reduction must be at least 2 (input turns per output turn), got {reduction!r}")
     torque, meta, counted = recording.torque, recording.meta or {}, recording.for_counting()
     low, high = float(torque.min()), float(torque.max())
-    speed, speed_from = recording.mean_input_speed(reduction), "angle"
+    speed, speed_from = recording.mean_input_speed(), "angle"
     nominal = recording.input_speed_hz
     if speed is None and search:
-        speed, speed_from = _speed_of_lines(counted, reduction), "lobe lines"
+        speed, speed_from = _speed_of_lines(counted), "lobe lines"
     known = speed or nominal
     samples = torque
     if recording.bad_spans:  # as marked: they are not counted
@@ -141,7 +135,7 @@ def _recording_facts(recording: Recording, reduction: int, *, search: bool) -> d
         "speed_measured_rpm": None if speed is None else 60 * speed,
         "speed_from": None if speed is None else speed_from,
         "speed_deviation": None if speed is None or nominal is None else speed / nominal - 1,
-        "output_turns": None if known is None else recording.duration * known / reduction,
+        "output_turns": None if known is None else recording.duration * known / recording.n_lobes,
         "run_up_s": _run_up_time(counted),
     }
 
@@ -170,14 +164,14 @@ def _run_up_time(recording: Recording) -> float | None:
     return math.ceil(10 * (n_parts + 1) * size / recording.sampling_rate) / 10 if n_parts else None
 
 
-def _speed_of_lines(recording: Recording, reduction: int) -> float | None:
+def _speed_of_lines(recording: Recording) -> float | None:
     """Return the input speed in turns per second by the lobe lines; None unless one speed fits."""
     torque, rate, nominal = recording.torque, recording.sampling_rate, recording.input_speed_hz
     try:
         if nominal is None:
-            speeds = search_speed(torque, rate, reduction)
+            speeds = search_speed(torque, rate, recording.n_lobes)
         else:
-            speeds = [follow_speed(torque, rate, nominal, reduction)]
+            speeds = [follow_speed(torque, rate, nominal, recording.n_lobes)]
     except ValueError:  # too short, or too low a rate for the lines
         return None
     return speeds[0].speed_hz if len(speeds) == 1 and speeds[0].fits else None

@@ -150,8 +150,6 @@ def test_what_else_would_spoil_a_count():
     assumed = describe(Recording(geared(), RATE, speed_rpm=500, meta=meta))
     for words in ("Nm assumed", "rad assumed", "jitter by up to 0.2 samples"):
         assert warned(assumed, words)
-    with pytest.raises(ValueError, match="reduction must be at least 2"):
-        describe(Recording(geared(), RATE), reduction=1)
 
 
 def runs(values):
