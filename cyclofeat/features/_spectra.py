@@ -199,8 +199,8 @@ class SpectralRolloff(CourseTransformer):
     sampling_rate, preset, band, n_parts
         See :class:`SpectralFlatness`. With the mean kept, more than 95 % of the power of most torque lies
         next to 0 Hz.
-    fraction : float, default=0.95
-        Fraction of the power, above 0 and at most 1.
+    fraction
+        See :func:`cyclofeat.signal.spectral_rolloff`.
 
     Notes
     -----
@@ -231,12 +231,9 @@ class NarrowbandRatio(SpectralTransformer):
     ----------
     sampling_rate, preset
         See :class:`SpectralFlatness`.
-    fundamental_hz : float, default=100.0
-        Fundamental in Hz. Paper A's 100 Hz is order 12 at 500 RPM, and the mains' second harmonic.
-    half_width_hz : float, default=5.0
-        Largest distance in Hz from a harmonic of a line that counts.
-    n_harmonics : int, default=None
-        Number of harmonics. ``None`` takes all up to half of the sampling rate.
+    fundamental_hz, half_width_hz, n_harmonics
+        See :func:`cyclofeat.signal.narrowband_ratio`. Paper A's 100 Hz is order 12 at 500 RPM, and the mains'
+        second harmonic.
 
     Examples
     --------
@@ -360,10 +357,8 @@ class AmplitudeSpectrum(WindowTransformer):
     ----------
     sampling_rate : float
         Samples per second in Hz.
-    n_fft : int, default=8192
-        Samples in a block; even.
-    window : {"hamming", "hann", "blackman", "boxcar", "flattop"}, default="hamming"
-        Window by which each block is multiplied.
+    n_fft, window
+        See :func:`cyclofeat.signal.amplitude_spectrum`.
     band : tuple of float, default=None
         Lower and upper limit in Hz of the lines kept, both included. ``None`` keeps all.
 

@@ -53,10 +53,8 @@ class HighPass(OneToOneFeatureMixin, WindowTransformer):
     ----------
     sampling_rate : float
         Samples per second in Hz.
-    cutoff_hz : float, default=10.0
-        Cut-off in Hz, where half of the amplitude is left.
-    order : int, default=4
-        Order of the filter that runs twice.
+    cutoff_hz, order
+        See :func:`cyclofeat.signal.high_pass`.
 
     Examples
     --------

@@ -16,19 +16,9 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 HALF_TURN = "half an output turn"
-_UNIT_IN_NAME = {
-    "Nm": "_nm",
-    "Nm^2": "_nm2",
-    "Nm^2/Hz": "_nm2_per_hz",
-    "Hz": "_hz",
-    "bit": "_bits",
-    "dB": "_db",
-    "1": "",
-}
 
 
 @dataclass(frozen=True)
@@ -56,7 +46,8 @@ class Feature:
         if self.version > 1:
             qualifiers = (*qualifiers, f"v{self.version}")
         stated = f"({';'.join(qualifiers)})" if qualifiers else ""
-        return f"{self.name}{_UNIT_IN_NAME[self.unit]}{stated}"
+        unit = "_" + self.unit.lower().replace("^", "").replace("/", "_per_").replace("bit", "bits")
+        return f"{self.name}{unit if self.unit != '1' else ''}{stated}"
 
 
 def label_qualifier(label: object) -> str:
@@ -115,5 +106,5 @@ _ROWS: tuple[Any, ...] = (
     ("wavelet_lowest_colour", "1", "cells of a level with the lowest colour / cells", "paper B figs. 10-12"),
 )  # fmt: skip
 
-REGISTRY: Mapping[str, Feature] = MappingProxyType({row[0]: Feature(*row) for row in _ROWS})
+REGISTRY: Mapping[str, Feature] = {row[0]: Feature(*row) for row in _ROWS}
 """Rows by name."""
