@@ -56,7 +56,7 @@ COMMANDS: dict[str, tuple[str, Literal["one", "list", "lines"]]] = {
     "campaign": ("simulate thousands of assemblies to files, or complete an interrupted run", "one"),
     "gap": ("find where model and measurement disagree, name all missing effects, correct the model", "one"),
     "serve": ("open a page in the browser that inspects, counts and compares", "lines"),
-    "demo": ("train a model, simulate recordings, count them, and write the pages", "one"),
+    "demo": ("train a model, simulate recordings, count them, and write the pages", "list"),
 }  # fmt: skip
 
 # One or two calls of each command, as its help shows them.

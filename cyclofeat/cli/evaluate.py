@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.progress import Progress
@@ -70,12 +69,16 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     recordings = read_all(arguments.files, arguments)
     if any(recording.defect_count is None or recording.assembly is None for recording in recordings):
         raise ValueError("evaluate needs files that state defect_count and assembly, some do not")
-    files = ", ".join(arguments.files[:5]) + (", ..." if len(arguments.files) > 5 else "")
+    settings = {
+        "files": ", ".join(arguments.files[:5]) + (", ..." if len(arguments.files) > 5 else ""),
+        "recordings": len(recordings),
+    }
     if arguments.model is None:
-        how, cross_validated = "folds by assembly", protocol
         note_duration("cross-validation", 30 + 0.5 * len(recordings), arguments.n_jobs)
-        results = cross_validate(model, recordings, protocol)
-        settings = {"options of the model": repr(model)}
+        results, how = cross_validate(model, recordings, protocol), "folds by assembly"
+        settings["options of the model"] = repr(model)
+        folds = f"{protocol.n_splits} folds, assemblies of every count shared out by the seed "
+        folds += str(protocol.random_state)
     else:
         common = set(model.card_.get("assemblies") or ()) & {recording.assembly for recording in recordings}
         if common:
@@ -83,13 +86,20 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
                 "assemblies of the recordings have names of training assemblies, such as "
                 f"{min(common, key=str)!r}: if they are the same, the scores are too high"
             )
-        how, cross_validated = "tested as stored", None
         stored = evaluate(model, recordings, protocol=replace(protocol, hold_out="nothing"))
-        results = {arguments.model: stored}
-        settings = {"trained on": model.card_["description"], "for recordings": model.made_for()}
+        results, how = {arguments.model: stored}, "tested as stored"
+        settings |= {"trained on": model.card_["description"], "for recordings": model.made_for()}
+        folds = "none: the model was trained before, on assemblies that must be others than these"
     yield _print_scores(results, how)
     if arguments.report:
-        write_page(results, arguments.report, recordings, cross_validated, {"files": files, **settings})
+        from cyclofeat.report import write_evaluation_report
+
+        sources = [recording.source for recording in recordings]
+        with Progress("writing the report"):
+            page = write_evaluation_report(
+                results, arguments.report, sources=sources, folds=folds, settings=settings
+            )
+        note(f"report: {page}")
 
 
 def _print_scores(results: dict[str, Evaluation], how: str) -> Printed:
@@ -137,25 +147,3 @@ def cross_validate(
                 candidate.set_params(n_splits=0), recordings, protocol=replace(protocol, progress=progress)
             )
     return results
-
-
-def write_page(
-    results: dict[str, Evaluation],
-    page: str | Path,
-    recordings: Sequence[Recording],
-    protocol: Protocol | None,
-    settings: dict[str, str],
-) -> None:
-    """Write the page of a cross-validation, or of the test of a stored model where ``protocol`` is None."""
-    from cyclofeat.report import write_evaluation_report
-
-    folds = "none: the model was trained before, on assemblies that must be others than these"
-    if protocol is not None:
-        shared_out = f"assemblies of every count shared out by the seed {protocol.random_state}"
-        folds = f"{protocol.n_splits} folds, {shared_out}"
-    with Progress("writing the report"):
-        written = write_evaluation_report(
-            results, page, sources=[recording.source for recording in recordings], folds=folds,
-            settings={"files": settings["files"], "recordings": len(recordings), **settings},
-        )  # fmt: skip
-    note(f"report: {written}")

@@ -330,11 +330,9 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
 
 def try_counters(arguments: argparse.Namespace, recordings: list[Recording]) -> list[dict[str, Any]]:
     """Train a counter on the corrected model, and count the recordings with it and with the packaged one."""
-    from cyclofeat.cli import train
+    from cyclofeat.cli import make_parser, train
     from cyclofeat.models import load_default_model, load_model
 
-    parser = argparse.ArgumentParser()
-    train.add_arguments(parser)
     rate = min(25_600.0, *(recording.sampling_rate for recording in recordings))
     most = max(7, *(recording.defect_count or 0 for recording in recordings))
     options = {
@@ -343,7 +341,8 @@ def try_counters(arguments: argparse.Namespace, recordings: list[Recording]) -> 
         "--quantity": recordings[0].quantity,
     }  # fmt: skip
     note("training a counter on the corrected model: about four minutes on two cores")
-    train.run(parser.parse_args([str(word) for option in options.items() for word in option]))
+    words = [str(word) for option in options.items() for word in option]
+    train.run(make_parser(["train"]).parse_args(["train", *words]))
     models = {
         "trained on the corrected model": load_model(arguments.train),
         "packaged counter": load_default_model(recordings[0].quantity),

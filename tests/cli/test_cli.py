@@ -58,13 +58,6 @@ def model(folder):
     return ["--model", folder / "model.joblib", "--trust"]
 
 
-@pytest.fixture
-def no_pictures(monkeypatch):
-    """Reports whose pictures, which take seconds and have tests of their own, are empty."""
-    drawn = {"image": "data:,", "alt": "", "width": 1, "height": 1}
-    monkeypatch.setattr("cyclofeat.report._figures.draw_picture", lambda *_, **__: drawn)
-
-
 def test_version_and_help_need_neither_numba_nor_scikit_learn():
     code = (
         "import sys; from cyclofeat.cli import main\n"
