@@ -20,13 +20,13 @@ from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
-from starlette.datastructures import Headers, MutableHeaders
 from starlette.middleware import Middleware
+from starlette.middleware.base import BaseHTTPMiddleware, RequestResponseEndpoint
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.types import ASGIApp
 
 from cyclofeat.serve.jobs import PROGRAM, Session
 from cyclofeat.serve.store import Limits, Refused
@@ -35,15 +35,13 @@ from cyclofeat.serve.view import render_page, render_parts
 _LARGEST_REQUEST = 2**20  # bytes, of all but uploads
 _HEADERS = {
     "Cache-Control": "no-store",
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'unsafe-inline'; "
+    "img-src data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
     "Referrer-Policy": "no-referrer",  # the address holds the key
     "X-Content-Type-Options": "nosniff",
 }
-_POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'unsafe-inline'; img-src data:; connect-src 'self'; "
-    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-)
 # A report keeps its own scripts, but not our origin: it can ask this server for nothing.
 _REPORT_POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; "
@@ -86,6 +84,20 @@ def make_app(
             await session.close()
             shutil.rmtree(root, ignore_errors=True)
 
+    async def guard(request: Request, answer: RequestResponseEndpoint) -> Response:
+        """Refuse requests of other pages and without the key, and add headers to each answer."""
+        origin = request.headers.get("origin")
+        if origin is not None and origin != f"http://{request.headers.get('host')}":
+            response: Response = PlainTextResponse("requests of other pages are refused", 403)
+        elif not secrets.compare_digest(request.scope["path"].split("/")[1].encode(), key.encode()):
+            text = "open the address that cyclofeat serve printed, with its key"
+            response = PlainTextResponse(text, 403)
+        else:
+            response = await answer(request)
+        for name, value in _HEADERS.items():
+            response.headers.setdefault(name, value)
+        return response
+
     routes = [
         Route("/", get_page),
         Route("/app.js", get_script),
@@ -97,39 +109,11 @@ def make_app(
         middleware=[
             # A page elsewhere may let its own name point to this machine (DNS rebinding).
             Middleware(TrustedHostMiddleware, allowed_hosts=["127.0.0.1", "localhost"], www_redirect=False),
-            Middleware(_Guard, key=key),
+            Middleware(BaseHTTPMiddleware, dispatch=guard),
         ],
         exception_handlers={Refused: refuse, ClientDisconnect: refuse},
         lifespan=lifespan,
     )
-
-
-class _Guard:
-    """Refuse requests of other pages and without the key, and add headers to each answer."""
-
-    def __init__(self, app: ASGIApp, key: str) -> None:
-        self.app, self.key = app, key
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":
-            await self.app(scope, receive, send)
-            return
-
-        async def with_headers(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
-                for name, value in {"Content-Security-Policy": _POLICY, **_HEADERS}.items():
-                    headers.setdefault(name, value)
-            await send(message)
-
-        headers = Headers(scope=scope)
-        origin = headers.get("origin")
-        answer: ASGIApp = self.app
-        if origin is not None and origin != f"http://{headers.get('host')}":
-            answer = PlainTextResponse("requests of other pages are refused", 403)
-        elif not secrets.compare_digest(scope["path"].split("/")[1].encode(), self.key.encode()):
-            answer = PlainTextResponse("open the address that cyclofeat serve printed, with its key", 403)
-        await answer(scope, receive, with_headers)
 
 
 async def get_page(request: Request) -> Response:
