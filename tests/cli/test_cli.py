@@ -346,19 +346,11 @@ def test_count_for_people_counts_lobes_from_one(capsys, folder, model):
     assert out.splitlines()[0].startswith(f"{folder / 'worn.csv'}: {recording.defect_count} worn lobes (prob")
     assert "counted from 1" in out
     assert "simulated" in out.splitlines()[-1]
+    assert out.count("worn.csv") == 1
     found = re.search(r"from 1 window of 0.98 output turns \((.*) s\), (.*) s unused", out)
     window, unused = map(float, found.groups())
     assert window == pytest.approx(0.98 * 15 / recording.mean_input_speed(), rel=5e-3)
     assert unused == pytest.approx(recording.duration - window, abs=5e-3)
-
-
-@pytest.mark.parametrize("command", ["count", "inspect"])
-def test_a_file_is_named_once(capsys, folder, command, model):
-    options = [] if command == "inspect" else model
-    _, out, _ = run(capsys, command, folder / "worn.csv", *options)
-    assert out.startswith(f"{folder / 'worn.csv'}: ")
-    assert "torque" in out
-    assert out.count("worn.csv") == 1
 
 
 def test_count_writes_a_report(capsys, folder, tmp_path, model, no_pictures):
@@ -376,41 +368,35 @@ def test_count_writes_a_report(capsys, folder, tmp_path, model, no_pictures):
         assert part in page
 
 
-def clipped(recording):
-    return recording.replace(torque=np.minimum(recording.torque, np.quantile(recording.torque, 0.997)))
-
-
 def dropped(recording):
     torque = recording.torque.copy()
     torque[5_000 : 5_000 + round(0.0035 * torque.size)] = 0
-    return recording.replace(torque=torque)
-
-
-def off_the_nominal_speed(recording):
-    return recording.replace(speed_rpm=60 * recording.mean_input_speed() / 1.022)
-
-
-def jittering(recording):
-    return recording.replace(meta={"time_jitter": 0.2})
-
-
-def derived_angle(recording):
-    return recording.replace(meta={"angle_from": "was made continuous"})
+    return {"torque": torque}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (clipped, "0.3 % of the samples are clipped at"),
+        (
+            lambda one: {"torque": np.minimum(one.torque, np.quantile(one.torque, 0.997))},
+            "0.3 % of the samples are clipped at",
+        ),
         (dropped, "0.35 % of the samples are dropouts"),
-        (off_the_nominal_speed, "RPM by its angle, +2.2 % off the nominal"),
-        (jittering, "the times jitter by up to 0.2 samples"),
-        (derived_angle, "the angle of the shaft was made continuous"),
+        (
+            lambda one: {"speed_rpm": 60 * one.mean_input_speed() / 1.022},
+            "RPM by its angle, +2.2 % off the nominal",
+        ),
+        (lambda _: {"meta": {"time_jitter": 0.2}}, "the times jitter by up to 0.2 samples"),
+        (
+            lambda _: {"meta": {"angle_from": "was made continuous"}},
+            "the angle of the shaft was made continuous",
+        ),
     ],
 )
 def test_count_warns_of_what_inspect_does(capsys, folder, tmp_path, model, no_pictures, spoil, words):
-    recording = spoil(read_recording(folder / "worn.csv"))
+    recording = read_recording(folder / "worn.csv")
+    recording = recording.replace(**spoil(recording))
     file, page = tmp_path / "worn.npz", tmp_path / "count.html"
     write_recording(file, recording)
     inspected, _ = call(capsys, "inspect", file, "--json")
@@ -694,63 +680,48 @@ def test_bad_recordings(capsys, folder, make, message, model):
     ("arguments", "message"),
     [
         (
-            ["train", "--out", "{folder}/m.skops", "--counter", "rows", "--lobes", "mixed"],
+            "train --out {folder}/m.skops --counter rows --lobes mixed",
             "--counter rows takes --lobes consecutive only, got mixed",
         ),
         (
-            ["train", "--out", "{folder}/m.skops", "--samples-per-turn", "256"],
+            "train --out {folder}/m.skops --samples-per-turn 256",
             "--samples-per-turn takes at most 128 without --counter rows, got 256",
         ),
-        (["train", "--out", "{folder}/m.skops", "--coarser", "absent.skops"], "absent.skops does not exist"),
-        (["count", "x.csv", "--model", "absent.joblib", "--trust"], "absent.joblib does not exist"),
-        (["count", "x.csv", "--model", "{folder}/model.joblib"], "--trust"),
-        (["count", "x.csv", "--model", "{folder}"], "is a folder, no model file: those end in"),
+        ("train --out {folder}/m.skops --coarser absent.skops", "absent.skops does not exist"),
+        ("count x.csv --model absent.joblib --trust", "absent.joblib does not exist"),
+        ("count x.csv --model {folder}/model.joblib", "--trust"),
+        ("count x.csv --model {folder}", "is a folder, no model file: those end in"),
+        ("count x.csv --model {folder}/worn.csv --trust", "is no model file: those end in .skops or .joblib"),
         (
-            ["count", "x.csv", "--model", "{folder}/worn.csv", "--trust"],
-            "is no model file: those end in .skops or .joblib",
-        ),
-        (
-            ["simulate", "--worn-lobes", "three", "--out", "x.npz"],
+            "simulate --worn-lobes three --out x.npz",
             "--worn-lobes: must list different lobes counted from 1, like 1,5, got 'three'",
         ),
-        (["simulate", "--worn-lobes", "0,3", "--out", "x.npz"], "counted from 1, like 1,5, got '0,3'"),
-        (["simulate", "--worn-lobes", "1,1", "--out", "x.npz"], "different lobes counted from 1, like 1,5"),
-        (["simulate", "--worn-count", "16", "--out", "x.npz"], "lobe 15"),
-        (["simulate", "--worn-count", "1", "--depth", "2", "--out", "x.npz"], "depth must lie between 0"),
-        (["simulate", "--worn-count", "1", "--wear-um", "300", "--out", "x.npz"], "between 0 and 200 um"),
-        (["simulate", "--duration", "-1", "--out", "x.npz"], "--duration: must be a positive"),
-        (["simulate", "--duration", "1e7", "--out", "x.npz"], "duration must take at most 1e.08 steps"),
-        (["simulate", "--rig", "r3", "--out", "x.npz"], "--rig must be .*, published or .* no such file: r3"),
-        (["train", "--rig", "r3", "--out", "x.joblib"], "--rig must be .*, published or .* no such file: r3"),
-        (["simulate", "--rig", "{folder}/worn.csv", "--out", "x.npz"], "worn.csv: is not valid JSON"),
-        (["train", "--out", "absent/model.joblib"], "folder absent for --out does not exist"),
-        (["train", "absent", "--out", "{folder}/x.joblib"], "no such file: absent"),
-        (["evaluate"], "required: FILE; see cyclofeat evaluate --help"),
-        (["animate", "--out", "{folder}/no/a.html"], "make it first"),
-        (["animate", "--out", "{folder}/a.html", "--duration", "21"], "--duration must be at most 20 s"),
-        (["evaluate", "{folder}/worn.csv"], "fewer than --folds 5"),
-        (
-            ["train", "--out", "m.skops", "--windows", "0"],
-            "^cyclofeat: error: argument --windows: must be a wh",
-        ),
-        (
-            ["train", "--out", "m.skops", "--max-count", "16"],
-            "^cyclofeat: error: --max-count must be at most 1",
-        ),
-        (
-            ["train", "--out", "m.skops", "--jobs", "0"],
-            "^cyclofeat: error: --jobs must be .* of workers, or -",
-        ),
-        (
-            ["train", "--out", "m.skops", "--wear", "5:300"],
-            "^cyclofeat: error: argument --wear: must be LOW:HI",
-        ),
-        (["plan", "--worn-count", "2", "--noise", "1", "--depth", "3"], "^cyclofeat: error: --depth must "),
+        ("simulate --worn-lobes 0,3 --out x.npz", "counted from 1, like 1,5, got '0,3'"),
+        ("simulate --worn-lobes 1,1 --out x.npz", "different lobes counted from 1, like 1,5"),
+        ("simulate --worn-count 16 --out x.npz", "lobe 15"),
+        ("simulate --worn-count 1 --depth 2 --out x.npz", "depth must lie between 0"),
+        ("simulate --worn-count 1 --wear-um 300 --out x.npz", "between 0 and 200 um"),
+        ("simulate --duration -1 --out x.npz", "--duration: must be a positive"),
+        ("simulate --duration 1e7 --out x.npz", "duration must take at most 1e.08 steps"),
+        ("simulate --rig r3 --out x.npz", "--rig must be .*, published or .* no such file: r3"),
+        ("train --rig r3 --out x.joblib", "--rig must be .*, published or .* no such file: r3"),
+        ("simulate --rig {folder}/worn.csv --out x.npz", "worn.csv: is not valid JSON"),
+        ("train --out absent/model.joblib", "folder absent for --out does not exist"),
+        ("train absent --out {folder}/x.joblib", "no such file: absent"),
+        ("evaluate", "required: FILE; see cyclofeat evaluate --help"),
+        ("animate --out {folder}/no/a.html", "make it first"),
+        ("animate --out {folder}/a.html --duration 21", "--duration must be at most 20 s"),
+        ("evaluate {folder}/worn.csv", "fewer than --folds 5"),
+        ("train --out m.skops --windows 0", "^cyclofeat: error: argument --windows: must be a wh"),
+        ("train --out m.skops --max-count 16", "^cyclofeat: error: --max-count must be at most 1"),
+        ("train --out m.skops --jobs 0", "^cyclofeat: error: --jobs must be .* of workers, or -"),
+        ("train --out m.skops --wear 5:300", "^cyclofeat: error: argument --wear: must be LOW:HI"),
+        ("plan --worn-count 2 --noise 1 --depth 3", "^cyclofeat: error: --depth must "),
     ],
 )
 def test_bad_arguments(capsys, folder, tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
-    _, err = call(capsys, *(a.format(folder=folder) for a in arguments), code=2)
+    _, err = call(capsys, *arguments.format(folder=folder).split(), code=2)
     *notes, error = err.splitlines()
     assert all("free core" in note for note in notes), err
     assert re.search(message, error), err
@@ -767,7 +738,8 @@ def test_inspect_says_what_would_spoil_a_count(capsys, folder, tmp_path):
     code, out, err = run(capsys, "inspect", folder / "worn.csv", tmp_path / "clipped.npz")
     assert (code, err) == (0, "")
     good, bad = out.split(str(tmp_path / "clipped.npz"))
-    assert "warning" not in good
+    assert good.startswith(f"{folder / 'worn.csv'}: ")
+    assert (good.count("worn.csv"), "warning" in good) == (1, False)
     for words in ("simulated", "RPM by its angle", "output turns", "clipped:   0 %"):
         assert words in good
     assert "warning:   10 % of the samples are clipped at" in bad
