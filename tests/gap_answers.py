@@ -74,7 +74,7 @@ def answered(located: Any, **changes: Any) -> GapResult:
     where = where_of(located)
     both = (
         dataclasses.replace(where, condition=FIRST),
-        dataclasses.replace(where, condition=SECOND, phase={}, global_p={}),
+        dataclasses.replace(where, condition=SECOND, phase={}),
     )
     whole: dict[str, Any] = {
         "where": both,

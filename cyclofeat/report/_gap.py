@@ -207,12 +207,8 @@ def _summarise_where(where: Where, label: str) -> dict[str, Any]:
     )  # fmt: skip
     return {name: getattr(where, name) for name in numbers} | {
         "condition": where.condition.text,
-        "tests": [f"{name} {p_words(p)}" for name, p in where.global_p.items()],
         "families": [family_name(name) for name in dict.fromkeys(row.cell.family for row in flagged)],
         "n_flagged": len(flagged),
-        "hint": keep_together(p_words(where.global_p["energy distance"]))
-        if where.global_p.get("energy distance", 1.0) <= where.alpha
-        else "",
         "noticed": f"{np.median([row.detectable for row in levels]):.2g}" if levels else "",
         "for_agreement": recordings_for_agreement(where),
         "clearest": [_describe_row(row) for row in flagged[:_N_CLEAREST]],

@@ -234,7 +234,6 @@ def kept(folder: Path) -> list[Path]:
 def test_no_effect_is_not_flagged(comparison: Comparison, simulations: Path) -> None:
     located = compared(comparison, recordings([], 6, 101, simulations))
     assert located.where.verdict == "unresolved"
-    assert min(located.global_p.values()) > 0.01
     assert all(row.low <= row.difference <= row.high for row in located.where.rows)
     assert all(row.detectable > 0 for row in located.where.rows if row.spread > 0)
 

@@ -42,7 +42,7 @@ def row(
 
 def where_with(rows, family_p=None, phase=None):
     return Where(
-        verdict="disagree", rows=tuple(rows), family_p=family_p or {}, global_p={}, phase=phase or {},
+        verdict="disagree", rows=tuple(rows), family_p=family_p or {}, phase=phase or {},
         n_recordings=6, n_simulated=24, alpha=0.05, margin_db=1.5, margin_spreads=0.5, n_permutations=499,
         random_state=0, one_assembly=False, sampling_rate=RATE, condition=Condition(60 * SPEED, 22.0),
     )  # fmt: skip

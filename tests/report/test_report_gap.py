@@ -232,8 +232,6 @@ ANSWERS = [
     (rows(after=(-0.25, -0.2, -0.3)), None, "correction widened the gap by 25 % (range -30 to -21 %)", ""),
     (NOTHING | {"effects": ABSENT}, {"verdict": "equivalent"}, "7 other effects not missing | Model and "
      "recordings agree | compared agree within 1.5 dB", "How far the gap shrank | disagree"),
-    (NOTHING | {"effects": ABSENT}, {"global_p": {"energy distance": 0.002}}, "No single difference is | All "
-     "numbers together hint at a difference (p = 0.002) | would take about", "How far the gap shrank"),
     ({}, {}, "2 effects are missing in the model | One by one, no number differs clearly (6 recordings)", ""),
     (NOTHING | {"remainder": REMAINDER}, None,
      "Model and recordings disagree, and no effect considered explains it",

@@ -23,8 +23,6 @@ from cyclofeat.gap.where.permutation import (
     SPREADS,
     TOGETHER,
     Permuted,
-    classifier_p,
-    energy_p,
     holm,
     statistics_by_family,
 )
@@ -35,7 +33,6 @@ Float = NDArray[np.float64]
 # Margins of "equivalent": in dB for levels, else in spreads of one recording.
 EQUIVALENT_DB = 1.5
 EQUIVALENT_SPREADS = 0.5
-_REFITS = 99  # permutations for the classifier, refitted in each; its p is at least 1 / (_REFITS + 1)
 _ASSEMBLIES, _PER_ASSEMBLY = 32, 4  # simulated to learn how recordings of one assembly correlate
 _N_FAMILIES = len(FAMILIES) + 2  # with the families "spreads" and "together"
 _POWER_Z = 0.8416  # standard normal quantile of a power of 0.8
@@ -80,7 +77,6 @@ class Where:
     one_assembly: bool  # all recordings are stated to be of one assembly
     sampling_rate: float  # in Hz
     condition: Condition
-    global_p: Mapping[str, float] = field(default_factory=dict)  # of all numbers at once: not for the verdict
     # Torque folded over the "lobe" passage and the "input" turn; empty where it was not made.
     phase: Mapping[str, PhaseMap] = field(default_factory=dict, repr=False, compare=False)
 
@@ -120,21 +116,11 @@ class LocatedGap:
     simulated: Float = field(repr=False)  # summaries of the bank, (n_bank, n_cells)
     # Share of each cell's variance that recordings of one assembly have in common; 0 for an assembly each.
     shared_variance: Float = field(repr=False)
-    _compared: tuple[Float, Float] = field(repr=False)
 
     @property
     def cells(self) -> list[Cell]:
         """Columns of the summaries."""
         return self.measured.cells
-
-    @functools.cached_property
-    def global_p(self) -> dict[str, float]:
-        """p of the energy distance and of a classifier, over all cells at once; not for the verdict."""
-        random = np.random.default_rng([self.comparison.random_state, 2])
-        return {
-            "energy distance": energy_p(*self._compared, self.where.n_permutations, random),
-            "classifier": classifier_p(*self._compared, min(self.where.n_permutations, _REFITS), random),
-        }
 
     @functools.cached_property
     def phase(self) -> dict[str, PhaseMap]:
@@ -189,10 +175,10 @@ def locate_all(
 
 
 def where_of(located: LocatedGap, *, pictures: bool = True) -> Where:
-    """Return the comparison; with ``pictures``, with folded torque and tests of all numbers at once."""
+    """Return the comparison; with ``pictures``, with folded torque."""
     if not pictures:
         return located.where
-    return dataclasses.replace(located.where, global_p=located.global_p, phase=located.phase)
+    return dataclasses.replace(located.where, phase=located.phase)
 
 
 def locate(
@@ -261,7 +247,7 @@ def locate(
         random_state=comparison.random_state, one_assembly=comparison.one_assembly,
         sampling_rate=comparison.sampling_rate, condition=comparison.condition,
     )  # fmt: skip
-    return LocatedGap(where, together, comparison, measured, bank, simulated, shared, compared)
+    return LocatedGap(where, together, comparison, measured, bank, simulated, shared)
 
 
 def _test_cells(
