@@ -17,9 +17,8 @@ from cyclofeat._base.quantities import number_of
 from cyclofeat.recordings.recording import Recording, common_n_lobes, common_quantity, list_recordings
 from cyclofeat.signal.lobes import anti_alias
 from cyclofeat.signal.orders import resample_by_angle, samples_at
-from cyclofeat.signal.windows import Float
+from cyclofeat.signal.windows import Bool, Float, Int
 
-Int = NDArray[np.int64]
 # Windows of a recording, their starts in s and in rad.
 Cut = tuple[Float, Float, Float]
 
@@ -77,7 +76,7 @@ class WindowSet:
     recording: Int = field(repr=False)
     start_s: Float = field(repr=False)
     start_angle: Float = field(repr=False)
-    absolute: NDArray[np.bool_] = field(repr=False)
+    absolute: Bool = field(repr=False)
     worn_lobes: tuple[tuple[int, ...] | None, ...] = field(repr=False)
 
     def __len__(self) -> int:
@@ -101,7 +100,7 @@ class WindowSet:
         worn_lobes = tuple(self.worn_lobes[row] for row in rows.tolist())
         return dataclasses.replace(self, worn_lobes=worn_lobes, **columns)
 
-    def worn_table(self, n_lobes: int) -> NDArray[np.bool_] | None:
+    def worn_table(self, n_lobes: int) -> Bool | None:
         """Return which lobes are worn in each window.
 
         Parameters

@@ -40,15 +40,8 @@ from cyclofeat.signal.density import (
     spectral_rolloff,
 )
 from cyclofeat.signal.orders import order_lines
-from cyclofeat.signal.welch import (
-    amplitude_spectrum,
-    magnitude_squared_coherence,
-    welch_psd,
-)
-from cyclofeat.signal.windows import (
-    high_pass,
-    torque_statistics,
-)
+from cyclofeat.signal.welch import amplitude_spectrum, magnitude_squared_coherence, welch_psd
+from cyclofeat.signal.windows import high_pass, torque_statistics
 
 __all__ = [
     "amplitude_spectrum",

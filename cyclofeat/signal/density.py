@@ -6,15 +6,16 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import entr
 
-from cyclofeat.signal.windows import Float, check_sampling_rate, ratio
+from cyclofeat.signal.windows import Bool, Float, check_sampling_rate, ratio
 
+Band = tuple[float, float]  # lower and upper limit in Hz
 _EPSILON = float(np.finfo(np.float64).eps)  # assumed in paper A eq. 5: MATLAB's eps
 
 
-def band_slice(frequencies: ArrayLike, band: tuple[float, float] | None) -> slice:
+def band_slice(frequencies: ArrayLike, band: Band | None) -> slice:
     """Return which lines of increasing frequencies lie in a band in Hz, its limits included; all for None."""
     if band is None:
         return slice(None)
@@ -39,9 +40,7 @@ def band_slice(frequencies: ArrayLike, band: tuple[float, float] | None) -> slic
     return slice(int(inside[0]), int(inside[-1]) + 1)
 
 
-def _cut_band(
-    psd: ArrayLike, frequencies: ArrayLike | None, band: tuple[float, float] | None = None
-) -> tuple[Float, Float]:
+def _cut_band(psd: ArrayLike, frequencies: ArrayLike | None, band: Band | None = None) -> tuple[Float, Float]:
     """Return the checked density and the frequencies of the lines in the band."""
     psd = np.asarray(psd, dtype=np.float64)
     if frequencies is None:
@@ -61,15 +60,13 @@ def _cut_band(
     return psd, frequencies[inside]
 
 
-def _power_share(psd: ArrayLike, frequencies: ArrayLike | None, band: tuple[float, float] | None) -> Float:
+def _power_share(psd: ArrayLike, frequencies: ArrayLike | None, band: Band | None) -> Float:
     """PSD over its sum in the band (paper A eq. 4); zero everywhere if there is no power."""
     psd, _ = _cut_band(psd, frequencies, band)
     return ratio(psd, psd.sum(axis=-1, keepdims=True))
 
 
-def shannon_entropy(
-    psd: ArrayLike, frequencies: ArrayLike | None = None, band: tuple[float, float] | None = None
-) -> Float:
+def shannon_entropy(psd: ArrayLike, frequencies: ArrayLike | None = None, band: Band | None = None) -> Float:
     r"""Shannon entropy of a power spectral density in bits (paper A eq. 8).
 
     .. math:: H = -\sum_i p_i \log_2 p_i, \qquad p_i = P(f_i) / \sum_k P(f_k)
@@ -103,7 +100,7 @@ def shannon_entropy(
 
 
 def normalized_entropy(
-    psd: ArrayLike, frequencies: ArrayLike | None = None, band: tuple[float, float] | None = None
+    psd: ArrayLike, frequencies: ArrayLike | None = None, band: Band | None = None
 ) -> Float:
     r"""Spectral entropy as a share of the largest possible (paper A eq. 4-7).
 
@@ -138,7 +135,7 @@ def normalized_entropy(
 
 
 def spectral_flatness(
-    psd: ArrayLike, frequencies: ArrayLike | None = None, band: tuple[float, float] | None = None
+    psd: ArrayLike, frequencies: ArrayLike | None = None, band: Band | None = None
 ) -> Float:
     r"""Flatness of a power spectral density: geometric over arithmetic mean (paper A eq. 9).
 
@@ -171,9 +168,7 @@ def spectral_flatness(
     return np.asarray(share.shape[-1] * np.exp(mean_log))
 
 
-def spectral_centroid(
-    psd: ArrayLike, frequencies: ArrayLike, band: tuple[float, float] | None = None
-) -> Float:
+def spectral_centroid(psd: ArrayLike, frequencies: ArrayLike, band: Band | None = None) -> Float:
     r"""Centroid of a power spectral density: its mean frequency (paper A section 5.4).
 
     .. math:: f_c = \sum_i f_i P(f_i) / \sum_i P(f_i)
@@ -204,10 +199,7 @@ def spectral_centroid(
 
 
 def spectral_rolloff(
-    psd: ArrayLike,
-    frequencies: ArrayLike,
-    fraction: float = 0.95,
-    band: tuple[float, float] | None = None,
+    psd: ArrayLike, frequencies: ArrayLike, fraction: float = 0.95, band: Band | None = None
 ) -> Float:
     r"""Roll-off frequency: the lowest line up to which a fraction of the power lies (paper A section 5.4).
 
@@ -240,7 +232,7 @@ def spectral_rolloff(
     return np.asarray(np.where(total > 0, frequencies[reached.argmax(axis=-1)], 0.0))
 
 
-def octave_bands(sampling_rate: float) -> tuple[tuple[float, float], ...]:
+def octave_bands(sampling_rate: float) -> tuple[Band, ...]:
     """Eight bands from 0 to half of the sampling rate, those above the lowest an octave wide.
 
     The upper seven are the bands of the wavelet detail levels 7 to 1 (paper A section 5.1). Each holds a line
@@ -267,9 +259,7 @@ def octave_bands(sampling_rate: float) -> tuple[tuple[float, float], ...]:
     return tuple(pairwise(limits))
 
 
-def checked_bands(
-    frequencies: Float, bands: Sequence[tuple[float, float]] | None
-) -> tuple[tuple[float, float], ...]:
+def checked_bands(frequencies: Float, bands: Sequence[Band] | None) -> tuple[Band, ...]:
     """Bands that fit the frequencies; ``None`` stands for :func:`octave_bands`."""
     if bands is None:
         return octave_bands(2 * frequencies[-1])
@@ -280,9 +270,7 @@ def checked_bands(
     return tuple(bands)
 
 
-def band_power(
-    psd: ArrayLike, frequencies: ArrayLike, bands: Sequence[tuple[float, float]] | None = None
-) -> Float:
+def band_power(psd: ArrayLike, frequencies: ArrayLike, bands: Sequence[Band] | None = None) -> Float:
     r"""Power of the torque in bands: the sum of the lines times their distance.
 
     .. math:: W = \Delta f \sum_{f_{low} \le f_i \le f_{high}} P(f_i)
@@ -316,11 +304,8 @@ def band_power(
 
 
 def narrowband_mask(
-    frequencies: ArrayLike,
-    fundamental_hz: float = 100.0,
-    half_width_hz: float = 5.0,
-    n_harmonics: int | None = None,
-) -> NDArray[np.bool_]:
+    frequencies: ArrayLike, fundamental_hz: float, half_width_hz: float, n_harmonics: int | None
+) -> Bool:
     """Mark the spectral lines around the harmonics of a frequency; arguments of :func:`narrowband_ratio`."""
     frequencies = np.asarray(frequencies, dtype=np.float64)
     if not fundamental_hz > 0:
@@ -338,7 +323,7 @@ def narrowband_mask(
     count = n_harmonics or int(frequencies[-1] / fundamental_hz * (1 + 1e-12))
     harmonics = fundamental_hz * np.arange(1, count + 1)
     number = np.clip(np.rint(frequencies / fundamental_hz), 1, count)
-    mask: NDArray[np.bool_] = np.abs(frequencies - number * fundamental_hz) <= half_width_hz
+    mask: Bool = np.abs(frequencies - number * fundamental_hz) <= half_width_hz
     right = np.minimum(np.searchsorted(frequencies, harmonics), frequencies.size - 1)
     left = np.maximum(right - 1, 0)
     nearer_left = harmonics - frequencies[left] < np.abs(frequencies[right] - harmonics)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
 from cyclofeat.signal.lobes import LobeComb, lines_held, lobe_frequency, lobe_lines
-from cyclofeat.signal.windows import Float, ratio
+from cyclofeat.signal.windows import Bool, Float, Int, ratio
 
 _SHORTEST_CLIP, _PILE = 3, 4.0
 # Ten samples, and five times as long as nearly all others: slow or coarse records repeat values too.
@@ -35,9 +35,9 @@ def clipped_share(torque: Float) -> float:
     return sum((np.count_nonzero(at_end) / torque.size for at_end in mark_clipped(torque)), 0.0)
 
 
-def mark_clipped(torque: Float) -> list[NDArray[np.bool_]]:
+def mark_clipped(torque: Float) -> list[Bool]:
     """Mark the samples at the largest, and those at the smallest value, if samples pile up there."""
-    marked: list[NDArray[np.bool_]] = []
+    marked: list[Bool] = []
     if not torque.size:
         return marked
     for extreme, beyond in ((np.min, np.inf), (np.max, -np.inf)):
@@ -53,7 +53,7 @@ def mark_clipped(torque: Float) -> list[NDArray[np.bool_]]:
     return marked
 
 
-def mark_dropouts(torque: Float) -> NDArray[np.bool_]:
+def mark_dropouts(torque: Float) -> Bool:
     """Mark samples that repeat one value or follow a straight line for long, or are 0 far from others."""
     # Long straight lines that rise or fall; then long runs, as each needs some arrays as long as the record.
     most = _STRAIGHT * torque.std()
@@ -96,15 +96,13 @@ def mark_dropouts(torque: Float) -> NDArray[np.bool_]:
     return on_lines | _mark_runs(starts, lengths, stuck | zero, torque.size)
 
 
-def find_runs(marked: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def find_runs(marked: Bool) -> tuple[Int, Int]:
     """Return the first samples and the lengths of the runs of marked samples; few even in a long record."""
     edges = np.flatnonzero(np.diff(marked, prepend=False, append=False))
     return edges[::2], edges[1::2] - edges[::2]
 
 
-def _mark_runs(
-    starts: NDArray[np.int64], lengths: NDArray[np.int64], which: NDArray[np.bool_], size: int
-) -> NDArray[np.bool_]:
+def _mark_runs(starts: Int, lengths: Int, which: Bool, size: int) -> Bool:
     """Mark the samples of some of the runs."""
     turns = np.zeros(size + 1, dtype=np.int8)
     turns[starts[which]] += 1
@@ -112,7 +110,7 @@ def _mark_runs(
     return np.cumsum(turns[:-1], dtype=np.int8).astype(bool)
 
 
-def _unusually_long(lengths: NDArray[np.int64], n_single: int) -> float:
+def _unusually_long(lengths: Int, n_single: int) -> float:
     """Return the length above which a run is an outlier, given all runs and ``n_single`` single samples."""
     n_runs = lengths.size + n_single
     # The quantile 0.99 of all lengths; the single ones come first.

@@ -11,7 +11,7 @@ from scipy.interpolate import PchipInterpolator
 
 from cyclofeat._base import checks
 from cyclofeat.signal.orders import at_every_sample
-from cyclofeat.signal.windows import Float
+from cyclofeat.signal.windows import Bool, Float
 
 # Pulses switch on above the first and off below the second share of their range.
 _ON, _OFF = 0.6, 0.4
@@ -168,7 +168,7 @@ def _group_means(values: NDArray[Any], size: int) -> Float:
     return np.asarray(values[: values.size // size * size].reshape(-1, size).mean(axis=1))
 
 
-def _without_falls(rising: Float) -> tuple[Float, NDArray[np.bool_]]:
+def _without_falls(rising: Float) -> tuple[Float, Bool]:
     """Add a turn after each fall of more than half a one, and mark the samples on its way."""
     down = np.r_[False, np.diff(rising) < 0, False]
     edges = np.flatnonzero(down[1:] != down[:-1])

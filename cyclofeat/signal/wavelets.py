@@ -23,12 +23,12 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import pywt
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.signal import hilbert
 from scipy.signal.windows import hann
 
 from cyclofeat._base.checks import whole
-from cyclofeat.signal.windows import Float, as_windows, chunks, ratio
+from cyclofeat.signal.windows import Bool, Float, Int, as_windows, chunks, ratio
 
 AnyWavelet: TypeAlias = str | pywt.Wavelet | Sequence[Sequence[float]]
 
@@ -142,7 +142,7 @@ def dwt(X: ArrayLike, wavelet: AnyWavelet = "mb32.3", levels: int = 12) -> list[
     return [*coefficients, approximation]
 
 
-def visible(detail: Float, level: int, n_samples: int) -> tuple[Float, NDArray[np.int64]]:
+def visible(detail: Float, level: int, n_samples: int) -> tuple[Float, Int]:
     """Return the coefficients of level k that a scalogram shows, and the number of cells of each.
 
     ``detail``, shape (..., n_coefficients), is from :func:`dwt` of windows of ``n_samples``. Shown, as a
@@ -171,7 +171,7 @@ def _colour_positions(size: Float, colours: int) -> Float:
     return size
 
 
-def lowest_colour(shown: Float, colours: int = 64) -> NDArray[np.bool_]:
+def lowest_colour(shown: Float, colours: int = 64) -> Bool:
     """Mark the coefficients of a level, from :func:`visible`, that have the lowest colour of their row.
 
     True where ``colours * (|c| - min) / (max - min) < 1``, with the row's extremes, and in rows of one size.
@@ -179,9 +179,7 @@ def lowest_colour(shown: Float, colours: int = 64) -> NDArray[np.bool_]:
     return np.asarray(_colour_positions(_coefficient_sizes(shown), colours) < 1)
 
 
-def scalogram(
-    X: ArrayLike, wavelet: AnyWavelet = "mb32.3", levels: int = 12, colours: int = 64
-) -> NDArray[np.int64]:
+def scalogram(X: ArrayLike, wavelet: AnyWavelet = "mb32.3", levels: int = 12, colours: int = 64) -> Int:
     """Scalogram of windows by MATLAB's recipe, "Discrete Wavelet Transform, Absolute Coefficients".
 
     Returns the colour of each cell, 1 (smallest coefficient of the row, paper B's "frequency does not exist")

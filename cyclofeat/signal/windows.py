@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 
 Float = NDArray[np.float64]
+Int = NDArray[np.int64]
+Bool = NDArray[np.bool_]
 Complex = NDArray[np.complex128]
 
 #: Keys of :func:`torque_statistics`.

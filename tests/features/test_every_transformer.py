@@ -102,17 +102,11 @@ def test_bad_windows(transformer):
         (f.BandPower(RATE, bands=[(0, 100), (500, 400)]), r"got \(500, 400\)"),
         (f.BandPower(RATE, bands=()), r"got \(\)"),
         (f.WelchPSD(RATE, band=(0, 13_000)), "beyond the highest frequency"),
-        (
-            f.CoherenceToReference(RATE, bands=[(0, 13_000)]),
-            "beyond the highest frequency, 12800 Hz",
-        ),
+        (f.CoherenceToReference(RATE, bands=[(0, 13_000)]), "beyond the highest frequency, 12800 Hz"),
         (f.AmplitudeSpectrum(RATE, n_fft=7), "n_fft must be even, got 7"),
         (f.AmplitudeSpectrum(RATE, band=(1, 2)), "none of the 4097 spectral lines"),
         (f.HighPass(RATE, cutoff_hz=12_800.0), r"half of the sampling rate \(12800 Hz\), got 12800"),
-        (
-            f.WaveletLevelStatistics(RATE, wavelet="morl"),
-            "wavelet must be a discrete wavelet .* got 'morl'",
-        ),
+        (f.WaveletLevelStatistics(RATE, wavelet="morl"), "wavelet must be a discrete wavelet .* got 'morl'"),
         (f.WaveletLevelStatistics(RATE, wavelet=[[1, 1], [1, -1]]), "four filters"),
         (
             f.WaveletEnvelopeSpectrum(200),
@@ -122,10 +116,7 @@ def test_bad_windows(transformer):
             f.WaveletEnvelopeSpectrum(RATE, n_mesh_harmonics=6),
             "n_mesh_harmonics=6 reaches 812 Hz, .* at most 5",
         ),
-        (
-            f.WaveletEnvelopeSpectrum(RATE, n_shaft_harmonics=99),
-            "n_shaft_harmonics=99 reaches .* at most 94",
-        ),
+        (f.WaveletEnvelopeSpectrum(RATE, n_shaft_harmonics=99), "n_shaft_harmonics=99 reaches .* at most 94"),
     ],
     ids=str,
 )

@@ -31,10 +31,7 @@ def test_names_and_order_of_the_features():
         ["shannon_entropy_bits(ripple)"],
         ["normalized_entropy(matlab_pwelch;0..1500Hz)"],
         ["spectral_flatness(ripple)"],
-        [
-            "spectral_flatness(ripple;100..5000Hz;part0of2)",
-            "spectral_flatness(ripple;100..5000Hz;part1of2)",
-        ],
+        ["spectral_flatness(ripple;100..5000Hz;part0of2)", "spectral_flatness(ripple;100..5000Hz;part1of2)"],
         ["spectral_centroid_hz(ripple)"],
         [f"spectral_centroid_hz(ripple;part{part:02d}of12)" for part in range(12)],
         ["spectral_rolloff_hz(ripple;fraction0.95)"],
@@ -119,10 +116,7 @@ def test_values_are_those_of_the_pure_functions(preset, band):
         (clone(entropy).set_params(normalize=True), signal.normalized_entropy(psd, lines, band)),
         (f.SpectralFlatness(RATE, preset, band), signal.spectral_flatness(psd, lines, band)),
         (f.SpectralCentroid(RATE, preset, band), signal.spectral_centroid(psd, lines, band)),
-        (
-            f.SpectralRolloff(RATE, preset, band, fraction=0.9),
-            signal.spectral_rolloff(psd, lines, 0.9, band),
-        ),
+        (f.SpectralRolloff(RATE, preset, band, fraction=0.9), signal.spectral_rolloff(psd, lines, 0.9, band)),
         (f.NarrowbandRatio(RATE, preset, *around), signal.narrowband_ratio(psd, lines, *around)),
     ]:
         assert_array_equal(transformer.fit_transform(X)[:, 0], expected)

@@ -9,13 +9,7 @@ from sklearn.base import clone
 from transformers import RATE, WAVELET, torque
 
 from cyclofeat.features import WaveletEnvelopeSpectrum, WaveletLevelStatistics
-from cyclofeat.signal.wavelets import (
-    as_wavelet,
-    dwt,
-    envelope_lines,
-    level_envelope,
-    level_statistics,
-)
+from cyclofeat.signal.wavelets import as_wavelet, dwt, envelope_lines, level_envelope, level_statistics
 
 every_transformer = pytest.mark.parametrize("transformer", WAVELET, ids=lambda t: repr(t)[:60])
 

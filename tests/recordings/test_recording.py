@@ -362,10 +362,7 @@ def test_windows_need_no_labels_but_transform_does():
 
 @STEADY
 @given(
-    n=st.integers(100, 700),
-    length=st.integers(50, 100),
-    overlap=st.floats(0, 0.95),
-    skip=st.integers(0, 30),
+    n=st.integers(100, 700), length=st.integers(50, 100), overlap=st.floats(0, 0.95), skip=st.integers(0, 30)
 )
 def test_windows_are_stretches_of_the_record(n, length, overlap, skip):
     recording = Recording(np.arange(n), 100.0, assembly=0, defect_count=0)
@@ -404,8 +401,7 @@ def test_mixed_rates_and_speeds_are_errors():
     ):
         Windower().windows([record(), slow])
     with pytest.raises(
-        ValueError,
-        match=r"recording 1 .*speed_rpm = 400, windows are meant for 500 RPM.*samples_per_turn",
+        ValueError, match=r"recording 1 .*speed_rpm = 400, windows are meant for 500 RPM.*samples_per_turn"
     ):
         Windower().windows([record(3.0), record(3.0, speed_rpm=400)])
     with pytest.raises(ValueError, match=r"speed_rpm = 400, windows are meant for 500 RPM"):
