@@ -16,7 +16,6 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 from transformers import RATE, SPECTRAL, STATISTICS, WAVELET
 
 from cyclofeat.counting import (
-    ConformalRegressor,
     EntropyLadder,
     GroupCalibratedCounter,
     LobeCounter,
@@ -24,6 +23,7 @@ from cyclofeat.counting import (
     make_entropy_counter,
     make_lobe_counter,
 )
+from cyclofeat.counting.calibration.conformal_regressor import ConformalRegressor
 from cyclofeat.features import LobeMap
 
 

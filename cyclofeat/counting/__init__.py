@@ -8,7 +8,6 @@ name                         job
 ``LobeCounter``              count and positions, by trees or by a network
 ``EntropyLadder``            one number per window, thresholds between counts: the papers' way
 ``GroupCalibratedCounter``   a counter whose probabilities are corrected on held-out assemblies
-``ConformalRegressor``       a number with an interval of a chosen coverage
 ``TrainingDomain``           test of whether windows resemble those of training
 ``evaluate``                 test with whole assemblies, or whole conditions, held out
 ``rank_features``            table of features by how they depend on the count
@@ -26,7 +25,6 @@ trees, and ``TrainingDomain`` and the speed check refuse.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from cyclofeat.counting.calibration.conformal_regressor import ConformalRegressor
 from cyclofeat.counting.calibration.group_calibrated_counter import GroupCalibratedCounter
 from cyclofeat.counting.calibration.training_domain import TrainingDomain
 from cyclofeat.counting.estimators.entropy_ladder import EntropyLadder
@@ -49,7 +47,6 @@ if TYPE_CHECKING:
     from cyclofeat.counting.planning import MeasurementPlan, plan_measurement
 
 __all__ = [
-    "ConformalRegressor",
     "EntropyLadder",
     "Evaluation",
     "GroupCalibratedCounter",

@@ -4,9 +4,8 @@ import re
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy.signal import butter, sosfilt
-from sklearn.dummy import DummyClassifier
 from small_model import recording, shaft_model, small_model
 
 from cyclofeat.counting import (
@@ -57,20 +56,6 @@ def test_the_lobe_map_counts_where_the_entropy_cannot(windows):
     }
     assert results["map"].accuracy >= 0.9
     assert results["entropy"].accuracy <= 0.6
-
-
-def test_evaluation_agrees_with_counting_by_hand():
-    """A classifier whose predictions are known: the most frequent label of the training folds."""
-    labels = np.repeat([0, 1, 1, 2], 6)
-    assemblies = np.repeat(np.arange(12), 2)
-    X = np.random.default_rng(0).normal(size=(24, 5))
-    result = evaluate(DummyClassifier(), X, labels, assemblies, protocol=Protocol(n_splits=3, random_state=0))
-    assert result.accuracy == 0.5
-    assert result.mean_absolute_error == 0.5
-    assert_array_equal(result.predictions, 1)
-    assert_array_equal(result.confusion, [[0, 6, 0], [0, 12, 0], [0, 6, 0]])
-    assert_array_equal(result.group_accuracy, np.repeat([0, 1, 1, 0], 3))
-    assert_allclose(result.confusion_interval[:, 1, 1], 1)
 
 
 # Locating
@@ -136,20 +121,6 @@ def test_windows_of_one_recording_are_combined(model, surrogates):
     assert max(both.probability.values()) >= min(least, max(once.probability.values())) - 1e-6
 
 
-@pytest.mark.slow
-def test_a_model_is_for_the_discs_of_its_recordings(surrogates):
-    """The same windows taken for discs of 11 lobes: whole output turns are shorter, and so are answers."""
-    of_eleven = [
-        recording.replace(n_lobes=11, worn_lobes=None, angle=None, angle_is_absolute=False)
-        for recording in surrogates
-        if recording.defect_count in (0, 3)
-    ]
-    model = LobeModel(n_splits=0, n_trees=10, random_state=0).fit(of_eleven)
-    assert model.n_lobes_ == model.counter_.n_lobes == 11
-    with pytest.raises(ValueError, match="n_lobes must be the same for all recordings, got 11, 15"):
-        LobeModel().fit([*of_eleven, surrogates[0]])
-
-
 def test_a_drifting_speed_does_not_move_the_lobes():
     """Ten turns without a tachometer, the last of them slower by a hundredth: the lobes stay."""
     model = small_model()
@@ -172,14 +143,11 @@ def test_recordings_of_several_rates_and_speeds_train_a_model(surrogates):
     model = LobeModel(n_splits=0, n_trees=60, random_state=0).fit(mixed)
     low, high = model.card_["speeds_rpm"]
     assert 490 < low < 500 < high < 510
-    rate = 1.04 * 25_600.0
     for one in surrogates[:8]:
-        faster = one.replace(sampling_rate=rate, speed_rpm=520.0)
+        faster = one.replace(sampling_rate=1.04 * 25_600.0, speed_rpm=520.0)
         assert model.count(faster).probability == pytest.approx(model.count(one).probability, abs=1e-6)
     with pytest.raises(ValueError, match=r"sampling_rate must be at least 10\d\d\.?\d* Hz at 49\d"):
-        model.count(
-            one.replace(torque=one.torque[::32], angle=one.angle[::32], sampling_rate=one.sampling_rate / 32)
-        )
+        model.count(one.replace(torque=one.torque[::32], angle=one.angle[::32], sampling_rate=800.0))
 
 
 def test_training_needs_labels_of_more_than_one_kind(surrogates):

@@ -35,3 +35,5 @@ def test_it_follows_the_speed_without_a_tachometer(n_lobes):
 def test_a_disc_of_another_size_is_an_error():
     with pytest.raises(ValueError, match="n_lobes of the recording is 21, .* trained for discs of 11"):
         model_of(11).count(recording((1,), n_lobes=21))
+    with pytest.raises(ValueError, match="n_lobes must be the same for all recordings, got 11, 21"):
+        LobeModel().fit([recording((1,), n_lobes=n_lobes) for n_lobes in SIZES])

@@ -2,6 +2,7 @@
 
 import json
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from scipy.stats import binom
 from sklearn import config_context
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.dummy import DummyClassifier
-from sklearn.metrics import f1_score
+from sklearn.metrics import confusion_matrix, f1_score
 from sklearn.model_selection import GridSearchCV, StratifiedGroupKFold
 from sklearn.naive_bayes import GaussianNB
 from sklearn.pipeline import make_pipeline
@@ -83,13 +84,8 @@ def test_folds_fitted_in_processes_give_the_same_scores():
     X = COUNTS[:, np.newaxis] + np.random.default_rng(1).normal(0, 0.6, (COUNTS.size, 3))
     told = []
     alone = evaluate(GaussianNB(), X, COUNTS, GROUPS, protocol=THREE)
-    together = evaluate(
-        Elsewhere(os.getpid()),
-        X,
-        COUNTS,
-        GROUPS,
-        protocol=Protocol(n_splits=3, random_state=0, n_jobs=2, progress=lambda *done: told.append(done)),
-    )
+    in_processes = replace(THREE, n_jobs=2, progress=lambda *done: told.append(done))
+    together = evaluate(Elsewhere(os.getpid()), X, COUNTS, GROUPS, protocol=in_processes)
     assert together.to_dict() == alone.to_dict()
     assert 0 < alone.accuracy < 1
     assert told == [(1, 3), (2, 3), (3, 3)]
@@ -221,6 +217,10 @@ def test_scores_by_hand():
     assert result.accuracy == pytest.approx(22 / 24)
     assert result.mean_absolute_error == pytest.approx(2 / 24)
     assert result.macro_f1 == pytest.approx(f1_score(COUNTS, answers, average="macro"))
+    assert_array_equal(result.predictions, answers)
+    assert_array_equal(result.confusion, confusion_matrix(COUNTS, answers))
+    assert_array_equal(result.group_accuracy, [0, 0, *[1] * 22])
+    assert_allclose(result.confusion_interval[:, 2, 2], 1)
     assert result.calibration_error == pytest.approx(22 / 24 - 0.8)
     assert result.exact_lobes == pytest.approx(22 / 48)
     scores = json.loads(json.dumps(result.to_dict()))

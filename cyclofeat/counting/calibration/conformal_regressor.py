@@ -27,7 +27,8 @@ class ConformalRegressor(RegressorMixin, BaseEstimator):
     Every assembly is predicted by trees that have not seen it (cross-conformal prediction; Vovk, Cross-
     conformal predictors, 2015). The error of each prediction is divided by the spread of the trees'
     predictions, and the interval is that spread times the quantile of these ratios: wide where trees
-    disagree (Papadopoulos et al., Normalized nonconformity measures, 2008). The *assembly* is the unit.
+    disagree (Papadopoulos et al., Normalized nonconformity measures, 2008). The *assembly* is the unit. The
+    coverage holds to good approximation, without a guarantee, and on average over all values, not for each.
 
     Parameters
     ----------
@@ -55,11 +56,6 @@ class ConformalRegressor(RegressorMixin, BaseEstimator):
     values_ : ndarray, shape (n_samples,)
         True value of each training sample.
 
-    Notes
-    -----
-    The coverage holds to good approximation, without a guarantee, and on average over all values, not for
-    each.
-
     Examples
     --------
     >>> import numpy as np
@@ -86,20 +82,7 @@ class ConformalRegressor(RegressorMixin, BaseEstimator):
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None) -> Self:
-        """Fit the trees and the width of the intervals.
-
-        Parameters
-        ----------
-        X : array-like, shape (n_samples, n_features)
-        y : array-like, shape (n_samples,)
-            Values to predict.
-        groups : array-like, shape (n_samples,), optional
-            Assembly of each sample. Without groups every sample counts as one assembly.
-
-        Returns
-        -------
-        self
-        """
+        """Fit to values ``y`` of samples; ``groups`` are their assemblies, by default each its own."""
         features, values = validate_data(self, X, y, dtype=np.float64, y_numeric=True)
         values = np.asarray(values, dtype=np.float64)
         member = assemblies_of(groups, len(features))
@@ -126,29 +109,11 @@ class ConformalRegressor(RegressorMixin, BaseEstimator):
         return ExtraTreesRegressor(self.n_trees, max_features=0.3, min_samples_leaf=2, random_state=seed)
 
     def predict(self, X: ArrayLike) -> Float:
-        """Predict the value of each sample.
-
-        Parameters
-        ----------
-        X : array-like, shape (n_samples, n_features)
-
-        Returns
-        -------
-        ndarray, shape (n_samples,)
-        """
+        """Return the predicted value of each sample, shape (n_samples,)."""
         return self._predicted(X)[0]
 
     def predict_interval(self, X: ArrayLike) -> tuple[Float, Float]:
-        """Return the ends of the interval of each sample.
-
-        Parameters
-        ----------
-        X : array-like, shape (n_samples, n_features)
-
-        Returns
-        -------
-        low, high : ndarray, shape (n_samples,)
-        """
+        """Return the lower and the upper end of the interval of each sample, shape (n_samples,) each."""
         mean, spread = self._predicted(X)
         width = self.ratio_ * (spread + self.least_spread_)
         return mean - width, mean + width

@@ -72,14 +72,11 @@ class LobeCounter(Counter):
     ``kind="trees"`` counts by extremely randomised trees on the features of
     :class:`~cyclofeat.features.LobeMap` and locates by trees on the views. Any lobes may be worn.
 
-    ``kind="network"`` counts rows of neighbouring lobes. A network gives the probability of a row of each
-    length that begins at the first lobe of a view, from the complex lobe lines. The probability of a count is
-    the sum over all beginnings; that of each lobe follows from the same terms. The network learns from
-    variants of each window, because the machine to be counted is none of those in training: their lobe lines
-    have another gain and phase, smooth over the lines, as behind another rotor and torque meter; some also
-    have noise or the impacts of a neighbouring machine. It is more accurate than trees where it learns from
-    some hundred assemblies of each count. Training needs JAX and Optax (the extra ``prepare``); predictions
-    need numpy alone.
+    ``kind="network"`` counts rows of neighbouring lobes, more accurately than trees where it learns from some
+    hundred assemblies of each count. A network gives the probability of a row of each length that begins at
+    the first lobe of a view, from the complex lobe lines; that of a count is the sum over all beginnings. It
+    learns from variants of each window, as of other machines. Training needs JAX and Optax (the extra
+    ``prepare``); predictions need numpy alone.
 
     Parameters
     ----------
@@ -92,8 +89,7 @@ class LobeCounter(Counter):
     n_lobes : int, default=15
         Number of lobes z_s of a disc.
     n_lines : int, default=44
-        Lobe lines that are used, where windows hold as many. More tell counts better apart at low speeds,
-        where the disturbance of a lobe is short.
+        Lobe lines that are used, where windows hold as many. More tell counts better apart at low speeds.
     n_trees : int, default=300
         Trees for the count.
     n_epochs : int, optional
@@ -140,10 +136,9 @@ class LobeCounter(Counter):
     of a row is not the sum of its single lobes: train on rows and on separate lobes
     (``make_rig_recordings(lobes="mixed")``) to count both.
 
-    *Where a slot begins.* Counting needs no tachometer. Lobes are numbered as on the disc if one states the
-    passage of lobe 0. Otherwise slots are begun at several places within a lobe, and the place with the most
-    decided lobes is taken. If ``pattern_`` is ``"any"``, trees also learn views that begin between two lobes,
-    and the place that looks least like those is taken.
+    *Where a slot begins.* Lobes are numbered as on the disc if a tachometer states the passage of lobe 0.
+    Otherwise slots are begun at several places within a lobe, and the place with the most decided lobes is
+    taken; if ``pattern_`` is ``"any"``, that which looks least like views that begin between two lobes.
 
     Examples
     --------
@@ -308,8 +303,7 @@ class LobeCounter(Counter):
         Returns
         -------
         ndarray, shape (n_windows, n_lobes)
-            Those of a network add up to the expected count. ``ValueError`` if training had no counts, or no
-            worn and sound lobes, from which lobes could be learned (``locates``).
+            Those of a network add up to the expected count. ``ValueError`` unless the counter ``locates``.
         """
         return self.lobe_proba_of_lines(self._lines(X), passage)
 
@@ -332,7 +326,7 @@ class LobeCounter(Counter):
 
     @property
     def locates(self) -> bool:
-        """Whether the fitted counter can locate lobes."""
+        """Whether training had counts, and worn and sound lobes, from which positions could be learned."""
         is_count = self.classes_.dtype.kind in "iuf"
         return is_count and (self.lobe_trees_ is not None or bool(self.networks_))
 
