@@ -270,7 +270,7 @@ class _RecordingSettings:
     def sample(self, index: int, defects: LobeDefects) -> Sample:
         """Return a recording to simulate: the rig at its speed and load, with a motor where one is needed."""
         name, rig, seed = f"{self.rig.name}-{self.random_state}-{index:04d}", self.rig, self.seed_of(index)
-        with name_errors(f"assembly {name}", (ValueError,)):
+        with name_errors(f"assembly {name}"):
             if self.varied_errors:
                 random = np.random.default_rng(child_seed(seed, _VARIATION))
                 rig = vary_errors(rig, random, self.sampling_rate)
@@ -295,7 +295,7 @@ class _RecordingSettings:
                 f"were drawn: {run}",
             )
             raise run
-        with name_errors(f"assembly {sample.name}", (ValueError,)):
+        with name_errors(f"assembly {sample.name}"):
             record = run.record()
         output_turn = 2 * np.pi * gearbox.n_lobes  # as an angle of the input
         meta = {
@@ -321,7 +321,7 @@ def _simulate_recordings(
     settings: _RecordingSettings, defects: Sequence[LobeDefects], kernel: str, n_jobs: int, first: int = 0
 ) -> Iterator[tuple[int, Recording]]:
     """Yield places in ``defects`` and recordings; ``first`` is the number of the first recording."""
-    with name_errors(f"rig {settings.rig.name}", (ValueError,)):
+    with name_errors(f"rig {settings.rig.name}"):
         samples = [settings.sample(index, worn) for index, worn in enumerate(defects, first)]
         for place, recording in sample_each(
             samples, lambda place, drawn: settings.recording(samples[place], drawn),

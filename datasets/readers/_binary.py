@@ -15,6 +15,7 @@ from typing import IO, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat._base import checks
 from cyclofeat._base.quantities import QUANTITY_UNITS
 from cyclofeat.datasets.readers import _words as words
 from cyclofeat.datasets.readers._columns import (
@@ -42,12 +43,10 @@ def open_npz(path: Path) -> Source:
     with _open_archive(path) as archive:
         headers = _check_sizes(path, archive)
     small = {name: _read_array(path, headers[name]) for name in _RESERVED & headers.keys()}
-    rates = []
+    rates, where = [], "array 'sampling_rate'"
     if (rate := small.get("sampling_rate")) is not None:
-        if rate.size != 1 or rate.dtype.kind not in "iuf":
-            raise ValueError(f"array 'sampling_rate' must be one number in Hz, got {rate!r}")
-        words.check_rate(rate.item(), "array 'sampling_rate'")
-        rates.append((float(rate.item()), "array 'sampling_rate'"))
+        number = rate.item() if rate.size == 1 else rate
+        rates.append((checks.positive(where, number, "a number of Hz"), where))
     labels = {key: small[key].tolist() for key in (*words.LABELS, words.WORN) if key in small}
     if "meta" in labels:
         text, labels["meta"] = labels["meta"], None
@@ -155,19 +154,17 @@ def write_npz(file: IO[bytes], recording: Recording, labels: dict[str, Any]) -> 
 
 def open_parquet(path: Path) -> Source:
     """Return the columns of a Parquet file; units from the columns' metadata (``unit``) or names."""
-
-    def open_mapped(parquet: Any) -> Any:
-        return parquet.ParquetFile(path, memory_map=True)
-
-    open_file = partial(open_with, path, "Parquet", "pyarrow.parquet", open_mapped)
+    open_file = partial(
+        open_with, path, "Parquet", "pyarrow.parquet",
+        lambda parquet: parquet.ParquetFile(path, memory_map=True),
+    )  # fmt: skip
     with open_file() as file:
         schema, n_rows = file.schema_arrow, int(file.metadata.num_rows)
-    rates, rate = [], (schema.metadata or {}).get(b"sampling_rate")
-    if rate is not None:
+    rates, where = [], "metadata 'sampling_rate'"
+    if (rate := (schema.metadata or {}).get(b"sampling_rate")) is not None:
         with suppress(ValueError):
             rate = float(rate)
-        words.check_rate(rate, "metadata 'sampling_rate'")
-        rates = [(rate, "metadata 'sampling_rate'")]
+        rates.append((checks.positive(where, rate, "a number of Hz"), where))
 
     def read_column(name: str, kind: str, usable: bool) -> NDArray[Any]:
         called = f"{path.name}: column {name!r}"

@@ -58,7 +58,7 @@ class ReadingOptions:
 
     def __post_init__(self) -> None:
         if self.sampling_rate is not None:
-            words.check_rate(self.sampling_rate)
+            checks.positive("sampling_rate", self.sampling_rate, "a number of Hz")
         if self.scale is not None and not (checks.is_number(self.scale) and 0 < abs(self.scale) < math.inf):
             raise ValueError(f"scale must be a finite number other than 0 (Nm per unit), got {self.scale!r}")
         idle = "angle_channel=False" if self.angle_channel is False else "angle_unit=" * bool(self.angle_unit)
@@ -268,15 +268,16 @@ def check_unpacked(path: Path, n_bytes: int, of_it: str = "") -> None:
 
 
 @contextmanager
-def name_errors(name: str, kinds: tuple[type[Exception], ...] = (TypeError, ValueError)) -> Iterator[None]:
+def name_errors(name: str) -> Iterator[None]:
     """Begin the texts of errors with what they are of, a file or a channel."""
     try:
         yield
-    except kinds as error:
-        text, kind = str(error), TypeError if isinstance(error, TypeError) else ValueError
+    except (TypeError, ValueError) as error:
+        text = str(error)
         if re.match("(angle|signal) must", text):
             text += " (angle_channel=False leaves the angle out)"
-        raise kind(text if text.startswith(name) else f"{name}: {text}") from None
+        error.args = (text if text.startswith(name) else f"{name}: {text}",)
+        raise
 
 
 @contextmanager

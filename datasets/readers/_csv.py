@@ -24,6 +24,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat._base import checks
 from cyclofeat._base.quantities import number_of
 from cyclofeat.datasets.readers import _words as words
 from cyclofeat.datasets.readers._columns import Channel, ReadingOptions, Source, check_unpacked, open_with
@@ -226,8 +227,8 @@ def _table_of(
     heads = _head_rows(rows, lines, [i for i in filled if i < first], width, delimiter)
     blank = any("b" in column for column in kinds_of)
     fewer = not (heads or blank) and filled[0] < first  # the names above have fewer commas
-    cells = [rows[i][j] for i in samples for j in range(1, width)]
-    decimals = any(map(_DECIMALS.fullmatch, cells)) and not any("." in cell for cell in cells)
+    pointed = any("." in cell for i in samples for cell in rows[i])
+    decimals = not pointed and any(_DECIMALS.fullmatch(cell) for i in samples for cell in rows[i][1:])
     if delimiter == "," and not reading.delimiter and (fewer or decimals):
         return 0.0, None  # these are decimal commas
     names, units, at = _names_of(heads, numeric, reading)
@@ -626,5 +627,5 @@ def labels_from_comments(comments: Iterable[str]) -> dict[str, Any] | None:
     if unknown := labels.keys() - {*words.LABELS, "sampling_rate"}:
         known = ", ".join(words.FILE_LABELS)
         raise ValueError(f"unknown label {min(unknown)!r} in the header; known are {known}")
-    words.check_rate(labels.get("sampling_rate"), "sampling_rate in the header")
+    checks.positive("sampling_rate in the header", labels.get("sampling_rate"), "a number of Hz")
     return labels

@@ -109,12 +109,6 @@ def clean_unit(unit: str | None) -> str | None:
     return _OTHER_SPELLINGS.get(bare.lower(), bare) or None
 
 
-def check_rate(value: Any, place: str = "sampling_rate") -> None:
-    """Raise ``ValueError`` for what is no sampling rate: of the argument, or as ``place`` states it."""
-    if not (checks.is_number(value) and 0 < value < math.inf):
-        raise ValueError(f"{place} must be a positive, finite number (Hz), got {value!r}")
-
-
 def whole_rate(rate: float, share: float = 1e-9) -> float:
     """Return a rate in Hz, as a whole number if one lies within this share of it."""
     return float(round(rate)) if abs(rate - round(rate)) <= rate * share and round(rate) > 0 else rate

@@ -415,7 +415,7 @@ def test_files_that_are_not_there_or_not_files(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "kind", "words"),
     [
-        ({"sampling_rate": "fast"}, ValueError, "sampling_rate must be a positive, finite number.*'fast'"),
+        ({"sampling_rate": "fast"}, TypeError, "sampling_rate must be a number of Hz, got 'fast'"),
         ({"scale": 0}, ValueError, "scale must be a finite number other than 0"),
         ({"pulses_per_turn": 0}, ValueError, "pulses_per_turn must be at least 1, got 0"),
         ({"pulses_per_turn": 2, "angle_unit": "deg"}, ValueError, "turn= has no effect with angle_unit="),
@@ -462,7 +462,7 @@ BAD_NPZ = {
         {"torque": [1, 2], "sampling_rate": 3, "angle": [1, 2], "angle_unit": "turns"},
         "'angle_unit' ... 'rad' or 'deg' ... 'turns'",
     ),
-    "many rates": ({"torque": [1, 2], "sampling_rate": [3, 4]}, "'sampling_rate' ... one number"),
+    "many rates": ({"torque": [1, 2], "sampling_rate": [3, 4]}, "'sampling_rate' ... a number"),
     "negative rate": ({"torque": [1, 2], "sampling_rate": -3}, "'sampling_rate' ... positive ... -3"),
     "a matrix": ({"torque": [[1], [2]], "sampling_rate": 3}, "'torque' ... 1-D ... (2, 1)"),
     "text": ({"torque": ["a", "b"], "sampling_rate": 3}, "'torque' ... real numbers ... <U1"),
