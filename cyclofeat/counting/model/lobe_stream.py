@@ -14,7 +14,7 @@ from cyclofeat.counting.model._verdicts import window_faults
 from cyclofeat.counting.model.lobe_count import AnsweredWindows, LobeCount, PreparedWindows, WindowCount
 from cyclofeat.counting.model.lobe_model import LobeModel
 from cyclofeat.recordings import Recording
-from cyclofeat.recordings.window_stream import StreamWindow, WindowStream
+from cyclofeat.recordings.windower import StreamWindow, WindowStream
 from cyclofeat.signal.windows import Float
 
 
