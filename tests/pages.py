@@ -58,6 +58,18 @@ def words(parsed):
     return " ".join(" ".join(parsed.text).split()).replace("\N{NO-BREAK SPACE}", " ")
 
 
+def read_words(path):
+    """Words of the page in a file."""
+    return words(parse(path.read_text(encoding="utf-8")))
+
+
+def assert_in_order(text, parts):
+    """The parts stand in a text, one after the other."""
+    missing = [part for part in parts if part not in text]
+    assert not missing
+    assert [*map(text.find, parts)] == sorted(map(text.find, parts))
+
+
 def without_pictures(page):
     return re.sub(r"data:image/svg\+xml;base64,[A-Za-z0-9+/=]+", "", page)
 

@@ -15,17 +15,16 @@ class                    picture
 ``EvaluationDisplay``    confusion matrix and calibration of a counter
 =======================  ==================================================================================
 
-``from_recording`` (or ``from_estimator``) makes a display, ``plot(ax=None)`` draws it, sets ``ax_`` and
-``figure_`` and returns the display. Those of the gap draw at once, by ``from_result``. Only drawing needs
-matplotlib (``pip install matplotlib``). ``plot`` of recordings and results makes and draws a display in one
-call: ``recording.plot("spectrum")``.
+``from_recording``, ``from_estimator`` or the class itself makes a display; ``plot(ax=None)`` draws it, sets
+``ax_`` and ``figure_`` and returns the display. Only drawing needs matplotlib (``pip install matplotlib``).
+``plot`` of recordings and results makes and draws a display in one call: ``recording.plot("spectrum")``.
 """
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from cyclofeat._base import Draw, register_plots
+from cyclofeat._base import register_plots
+from cyclofeat._base.quantities import number_of
 from cyclofeat.plotting._gap import GapDisplay
 from cyclofeat.plotting._gap_correction import GapOverlayDisplay, GapReductionDisplay
 from cyclofeat.plotting._lobe_map import LobeMapDisplay
@@ -47,40 +46,33 @@ __all__ = [
 ]
 
 
-def _of_recording(display: Any) -> Draw:
-    return lambda recording, ax, **options: display.from_recording(recording).plot(ax, **options)
+def _draw(display: Any, drawn: Any, ax: Any, **options: Any) -> Any:
+    return display(drawn).plot(ax=ax, **options)
 
 
-def _of_result(display: Any) -> Callable[..., Any]:
-    return lambda kind, result, ax, **options: display(result).plot(kind, ax, **options)
-
-
-def _of_gap(kind: Any, result: Any, ax: Any, **options: Any) -> Any:
-    display = GapDisplay if kind == "families" else GapOverlayDisplay
-    return display.from_result(result, kind, ax, **options)
-
-
-def _each(draw: Callable[..., Any], *kinds: str) -> dict[str, Draw]:
-    return {kind: partial(draw, kind) for kind in kinds}
+def _draw_gap(kind: str, result: Any, ax: Any, *, condition: int = 0, **options: Any) -> Any:
+    display: Any = GapOverlayDisplay
+    name, parts = f"overlays of {kind=}", [part for part in result.overlays if part.kind == kind]
+    if kind == "closed":
+        name, parts, display = "proof", [proof.rows for proof in result.proof], GapReductionDisplay
+    elif kind == "differences":
+        name, parts, display = "a comparison", result.where, GapDisplay
+    if not 0 <= condition < len(parts):
+        conditions = number_of(len(parts), "condition")
+        raise ValueError(f"result has {name} at {conditions}, got condition={condition}")
+    drawn = display(parts[condition], **options)
+    return drawn.plot("families", ax) if kind == "differences" else drawn.plot(ax)
 
 
 # The pictures behind the ``plot`` methods of recordings and results, by the name of the class.
+_OF_RECORDING: dict[str, Any] = {
+    "torque": TorqueDisplay, "spectrum": SpectrumDisplay, "orders": OrderDisplay, "lobes": LobeMapDisplay,
+}  # fmt: skip
+_OF_GAP = ("spectrum", "orders", "distribution", "differences", "closed")
+register_plots("Recording", {kind: partial(_draw, display) for kind, display in _OF_RECORDING.items()})
+register_plots("LobeCount", {kind: partial(_draw, CountDisplay, kind=kind) for kind in ("counts", "lobes")})
 register_plots(
-    "Recording",
-    {
-        "torque": _of_recording(TorqueDisplay),
-        "spectrum": _of_recording(SpectrumDisplay),
-        "orders": _of_recording(OrderDisplay),
-        "lobes": _of_recording(LobeMapDisplay),
-    },
+    "Evaluation",
+    {kind: partial(_draw, EvaluationDisplay, kind=kind) for kind in ("confusion", "calibration")},
 )
-register_plots("LobeCount", _each(_of_result(CountDisplay), "counts", "lobes"))
-register_plots("Evaluation", _each(_of_result(EvaluationDisplay), "confusion", "calibration"))
-register_plots(
-    "GapResult",
-    {
-        **_each(_of_gap, "spectrum", "orders", "distribution"),
-        "differences": partial(_of_gap, "families"),
-        "closed": GapReductionDisplay.from_result,
-    },
-)
+register_plots("GapResult", {kind: partial(_draw_gap, kind) for kind in _OF_GAP})

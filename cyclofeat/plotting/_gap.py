@@ -13,7 +13,6 @@ from cyclofeat.plotting.drawing import (
     Float,
     axes_for,
     draw_mark_legend,
-    one_of_result,
     plain_log_ticks,
     theme_colours,
 )
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
-    from cyclofeat.gap import GapResult
     from cyclofeat.gap.where.locate import Where, WhereRow
 
 Kind = Literal["families", "spectrum", "orders", "lobe phase", "input phase"]
@@ -71,8 +69,7 @@ class GapDisplay(Display):
 
     Examples
     --------
-    >>> GapDisplay.from_result(result, kind="spectrum")  # doctest: +SKIP
-    >>> GapDisplay(result.where[1]).plot(kind="orders").figure_.savefig("orders.png")  # doctest: +SKIP
+    >>> GapDisplay(result.where[1]).plot("orders").figure_.savefig("orders.png")  # doctest: +SKIP
     """
 
     SIZES: ClassVar[dict[Kind, tuple[float, float]]] = {
@@ -87,35 +84,6 @@ class GapDisplay(Display):
     def __init__(self, where: Where, *, label: str = "recordings") -> None:
         self.where = where
         self.label = str(label)
-
-    @classmethod
-    def from_result(
-        cls,
-        result: GapResult,
-        kind: Kind = "spectrum",
-        ax: Axes | None = None,
-        *,
-        condition: int = 0,
-        label: str = "recordings",
-    ) -> Self:
-        """Draw the comparison with the model as it was, at one condition.
-
-        Parameters
-        ----------
-        result : cyclofeat.gap.GapResult
-        kind, ax
-            See :meth:`plot`.
-        condition : int, default=0
-            Number of the condition.
-        label : str, default="recordings"
-            See :class:`GapDisplay`.
-
-        Returns
-        -------
-        GapDisplay
-        """
-        where = one_of_result("a comparison", result.where, condition)
-        return cls(where, label=label).plot(kind, ax)
 
     @property
     def kinds(self) -> list[Kind]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from cyclofeat.plotting.drawing import (
     PlainDisplay,
     draw_mark_legend,
     legend_above,
-    one_of_result,
     plain_log_ticks,
     theme_colours,
 )
@@ -21,11 +20,8 @@ from cyclofeat.plotting.drawing import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from cyclofeat.gap import GapResult
     from cyclofeat.gap.overlays import Overlay
     from cyclofeat.gap.proof.prove import ProofRow
-
-OverlayKind = Literal["spectrum", "orders", "distribution"]
 
 _CORRECTED = "C2"
 _LEAST_DENSITY = 1e-3  # of the largest, that a picture shows
@@ -56,7 +52,7 @@ class GapOverlayDisplay(PlainDisplay):
 
     Examples
     --------
-    >>> GapOverlayDisplay.from_result(result, "orders")  # doctest: +SKIP
+    >>> GapOverlayDisplay(result.overlays[0]).plot()  # doctest: +SKIP
     """
 
     size = (8.0, 3.6)
@@ -74,37 +70,6 @@ class GapOverlayDisplay(PlainDisplay):
         # Single values can fall to any depth of a logarithmic axis; densities fall to zero.
         least = _LEAST_DENSITY * high if overlay.kind == "distribution" else float(np.quantile(values, 0.01))
         self.ends = 0.8 * least, 1.6 * high
-
-    @classmethod
-    def from_result(
-        cls,
-        result: GapResult,
-        kind: OverlayKind = "spectrum",
-        ax: Axes | None = None,
-        *,
-        condition: int = 0,
-        label: str = "recordings",
-    ) -> Self:
-        """Draw one overlay of a result.
-
-        Parameters
-        ----------
-        result : cyclofeat.gap.GapResult
-        kind : {"spectrum", "orders", "distribution"}, default="spectrum"
-        ax : matplotlib.axes.Axes, optional
-            Axes to draw on; default, new ones.
-        condition : int, default=0
-            Number of the condition.
-        label : str, default="recordings"
-            Name of the recordings.
-
-        Returns
-        -------
-        GapOverlayDisplay
-        """
-        of_kind = [overlay for overlay in result.overlays if overlay.kind == kind]
-        overlay = one_of_result(f"overlays of kind={kind!r}", of_kind, condition)
-        return cls(overlay, label=label).plot(ax)
 
     def _draw(self, ax: Axes) -> None:
         overlay = self.overlay
@@ -162,24 +127,6 @@ class GapReductionDisplay(PlainDisplay):
         n_alternatives = len(dict.fromkeys(row.alternative for row in self.comparison))
         n_conditions = len({row.condition for row in self.comparison})
         self.size = (4.7, 1.2 + 0.5 * n_alternatives + 0.25 * n_conditions)
-
-    @classmethod
-    def from_result(cls, result: GapResult, ax: Axes | None = None, *, condition: int = 0) -> Self:
-        """Draw the shares that alternatives close at one condition.
-
-        Parameters
-        ----------
-        result : cyclofeat.gap.GapResult
-        ax : matplotlib.axes.Axes, optional
-            Axes to draw on; default, new ones.
-        condition : int, default=0
-            Number of the condition among those held out.
-
-        Returns
-        -------
-        GapReductionDisplay
-        """
-        return cls(one_of_result("proof", result.proof, condition).rows).plot(ax)
 
     def _draw(self, ax: Axes) -> None:
         rows = [row for row in self.comparison if np.isfinite(row.grr)]

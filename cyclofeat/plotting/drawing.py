@@ -5,14 +5,13 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.quantities import number_of
 from cyclofeat.recordings import Recording
 
 if TYPE_CHECKING:
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
 Float = NDArray[np.float64]
-T = TypeVar("T")
 
 
 class Display:
@@ -140,15 +138,6 @@ def draw_mark_legend(
         handles=[*above, *handles], loc="lower left", bbox_to_anchor=(x, 1.0), ncols=ncols, fontsize="small",
         frameon=False, borderaxespad=0.2,
     )  # fmt: skip
-
-
-def one_of_result(name: str, parts: Sequence[T], condition: int) -> T:
-    """Return the part of a result at a condition."""
-    if not 0 <= condition < len(parts):
-        raise ValueError(
-            f"result has {name} at {number_of(len(parts), 'condition')}, got condition={condition}"
-        )
-    return parts[condition]
 
 
 def numbering_words(absolute: bool) -> str:

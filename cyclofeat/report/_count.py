@@ -12,13 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cyclofeat._base.quantities import in_words, lobes_text, source_in_words
-from cyclofeat.plotting import (
-    LobeMapDisplay,
-    OrderDisplay,
-    SpectrumDisplay,
-    TorqueDisplay,
-    TrainingDisplay,
-)
+from cyclofeat.plotting import TrainingDisplay
 from cyclofeat.plotting.kinds import words_of
 from cyclofeat.recordings.recording import facts_in_words
 from cyclofeat.report import _figures
@@ -144,7 +138,7 @@ def write_count_report(
         "failures": failed,
         "sections": sections,
         "n_more": len(rows) - len(sections),
-        "features": [(kind, words_of(kind)) for kind in kinds],
+        "features": [{"name": kind} | vars(words_of(kind)) for kind in kinds],
         "n_lobes": model.n_lobes_,
         "calibrated": bool(model.card_.get("calibrated")),
         "model": _describe_model(model),
@@ -211,55 +205,29 @@ def _recording_section(model: LobeModel, item: CountedRecording, most_samples: i
             "source": source_in_words(recording.source) or "not stated",
         },
         "training_distance": None if np.isnan(count.distance) else float(count.distance),
-        **_draw_evidence(model, item, speed_hz if speed_known else None, most_samples),
+        "pictures": _figures.recording_pictures(
+            recording.replace(n_lobes=model.n_lobes_), count, speed_hz if speed_known else None, most_samples
+        ),
+        "features": [] if model.domain_ is None or not speed_known else _draw_features(model, item),
     }
 
 
-def _draw_evidence(
-    model: LobeModel, item: CountedRecording, speed_hz: float | None, most_samples: int
-) -> dict[str, Any]:
-    """Draw a recording, as far as its speed is known, and its features if the model has a training domain."""
-    from cyclofeat.simulators.gearbox import CycloidalProfile
-
-    count, recording = item.count, item.recording.replace(n_lobes=model.n_lobes_)
-    torque = TorqueDisplay.from_recording(recording)
-    of_torque: dict[str, Any] = {
-        "windows": _figures.window_spans(count.windows), "most_samples": most_samples,
-    }  # fmt: skip
-    if speed_hz is None:
-        # Lines marked at a wrong speed would mislead.
-        unmarked = SpectrumDisplay.from_recording(recording.replace(speed_rpm=None))
-        pictures = _figures.recording_pictures(torque, unmarked, **of_torque)
-    else:
-        # Recordings do not state their gearbox: the disc has the proportions of the papers.
-        n_pins = model.n_lobes_ + 1
-        profile = CycloidalProfile(
-            eccentricity=0.7 / n_pins, n_pins=n_pins, shortening=0.7, pin_radius=1.5 / n_pins
-        )
-        lobe_map = LobeMapDisplay(
-            recording, input_speed_hz=speed_hz, count=count, outline=profile.outline(count.lobes)
-        )
-        spectrum = SpectrumDisplay(recording, input_speed_hz=lobe_map.input_speed_hz)
-        orders = OrderDisplay(recording, input_speed_hz=lobe_map.input_speed_hz)
-        pictures = _figures.recording_pictures(torque, spectrum, orders, lobe_map, **of_torque)
-    evidence: dict[str, Any] = {"pictures": pictures, "features": []}
-    if model.domain_ is None or speed_hz is None:
-        return evidence
-    display = TrainingDisplay.from_estimator(model, recording)
-    trained = sorted(count.probability)
-    place = trained.index(count.defect_count)
-    # Beside its count those next to it: is it one less, or one more?
-    counts = (count.defect_count, *trained[max(0, place - 1) : place], *trained[place + 1 : place + 2])
-    beside = ", ".join(map(str, counts))
+def _draw_features(model: LobeModel, item: CountedRecording) -> list[dict[str, Any]]:
+    """Draw the features of a recording beside the training windows of its count and of those next to it."""
+    recording, trained, count = item.recording, sorted(item.count.probability), item.count.defect_count
+    if item.count.lobe_probability and not item.count.absolute:  # lobes count from the first sample
+        recording = recording.replace(angle_is_absolute=False)
+    display = TrainingDisplay(model, recording)
+    place = trained.index(count)
+    # Is it one less, or one more?
+    counts = (count, *trained[max(0, place - 1) : place], *trained[place + 1 : place + 2])
+    alt = f"Features of the recording beside training windows with {', '.join(map(str, counts))} worn lobes: "
+    features = []
     for kind in display.kinds[:_N_FEATURE_PICTURES]:
-        words = words_of(kind)
-        alt = f"Features of the recording beside training windows with {beside} worn lobes: "
-        draw = partial(display.plot, kind=kind, counts=counts)
+        words, draw = words_of(kind), partial(display.plot, kind=kind, counts=counts)
         picture = _figures.draw_picture(draw, _BESIDE_TRAINING, alt + words.title)
-        evidence["features"].append(
-            {"kind": kind, "title": words.title, "text": words.text, "picture": picture}
-        )
-    return evidence
+        features.append({"kind": kind, "title": words.title, "text": words.text, "picture": picture})
+    return features
 
 
 def _describe_model(model: LobeModel) -> dict[str, Any]:

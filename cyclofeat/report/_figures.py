@@ -22,6 +22,7 @@ from cyclofeat.signal.faults import find_runs, mark_clipped, mark_dropouts
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from cyclofeat.counting import LobeCount
     from cyclofeat.counting.model.lobe_count import WindowCount
     from cyclofeat.recordings import Recording
 
@@ -197,61 +198,57 @@ _MOST_BINS = 12_000
 
 
 def recording_pictures(
-    torque: TorqueDisplay,
-    spectrum: SpectrumDisplay,
-    orders: OrderDisplay | None = None,
-    lobe_map: LobeMapDisplay | None = None,
-    *,
-    windows: Sequence[Span] = (),
-    most_samples: int = MOST_SAMPLES,
+    recording: Recording, count: LobeCount, speed_hz: float | None, most_samples: int
 ) -> dict[str, Picture]:
-    """Draw ``torque``, ``spectrum``, ``orders`` and ``lobe_map`` of one recording, each on its own scale.
+    """Draw torque and spectrum of a counted recording and, if its speed is known, its disc and orders.
 
-    The torque has its ``windows`` above it. The page holds ``most_samples`` of it, or their room in extremes.
+    The torque has its windows above it. The page holds ``most_samples`` of it, or their room in extremes.
     """
+    from cyclofeat.simulators.gearbox import CycloidalProfile
+
+    torque, windows = TorqueDisplay(recording), window_spans(count.windows)
+    torque.max_points = _MOST_POINTS
 
     def draw_torque(ax: Axes) -> None:
-        torque.max_points = _MOST_POINTS
         torque.plot(ax)
         # Draw a strip of windows with their labels above the curve.
         low, high = ax.get_ylim()
         if windows:
             ax.set_ylim(low, high + 0.12 * (high - low))
-        few = len(windows) <= 8
         for window in windows:
             colour = _REFUSED if window.amiss else "C0"
             ax.axvspan(window.start, window.stop, 0.9, 1, facecolor=colour, edgecolor="w", alpha=0.3)
-            middle, label = (window.start + window.stop) / 2, window.label if few else window.label[0]
+            middle, label = (window.start + window.stop) / 2, window.label
             ax.text(
-                middle, 0.95, label, transform=ax.get_xaxis_transform(), ha="center", va="center",
-                fontsize="small", clip_on=True,
+                middle, 0.95, label if len(windows) <= 8 else label[0], transform=ax.get_xaxis_transform(),
+                ha="center", va="center", fontsize="small", clip_on=True,
             )  # fmt: skip
 
-    drawn = {
-        "torque": draw_picture(
-            draw_torque, (6.0, 2.8),
-            f"{torque.quantity.capitalize()} in {torque.unit} over time in s, with the answer of each window",
-            plot=torque_plot(torque, windows, most_samples),
-        ),
-        "spectrum": draw_picture(
-            spectrum.plot, (6.0, 3.4),
-            f"Amplitude spectrum of the {torque.quantity} in {torque.unit}; "
-            "lobe lines and orders are marked if a speed is known",
-            plot=spectrum_plot(spectrum, most_samples),
-        ),
-    }  # fmt: skip
-    if orders is not None:
-        drawn["orders"] = draw_picture(
-            orders.plot, (6.0, 3.4),
-            f"Amplitudes in {torque.unit} at the lines of the output turn, by order of the input shaft",
-            plot=order_plot(orders),
-        )  # fmt: skip
-    if lobe_map is not None:
-        drawn["lobe_map"] = draw_picture(
-            lobe_map.plot, (6.0, 5.8),
-            "Disc with its counted lobes in colour, a ring as dark as each is worn, and bars of disturbance",
-        )  # fmt: skip
-    return drawn
+    alt = f"{torque.quantity.capitalize()} in {torque.unit} over time in s, with the answer of each window"
+    plot = torque_plot(torque, windows, most_samples)
+    drawn = {"torque": draw_picture(draw_torque, (6.0, 2.8), alt, plot=plot)}
+    if speed_hz is None:
+        # Lines marked at a wrong speed would mislead.
+        spectrum = SpectrumDisplay(recording.replace(speed_rpm=None))
+    else:
+        # Recordings do not state their gearbox: the disc has the proportions of the papers.
+        n_pins = recording.n_lobes + 1
+        profile = CycloidalProfile(
+            eccentricity=0.7 / n_pins, n_pins=n_pins, shortening=0.7, pin_radius=1.5 / n_pins
+        )
+        lobe_map = LobeMapDisplay(
+            recording, input_speed_hz=speed_hz, count=count, outline=profile.outline(count.lobes)
+        )
+        alt = "Disc with its counted lobes in colour, a ring as dark as each is worn, and bars of disturbance"
+        drawn["lobe_map"] = draw_picture(lobe_map.plot, (6.0, 5.8), alt)
+        spectrum = SpectrumDisplay(recording, input_speed_hz=lobe_map.input_speed_hz)
+        orders = OrderDisplay(recording, input_speed_hz=lobe_map.input_speed_hz)
+        alt = f"Amplitudes in {torque.unit} at the lines of the output turn, by order of the input shaft"
+        drawn["orders"] = draw_picture(orders.plot, (6.0, 3.4), alt, plot=order_plot(orders))
+    alt = f"Amplitude spectrum of the {torque.quantity} in {torque.unit}; "
+    alt += "lobe lines and orders are marked if a speed is known"
+    plot = spectrum_plot(spectrum, most_samples)
+    return drawn | {"spectrum": draw_picture(spectrum.plot, (6.0, 3.4), alt, plot=plot)}
 
 
 def window_spans(windows: Sequence[WindowCount]) -> list[Span]:

@@ -20,7 +20,6 @@ import matplotlib.pyplot as plt
 
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.gap import GapSettings, find_gap, hold_out
-from cyclofeat.plotting import GapOverlayDisplay, GapReductionDisplay
 from cyclofeat.simulators import BrakeRotor, CycloidalGearbox, Drift, Hum, Noise, Rig
 
 hidden = [BrakeRotor(0.02, 12_000.0, 0.03), Drift(1.0), Hum(0.3), Noise(0.1)]
@@ -48,8 +47,8 @@ figure, (missing, spectrum, helps) = plt.subplots(
 shown = [found for found in result.effects if found.probability > 0.15][::-1]
 missing.barh([found.effect.replace("_", " ") for found in shown], [found.probability for found in shown])
 missing.set(xlim=(0, 1.02), xlabel="probability that it is missing")
-GapOverlayDisplay.from_result(result, "spectrum", spectrum, label="surrogate")
-GapReductionDisplay.from_result(result, helps)
+result.plot("spectrum", spectrum, label="surrogate")
+result.plot("closed", helps)
 titles = {
     missing: "What is missing",
     spectrum: "Recordings, model and corrected model",

@@ -21,7 +21,6 @@ from cyclofeat.counting import make_lobe_counter
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.gap import GapSettings, find_gap, hold_out
 from cyclofeat.gap.comparison import MAY_DIFFER
-from cyclofeat.plotting import GapOverlayDisplay, GapReductionDisplay
 from cyclofeat.simulators import BrakeRotor, Drift, Hum, Noise, Rig
 
 # %%
@@ -76,8 +75,8 @@ assert not result.remainder.unexplained
 # no effect of the library explains, and ``result.remainder`` lists where.
 
 figure, (above, below) = plt.subplots(2, 1, figsize=(8, 6.6), height_ratios=[2.2, 1], layout="constrained")
-GapOverlayDisplay.from_result(result, "spectrum", above, label="recordings")
-GapReductionDisplay.from_result(result, below)
+result.plot("spectrum", above, label="recordings")
+result.plot("closed", below)
 plt.show()
 
 # %%

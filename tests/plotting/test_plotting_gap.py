@@ -252,10 +252,19 @@ def test_reduction_draws_every_finite_ratio_and_says_those_beyond_its_edge():
     assert dots == {90.0, 80.0, 70.0, -100.0}
 
 
-def test_displays_of_a_result_take_the_condition(compared_hum):
+def test_a_result_is_drawn_at_the_condition(compared_hum):
     result = answered(compared_hum["hum"])
-    assert GapDisplay.from_result(result, "orders", condition=1).where is result.where[1]
-    assert GapReductionDisplay.from_result(result, condition=1).drawn_ == [("after", "all", 97.0)]
+    assert result.plot("differences", condition=1).where is result.where[1]
+    assert result.plot("closed", condition=1).drawn_ == [("after", "all", 97.0)]
+    for number, condition in enumerate((FIRST, SECOND)):
+        drawn = result.plot("orders", condition=number).overlay
+        assert (drawn.kind, drawn.condition) == ("orders", condition)
+    with pytest.raises(ValueError, match="overlays of kind='orders' at 2 conditions, got condition=2"):
+        result.plot("orders", condition=2)
+    with pytest.raises(ValueError, match="result has proof at 0 conditions"):
+        dataclasses.replace(result, proof=()).plot("closed")
+    with pytest.raises(ValueError, match="result has a comparison at 1 condition, got condition=1"):
+        dataclasses.replace(result, where=result.where[:1]).plot("differences", condition=1)
 
 
 # -- overlays
@@ -281,17 +290,6 @@ def test_curves_and_bands_are_those_of_the_overlay(kind):
 def test_without_a_corrected_model_there_are_two():
     display = GapOverlayDisplay(dataclasses.replace(overlay(), corrected=None)).plot()
     assert [line.get_label() for line in display.ax_.get_lines()] == ["model", "recordings"]
-
-
-def test_of_a_result_by_kind_and_condition(compared_hum):
-    result = answered(compared_hum["hum"])
-    for number, condition in enumerate((FIRST, SECOND)):
-        display = GapOverlayDisplay.from_result(result, "orders", condition=number)
-        assert (display.overlay.kind, display.overlay.condition) == ("orders", condition)
-    with pytest.raises(ValueError, match="overlays of kind='orders' at 2 conditions, got condition=2"):
-        GapOverlayDisplay.from_result(result, "orders", condition=2)
-    with pytest.raises(ValueError, match="result has overlays of kind='phase' at 0 conditions"):
-        GapOverlayDisplay.from_result(result, "phase")
 
 
 # -- words
@@ -376,11 +374,6 @@ def test_roles_are_told_apart_also_by_the_colour_blind(roles_of):
         (lambda: display_of([]).plot("families"), "compared: nothing"),
         (lambda: GapReductionDisplay([]).plot(), "finite grr"),
         (lambda: GapReductionDisplay(COMPARISON[-1:]).plot(), "finite grr"),
-        (lambda: GapReductionDisplay.from_result(SimpleNamespace(proof=())), "result has proof at 0 cond"),
-        (
-            lambda: GapDisplay.from_result(SimpleNamespace(where=(None,)), condition=1),
-            "result has a comparison at 1 condition, got condition=1",
-        ),
     ],
 )
 def test_displays_refuse(call, message):

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from pages import parse, summary_of, words
+from pages import assert_in_order, parse, read_words, summary_of, words
 from sklearn.naive_bayes import GaussianNB
 
 from cyclofeat.counting import evaluate
@@ -41,7 +41,6 @@ def page(data, results, tmp_path_factory):
 
 @pytest.mark.slow
 def test_the_score_comes_first_with_its_interval(page, results):
-    text = words(parse(page))
     result = results["bayes & co"]
     low, high = result.accuracy_interval
     order = [
@@ -51,9 +50,7 @@ def test_the_score_comes_first_with_its_interval(page, results):
         "Each count by itself", "Assemblies counted wrong", "How the folds were made",
         "stratified; 5 folds, seed 0", "What the words mean", "Made from",
     ]  # fmt: skip
-    places = [text.find(part) for part in order]
-    assert -1 not in places, [part for part, place in zip(order, places, strict=True) if place < 0]
-    assert places == sorted(places)
+    assert_in_order(words(parse(page)), order)
     assert "A<" not in page
 
 
@@ -104,8 +101,7 @@ def test_the_confusion_is_drawn_as_it_is(results):
 def test_nothing_wrong_is_said_with_its_limit(data, tmp_path):
     _, y, groups = data
     perfect = evaluate(GaussianNB(), y[:, np.newaxis] + 1e-3 * np.arange(120)[:, np.newaxis] / 120, y, groups)
-    path = write_evaluation_report({"a": perfect}, tmp_path / "a.html")
-    text = words(parse(path.read_text(encoding="utf-8")))
+    text = read_words(write_evaluation_report({"a": perfect}, tmp_path / "a.html"))
     assert "None: every window of every assembly was counted right" in text
     assert "SIMULATED" not in text
 
