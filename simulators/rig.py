@@ -15,16 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from scipy.stats import rayleigh, uniform
 
-from cyclofeat._base import displays
-from cyclofeat._base.checks import (
-    Replaceable,
-    check_type,
-    is_number,
-    number_pair,
-    one_of,
-    positive,
-    repr_of,
-)
+from cyclofeat._base.checks import Replaceable, check_type, is_number, number_pair, one_of, positive, repr_of
 from cyclofeat._base.displays import Card, WithCard
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import QUANTITIES
@@ -238,21 +229,8 @@ class Rig(Replaceable, WithCard):
             rows[label] = ", ".join(texts)
         if self.variants:
             rows["variants"] = f"{len(self.variants)} sets of further effects, of which each assembly has one"
-        return Card(
-            "Rig" if self.name == "rig" else f"Rig {self.name}",
-            rows,
-            self._draw_wheel,
-            code="rig.simulate(LobeDefects.worn(3))",
-        )
-
-    def _draw_wheel(self) -> list[str]:
-        """Draw the outlines of a wheel in its rest position and of the external sleeves."""
-        gearbox = self.gearbox
-        wheel = gearbox.outline_profile.outline(points_per_lobe=20) * np.exp(-1j * np.pi / gearbox.n_lobes)
-        circle = gearbox.pin_radius * np.exp(2j * np.pi * np.arange(24) / 24)
-        centres = gearbox.pin_circle_radius * np.exp(2j * np.pi * np.arange(gearbox.n_pins) / gearbox.n_pins)
-        wheel_outlines = [wheel + gearbox.eccentricity, *(centre + circle for centre in centres)]
-        return [displays.draw_outlines(wheel_outlines, "Wheel between the pins")]
+        title = "Rig" if self.name == "rig" else f"Rig {self.name}"
+        return Card(title, rows, code="rig.simulate(LobeDefects.worn(3))")
 
     @property
     def has_brake(self) -> bool:
@@ -547,7 +525,7 @@ class Rig(Replaceable, WithCard):
         # The machine of a user's simulator already ran.
         n_settling = settling_samples(gearbox, sampling_rate) if self.simulator is None else 0
         motor = machine.motor
-        self.check_quantity(quantity)
+        check_quantity(self, quantity)
         if quantity == "motor_current" and motor is None:
             raise ValueError("quantity motor_current needs a motor: add motor_effects() to the effects")
         n_run = max(machine.measured_by(chain).samples_needed(n_samples) for chain in ((), *chains))
@@ -574,28 +552,6 @@ class Rig(Replaceable, WithCard):
             machine=machine, arguments=arguments, random_state=seed, n_samples=n_samples,
             n_settling=n_settling, quantity=quantity,
         )  # fmt: skip
-
-    def check_quantity(self, quantity: str) -> str:
-        """Return a quantity if records of the rig can have it.
-
-        Parameters
-        ----------
-        quantity : {"output_torque", "input_torque", "motor_current"}
-
-        Returns
-        -------
-        str
-            The same.
-
-        Raises
-        ------
-        ValueError
-            If it is none of these, or the rig's own simulator does not give it.
-        """
-        one_of("quantity", quantity, QUANTITIES)
-        if self.simulator is not None and quantity != QUANTITIES[0]:
-            raise ValueError(f"quantity must be {QUANTITIES[0]!r} for a user's simulator, got {quantity!r}")
-        return quantity
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of a rig's file, without format and note.
@@ -748,6 +704,14 @@ class Rig(Replaceable, WithCard):
         return read_json(path, cls.from_dict, "a rig", example)
 
 
+def check_quantity(rig: Rig, quantity: str) -> str:
+    """Return a quantity if records of the rig can have it; a user's simulator gives the output torque."""
+    one_of("quantity", quantity, QUANTITIES)
+    if rig.simulator is not None and quantity != QUANTITIES[0]:
+        raise ValueError(f"quantity must be {QUANTITIES[0]!r} for a user's simulator, got {quantity!r}")
+    return quantity
+
+
 def _assembly_errors() -> tuple[Effect, ...]:
     """Return the effects of all three presets."""
     return (
@@ -780,19 +744,13 @@ def read_json(path: str | os.PathLike[str], make: Callable[[Any], Made], what: s
 
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
+        return make(json.loads(text, object_pairs_hook=unique_keys))
     except FileNotFoundError:
         raise FileNotFoundError(f"{name}: no such file; to_json writes a description of {what}") from None
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{name}: is not text in UTF-8 (byte {error.start}); give a JSON file") from None
     except OSError as error:
         raise OSError(f"{name}: cannot be read ({error.strerror}); give a JSON file") from None
-    try:
-        content = json.loads(
-            text,
-            object_pairs_hook=unique_keys,
-            parse_int=lambda digits: int(digits) if len(digits) <= 308 else math.inf,  # as floats
-        )
-        return make(content)
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{name}: is not text in UTF-8 (byte {error.start}); give a JSON file") from None
     except json.JSONDecodeError as error:
         raise ValueError(
             f"{name}: is not valid JSON: {error.msg} at line {error.lineno}, column {error.colno}; "

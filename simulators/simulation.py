@@ -159,14 +159,6 @@ class SimulationRun:
     dt: float = 1e-5
     kernel: str = "exact"
 
-    def __str__(self) -> str:
-        n, torque = self.torque_out.size, self.torque_out
-        return (
-            f"Simulation of {n / self.sampling_rate:.4g} s: {n} samples at {self.sampling_rate:g} Hz\n"
-            f"  output torque: {torque.min():.4g} to {torque.max():.4g} Nm, mean {torque.mean():.4g} Nm\n"
-            f"  defects: {self.defects}"
-        )
-
     @property
     def time(self) -> Float:
         """Time of each sample in s, shape (n,)."""

@@ -199,17 +199,6 @@ def draw_disc(shares: Sequence[float], counted: Collection[int], label: str) -> 
     return _svg_figure(parts, 120, 120, label)
 
 
-def draw_outlines(shapes: Sequence[NDArray[np.complex128]], label: str) -> str:
-    """Return closed outlines, y upwards, the first one in the accent."""
-    reach = max(float(np.abs(shape).max()) for shape in shapes)
-    parts = []
-    for k, shape in enumerate(shapes):
-        drawn = 60 * (1 + 1j) + 58 / reach * np.conj(shape)
-        look = f'stroke="{_INK}" stroke-opacity=".6"' if k else f'stroke="{ACCENT}"'
-        parts.append(f'<polygon points="{_points_text(drawn.real, drawn.imag)}" fill="none" {look}/>')
-    return _svg_figure(parts, 120, 120, label)
-
-
 def _points_text(x: NDArray[Any], y: NDArray[Any]) -> str:
     return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))
 

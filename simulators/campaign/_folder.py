@@ -241,19 +241,15 @@ def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> Camp
         done = n - len(store.missing_names(shard_file(shard, "sha256") for shard in range(n)))
         raise ValueError(f"{folder}: is not finished, {done} of {n} shards are there: run it again to go on")
     manifest = store.read_manifest()
-    wrong = []
+    mend = "run the campaign again to mend it"
     for name, stated in manifest["files"].items():
         file = folder / name
         if not file.is_file():
-            wrong.append(f"{name} is missing")
-        elif file.stat().st_size != stated["bytes"]:
-            wrong.append(f"{name} was changed: {file.stat().st_size} bytes instead of {stated['bytes']}")
-        elif verify and file_sha256(file) != stated["sha256"]:
-            wrong.append(f"{name} was changed: its SHA-256 is not the manifest's")
-    if wrong:
-        more = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
-        kind = FileNotFoundError if all(text.endswith("is missing") for text in wrong) else ValueError
-        raise kind(f"{folder}: {wrong[0]}{more}; run the campaign again to mend it")
+            raise FileNotFoundError(f"{file}: is missing; {mend}")
+        if (size := file.stat().st_size) != stated["bytes"]:
+            raise ValueError(f"{file}: was changed, {size} bytes instead of {stated['bytes']}; {mend}")
+        if verify and file_sha256(file) != stated["sha256"]:
+            raise ValueError(f"{file}: was changed, its SHA-256 is not the manifest's; {mend}")
     table = tables.read_table(folder / PARAMETERS)
     parameters = {name: table.column(name).to_numpy() for name in table.column_names}
     paths = [folder / shard_file(shard, "npy") for shard in range(campaign.n_shards)]

@@ -237,8 +237,7 @@ def test_a_lane_depends_on_nothing_but_itself(kind: str) -> None:
 
 def test_courses_of_speed_and_load() -> None:
     courses = Courses(
-        speed=lambda time: 40 + 20 * np.sin(9 * time),
-        load_fluctuation=lambda time: 3 * np.sin(40 * time),
+        speed=lambda time: 40 + 20 * np.sin(9 * time), load_fluctuation=lambda time: 3 * np.sin(40 * time)
     )
     options = {"duration": 0.06, "courses": courses}
     defects = [LobeDefects.worn(2), LobeDefects.healthy()]

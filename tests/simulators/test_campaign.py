@@ -619,7 +619,7 @@ def test_a_changed_or_missing_file_is_named_and_mended(whole: Path, copied: Path
     content = bytearray(file.read_bytes())
     content[len(content) // 2] ^= 1  # one bit
     file.write_bytes(content)
-    with pytest.raises(ValueError, match=f"{name} was changed: its SHA-256"):
+    with pytest.raises(ValueError, match=f"{name}: was changed, its SHA-256"):
         load_campaign(copied, verify=True)
     if name.startswith("shard"):  # also in a campaign that is not finished
         (copied / "manifest.json").unlink()
@@ -627,15 +627,13 @@ def test_a_changed_or_missing_file_is_named_and_mended(whole: Path, copied: Path
     assert contents(copied) == contents(whole)
     file.write_bytes(content[:-1])
     (copied / "campaign.json").write_bytes((whole / "campaign.json").read_bytes() + b"\n")
-    with pytest.raises(
-        ValueError, match=r"campaign.json was changed: \d+ bytes instead of .* \(and 1 more\)"
-    ):
+    with pytest.raises(ValueError, match=r"campaign.json: was changed, \d+ bytes instead of"):
         load_campaign(copied)
     shutil.copy(whole / "campaign.json", copied)
-    with pytest.raises(ValueError, match=f"{name} was changed: {len(content) - 1} bytes instead of"):
+    with pytest.raises(ValueError, match=f"{name}: was changed, {len(content) - 1} bytes instead of"):
         load_campaign(copied)
     file.unlink()
-    with pytest.raises(FileNotFoundError, match=f"{name} is missing; run the campaign again to mend it"):
+    with pytest.raises(FileNotFoundError, match=f"{name}: is missing; run the campaign again to mend it"):
         load_campaign(copied)
     run_campaign(SMALL, copied)
     assert contents(copied) == contents(whole)

@@ -8,13 +8,7 @@ import numpy as np
 import pytest
 from reference_tools import SPEED, Kernel, simulate_with
 
-from cyclofeat.simulators import (
-    Courses,
-    CycloidalGearbox,
-    LobeDefects,
-    SimulationRun,
-    simulate,
-)
+from cyclofeat.simulators import Courses, CycloidalGearbox, LobeDefects, SimulationRun, simulate
 from cyclofeat.simulators.courses import DriveAndLoad, on_lines
 from cyclofeat.simulators.many import simulate_each
 from cyclofeat.simulators.simulation import Integration, relax
@@ -109,11 +103,7 @@ def test_sine_fluctuation_of_the_speed_gives_the_analytic_angle(ramp: float) -> 
     gearbox = STEEL.replace(ramp_time=ramp)
     time = np.arange(60_001) * 5e-6
     phi, omega, alpha, _ = DriveAndLoad(
-        gearbox,
-        time.size,
-        5e-6,
-        0.25,
-        Courses(speed_fluctuation=lambda t: a * np.sin(w * t)),
+        gearbox, time.size, 5e-6, 0.25, Courses(speed_fluctuation=lambda t: a * np.sin(w * t))
     ).piece()
     if ramp == 0:
         expected = 0.25 + SPEED * time + a / w * (1 - np.cos(w * time))

@@ -11,14 +11,7 @@ from numba import njit
 from reference_tools import SPEED, kernels
 from scipy.integrate import quad, trapezoid
 
-from cyclofeat.simulators import (
-    CycloidalGearbox,
-    LobeDefects,
-    PinErrors,
-    Rig,
-    Solver,
-    simulate,
-)
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects, PinErrors, Rig, Solver, simulate
 from cyclofeat.simulators import _outline as rows
 from cyclofeat.simulators.courses import DriveAndLoad
 from cyclofeat.simulators.simulation import Integrated, Integration

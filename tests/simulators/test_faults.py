@@ -160,9 +160,5 @@ def test_divergence_beyond_numbers_is_found() -> None:
     for defects in (LobeDefects.healthy(), LobeDefects.worn(7), LobeDefects.removed(7)):
         with pytest.raises(SimulationDiverged, match="inf N"):
             simulate_with(
-                STEEL.replace(wheel_inertia=1e-300),
-                defects,
-                duration=0.05,
-                dt=1e-3,
-                sampling_rate=1000,
+                STEEL.replace(wheel_inertia=1e-300), defects, duration=0.05, dt=1e-3, sampling_rate=1000
             )

@@ -316,10 +316,7 @@ class Own(Simulator):
     ("act", "words"),
     [
         (current_of, "quantity motor_current needs a motor: add motor_effects"),
-        (
-            lambda: Rig(effects=[Cogging(), Cogging()]),
-            "each motor effect once at most, got cogging, c",
-        ),
+        (lambda: Rig(effects=[Cogging(), Cogging()]), "each motor effect once at most, got cogging, c"),
         (
             lambda: Rig(effects=[ServoMotor()], simulator=Own()),
             "simulator must be None for a rig with a motor",

@@ -5,15 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 import pytest
-from reference_tools import (
-    PROBE,
-    SPEED,
-    STIFFNESS,
-    Kernel,
-    State,
-    kernel_state,
-    pose_with_sleeve_0_at,
-)
+from reference_tools import PROBE, SPEED, STIFFNESS, Kernel, State, kernel_state, pose_with_sleeve_0_at
 from scipy.spatial import cKDTree
 
 from benchmarks.reference_gearbox import ReferenceGearbox

@@ -8,13 +8,7 @@ import numpy as np
 import pytest
 from reference_tools import simulate_with
 
-from cyclofeat.simulators import (
-    CycloidalGearbox,
-    LobeDefects,
-    Rig,
-    SimulationRun,
-    simulate,
-)
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig, SimulationRun, simulate
 
 STEEL = CycloidalGearbox.steel()
 

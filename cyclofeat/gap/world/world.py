@@ -18,6 +18,7 @@ from cyclofeat.gap.simulations import MAY_DIFFER, with_may_differ
 from cyclofeat.gap.summaries.summarise import Cell, Kinematics
 from cyclofeat.gap.world.cells import recording_cells, turn_samples
 from cyclofeat.simulators import Drift, Effect, Noise, Rig, known_effects
+from cyclofeat.simulators.rig import check_quantity
 
 Float = NDArray[np.float64]
 
@@ -251,7 +252,7 @@ class World:
             "sampling_rate": positive("sampling_rate", self.sampling_rate, "a number of Hz"),
             "speeds_rpm": _check_increasing("speeds_rpm", self.speeds_rpm),
             "loads_nm": _check_increasing("loads_nm", self.loads_nm),
-            "quantity": self.rig.check_quantity(one_of("quantity", self.quantity, TORQUES)),
+            "quantity": check_quantity(self.rig, one_of("quantity", self.quantity, TORQUES)),
             "defect_counts": tuple(whole("defect_counts", count, 0) for count in self.defect_counts),
             "wheels": tuple(tuple(wheels) for wheels in self.wheels),
             "n_recordings": whole("n_recordings", self.n_recordings, 1),
