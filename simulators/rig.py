@@ -308,11 +308,6 @@ class Rig(Replaceable, WithCard):
             ``"gearbox.<field>"`` to numbers; ``"<effect>.<parameter>"``, like ``"hum.amplitude_nm"``, to
             numbers, ranges and distributions. The second hum is ``"hum_2"``; a :class:`GearboxParameter` is
             ``"gearbox_parameter_<field>"``.
-
-        Examples
-        --------
-        >>> Rig.r2().parameters()["load_drift_2.rms_nm"]
-        0.3
         """
         values = {_GEARBOX + name: getattr(self.gearbox, name) for name in GEARBOX_NUMBERS}
         for label, effect in library.label_effects(self.effects).items():
@@ -326,12 +321,6 @@ class Rig(Replaceable, WithCard):
         -------
         list of tuple of Effect
             One tuple for each variant; a single one without variants.
-
-        Examples
-        --------
-        >>> from cyclofeat.simulators import Hum
-        >>> Rig(effects=[Noise(0.1)], variants=[[Hum(0.3)], []]).effect_sets()
-        [(Noise(rms_nm=0.1), Hum(amplitude_nm=0.3)), (Noise(rms_nm=0.1),)]
         """
         return [library.in_chain((*self.effects, *variant)) for variant in self.variants or ((),)]
 
@@ -606,10 +595,6 @@ class Rig(Replaceable, WithCard):
         ----------
         path : path
             File to write; an existing file is replaced.
-
-        See Also
-        --------
-        from_json : Describes the file.
         """
         write_whole(Path(path), lambda file: file.write(self.to_text().encode()))
 

@@ -426,21 +426,15 @@ def _frames_of_pins(b, first, second, faulty, lane, tables, half):
     g, at = tables.rounded, lane * np.uintp(rows.N_COLUMNS)
     frames, pins, n_blocks = tables.frames, tables.pins, tables.n_blocks
     pins_at = (3 + 2 * np.int64(lane)) * n_blocks + b
-    c, s = (
-        _of_pins(pins, rows.PIN_COS * n_blocks + b, half),
-        _of_pins(pins, rows.PIN_SIN * n_blocks + b, half),
-    )
+    c = _of_pins(pins, rows.PIN_COS * n_blocks + b, half)
+    s = _of_pins(pins, rows.PIN_SIN * n_blocks + b, half)
     radial, tangential = _of_pins(pins, pins_at, half), _of_pins(pins, pins_at + n_blocks, half)
     offset_x = _per_wheel((first.offset_x, second.offset_x), frames, half)
     offset_y = _per_wheel((first.offset_y, second.offset_y), frames, half)
-    cam_x, cam_y = (
-        _per_wheel((first.cam_x, second.cam_x), frames, half),
-        _per_wheel((first.cam_y, second.cam_y), frames, half),
-    )
-    lobe_x, lobe_y = (
-        _per_wheel((first.lobe_x, second.lobe_x), frames, half),
-        _per_wheel((first.lobe_y, second.lobe_y), frames, half),
-    )
+    cam_x = _per_wheel((first.cam_x, second.cam_x), frames, half)
+    cam_y = _per_wheel((first.cam_y, second.cam_y), frames, half)
+    lobe_x = _per_wheel((first.lobe_x, second.lobe_x), frames, half)
+    lobe_y = _per_wheel((first.lobe_y, second.lobe_y), frames, half)
     # Each pin in its own frame: radial, tangential.
     displaced = (c * offset_x + s * offset_y + radial, c * offset_y - s * offset_x + tangential)
     lobe = (c * lobe_x + s * lobe_y, c * lobe_y - s * lobe_x)

@@ -100,15 +100,20 @@ def _spread_all(builder: Any, args: Any, kinds: Any, vector: Vector) -> list[Any
 
 
 def _register_operator(
-    operation: Any, emit: Callable[..., Any], *, compares: bool = False, unary: bool = False
+    operation: Any, emit: Callable[..., Any], n: int = 2, *, kind: type = Vector, compares: bool = False
 ) -> None:
-    """Make one of Python's operators known for vectors."""
+    """Make one of Python's operators, on ``n`` operands, known for vectors or masks."""
 
     class Template(_templates.AbstractTemplate):
         key = operation
 
         def generic(self, args: Any, kws: Any) -> Any:
-            vector = None if kws or len(args) != (1 if unary else 2) else _common_vector(args)
+            if kws or len(args) != n:
+                return None
+            if kind is Mask:
+                same = len(set(args)) == 1 and isinstance(args[0], Mask)
+                return _templates.signature(args[0], *args) if same else None
+            vector = _common_vector(args)
             if vector is None:
                 return None
             result = Mask(vector.lanes) if compares else vector
@@ -118,10 +123,10 @@ def _register_operator(
 
     def lower_operator(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         vector = _common_vector(sig.args)
-        assert vector is not None
-        return emit(builder, *_spread_all(builder, args, sig.args, vector))
+        return emit(builder, *(_spread_all(builder, args, sig.args, vector) if vector else args))
 
-    for kinds in [(Vector,)] if unary else [(Vector, Vector), (Vector, types.Float), (types.Float, Vector)]:
+    numbers = [(Vector, types.Float), (types.Float, Vector)] if kind is Vector and n == 2 else []
+    for kinds in [(kind,) * n, *numbers]:
         _extending.lower_builtin(operation, *kinds)(lower_operator)
 
 
@@ -134,25 +139,10 @@ for _operation, _sign in ((operator.lt, "<"), (operator.le, "<="), (operator.gt,
     _register_operator(
         _operation, lambda builder, x, y, sign=_sign: builder.fcmp_ordered(sign, x, y), compares=True
     )
-_register_operator(operator.neg, lambda builder, x: builder.fneg(x, flags=_FLAGS), unary=True)
-
-
-def _register_on_masks(operation: Any, emit: Callable[..., Any], n: int) -> None:
-    class Template(_templates.AbstractTemplate):
-        key = operation
-
-        def generic(self, args: Any, kws: Any) -> Any:
-            if kws or len(args) != n or len(set(args)) != 1 or not isinstance(args[0], Mask):
-                return None
-            return _templates.signature(args[0], *args)
-
-    _templates.infer_global(operation)(Template)
-    _extending.lower_builtin(operation, *[Mask] * n)(lambda context, builder, sig, args: emit(builder, *args))
-
-
-_register_on_masks(operator.and_, lambda builder, x, y: builder.and_(x, y), 2)
-_register_on_masks(operator.or_, lambda builder, x, y: builder.or_(x, y), 2)
-_register_on_masks(operator.invert, lambda builder, x: builder.not_(x), 1)
+_register_operator(operator.neg, lambda builder, x: builder.fneg(x, flags=_FLAGS), 1)
+_register_operator(operator.and_, lambda builder, x, y: builder.and_(x, y), kind=Mask)
+_register_operator(operator.or_, lambda builder, x, y: builder.or_(x, y), kind=Mask)
+_register_operator(operator.invert, lambda builder, x: builder.not_(x), 1, kind=Mask)
 
 
 def _typed(result: Any, kinds: Iterable[Any], emit: Callable[..., Any]) -> Any:

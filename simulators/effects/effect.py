@@ -175,12 +175,6 @@ class Effect(BaseEstimator):
         if vars(cls).get("__doc__"):
             _complete_documentation(cls)
 
-    def __new__(cls, *args: Any, **kwargs: Any) -> Self:
-        if cls is Effect:
-            raise TypeError("Effect is abstract: take one of known_effects(), or define a subclass")
-        effect: Self = super().__new__(cls)
-        return effect
-
     def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
         """Return the gearbox with the effect on it; by default the same.
 
@@ -411,9 +405,12 @@ class Effect(BaseEstimator):
         low, high : ndarray, shape (n_fitted,)
         """
         fitted = [self.parameters[name] for name in self.vector_names()]
-        low = [_fit_value(parameter, parameter.low) for parameter in fitted]
-        high = [_fit_value(parameter, parameter.high) for parameter in fitted]
-        return np.array(low), np.array(high)
+        low, high = (
+            np.array([(_fit_value(one, one.low), _fit_value(one, one.high)) for one in fitted])
+            .reshape(-1, 2)
+            .T
+        )
+        return low, high
 
     def to_vector(self) -> Float:
         """Return the fitted parameters, in logarithms where they are fitted so.

@@ -177,11 +177,6 @@ def register_effect(kind: Kind, *, replace: bool = False) -> Kind:
     return kind
 
 
-def is_known(kind: type[Effect]) -> bool:
-    """Return True if the class is the known effect of its name."""
-    return type(_KNOWN.get(kind.effect_id)) is kind
-
-
 def unregister_effect(effect_id: str) -> None:
     """Remove a registered effect from those known.
 
@@ -347,7 +342,7 @@ def load_effects(path: str | os.PathLike[str]) -> dict[str, type[Effect]]:
     except UnicodeDecodeError as error:
         raise ValueError(f"{file}: is not text in UTF-8 (byte {error.start})") from None
     module = _run_file(str(file.resolve()), text)
-    kinds = _effects_in(module)
+    kinds = _classes_in(module, Effect)
     if not kinds:
         raise ValueError(f"{file}: defines no subclass of Effect")
     for kind in kinds:
@@ -369,7 +364,7 @@ def _run_file(file: str, text: str, *, replace: bool = False) -> types.ModuleTyp
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
     try:
         exec(compile(text, file, "exec"), vars(module))
-        for kind in _effects_in(module):
+        for kind in _classes_in(module, Effect):
             _register_from(kind, file, replace=replace)
         for simulator in _classes_in(module, Simulator):
             simulator.__reduce__ = _reduce_to_text  # type: ignore[assignment]
@@ -394,7 +389,7 @@ class _NotAnEffect(ValueError):
 
 def _register_from(kind: type[Effect], file: str, *, replace: bool = False) -> None:
     """Register an effect of a file, and make its instances picklable."""
-    if is_known(kind):
+    if type(_KNOWN.get(kind.effect_id)) is kind:
         return
     try:
         register_effect(kind, replace=replace)
@@ -405,16 +400,9 @@ def _register_from(kind: type[Effect], file: str, *, replace: bool = False) -> N
 
 
 def _classes_in(module: types.ModuleType, base: type[Any]) -> list[type[Any]]:
-    """Return the subclasses of a base that a module defines."""
-    return [
-        kind
-        for kind in vars(module).values()
-        if inspect.isclass(kind) and issubclass(kind, base) and kind.__module__ == module.__name__
-    ]
-
-
-def _effects_in(module: types.ModuleType) -> list[type[Effect]]:
-    return [kind for kind in _classes_in(module, Effect) if not kind.__name__.startswith("_")]
+    """Return the subclasses of a base that a module defines under public names."""
+    kinds = [kind for kind in vars(module).values() if inspect.isclass(kind) and issubclass(kind, base)]
+    return [kind for kind in kinds if kind.__module__ == module.__name__ and kind.__name__[0] != "_"]
 
 
 def _reduce_to_text(instance: Effect | Simulator) -> tuple[Any, ...]:
