@@ -104,9 +104,9 @@ class Live:
         asked = {"command": command, "recordings": list(recordings), "options": options}
         return self.ask("POST", "jobs", asked)[:2]
 
-    def job(self, number: int) -> Any:
+    def run(self, command: str, *recordings: str, **options: str) -> Any:
         """A job that has ended."""
-        job = self.session.find_job(number)
+        job = self.session.find_job(self.start(command, *recordings, **options)[1]["number"])
         wait_for(lambda: job.state != "running")
         return job
 

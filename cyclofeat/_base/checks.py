@@ -187,15 +187,5 @@ class Replaceable:
     """Base of frozen dataclasses that check their fields."""
 
     def replace(self, **changes: Any) -> Self:
-        """Return a checked copy with single fields changed.
-
-        Parameters
-        ----------
-        **changes : object
-            New values by field.
-
-        Returns
-        -------
-        Self
-        """
+        """Return a checked copy with single fields changed."""
         return dataclasses.replace(self, **changes)  # type: ignore[type-var]

@@ -89,19 +89,10 @@ def command_module(name: str) -> ModuleType:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line.
+    """Run the command line, by default with ``sys.argv[1:]``, and return the exit code.
 
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments without the program's name; default ``sys.argv[1:]``.
-
-    Returns
-    -------
-    int
-        0 on success; 2 for bad input, with one line on standard error that says what is wrong; 3 if a
-        recording was refused and ``--strict`` asks for it; 130 after Ctrl-C; 141 if standard output was
-        closed.
+    It is 0 on success; 2 for bad input, with one line on standard error that says what is wrong; 3 if a
+    recording was refused and ``--strict`` asks for it; 130 after Ctrl-C; 141 if standard output was closed.
     """
     words = sys.argv[1:] if argv is None else list(argv)
     for stream in (sys.stdout, sys.stderr):
@@ -199,17 +190,7 @@ def _close_output() -> None:
 
 
 def make_parser(complete: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentParser:
-    """Return the parser of the command line.
-
-    Parameters
-    ----------
-    complete : collection of str
-        Commands whose arguments are added. Default: all.
-
-    Returns
-    -------
-    argparse.ArgumentParser
-    """
+    """Return the parser of the command line, with the arguments of some commands, by default of all."""
     parser = RaisingParser(
         prog="cyclofeat",
         description="Count and locate the worn lobes of a cycloidal disc from windows of output torque.",

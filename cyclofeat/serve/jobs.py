@@ -29,7 +29,12 @@ _READING = (
     "no_angle", "angle_absolute",
 )  # fmt: skip
 _SWITCHES = ("no_angle", "angle_absolute")
-_TITLES = {"inspect": "Inspection", "count": "Count", "gap": "Gap"}
+# Title of each command but ``simulate``, the files that it writes by their options, and options of its own.
+_COMMANDS: dict[str, tuple[str, dict[str, str], tuple[str, ...]]] = {
+    "inspect": ("Inspection", {}, ()),
+    "count": ("Count", {"--report": "count.html"}, ("skip",)),
+    "gap": ("Gap", {"--out": "gap.html", "--save-simulator": "corrected.json"}, ("hold_out", "simulated")),
+}
 
 
 class Order(NamedTuple):
@@ -59,16 +64,14 @@ def make_order(asked: Mapping[str, Any], store: Store, model: Sequence[str], fol
         worn = ["--worn-count", "3", "--rig", "r2", "--duration", "9"]
         arguments = [*worn, "--out", name, "--force"]
         return Order("simulate", "Simulation of an example with 3 worn lobes", arguments, (name,))
-    targets: dict[str, str] = {}
-    more: tuple[str, ...] = ()
+    if not isinstance(command, str) or command not in _COMMANDS:
+        raise Refused(400, f"command must be one of simulate, inspect, count, gap, got {command!r}")
+    title, targets, more = _COMMANDS[command]
     stated = asked.get("options") or {}
     if not isinstance(stated, dict):
         raise Refused(400, f"options must be names with values, got {stated!r}")
     options, more_words = filled_texts(stated), list[str]()
-    if command == "count":
-        targets, more = {"--report": "count.html"}, ("skip",)
-    elif command == "gap":
-        targets, more = {"--out": "gap.html", "--save-simulator": "corrected.json"}, ("hold_out", "simulated")
+    if command == "gap":
         more_words = [f"--{kind}={path}" for kind, path in store.others.items() if kind != "model"]
         simulated, held_out = options.get("simulated"), options.get("hold_out", "")
         # Both can be paths, of which only uploaded ones are read.
@@ -76,10 +79,7 @@ def make_order(asked: Mapping[str, Any], store: Store, model: Sequence[str], fol
             _recording_names([held_out], store)
         if simulated is not None:
             _recording_names([simulated], store)
-            more_words = []
-            del targets["--save-simulator"]
-    elif command != "inspect":
-        raise Refused(400, f"command must be one of simulate, inspect, count, gap, got {command!r}")
+            more_words, targets = [], {"--out": targets["--out"]}
     names = _recording_names(asked.get("recordings"), store)
     unknown = options.keys() - {*_READING, *more}
     if unknown:
@@ -94,7 +94,7 @@ def make_order(asked: Mapping[str, Any], store: Store, model: Sequence[str], fol
     ]
     words += more_words
     words += [word for option, name in targets.items() for word in (option, str(folder / name))]
-    title = f"{_TITLES[command]} of {names[0] if len(names) == 1 else number_of(len(names), 'recording')}"
+    title += f" of {names[0] if len(names) == 1 else number_of(len(names), 'recording')}"
     read = [".", *(name for name in names if store.items[name])] if rows else names
     arguments = [*(model if command == "count" else ()), *words, *read]
     return Order(command, title, arguments, names, tuple(targets.values()), rows)

@@ -3,6 +3,7 @@
 import contextlib
 import re
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,19 +17,11 @@ from cyclofeat.cli._options import note, warn
 ERASE = "\r\x1b[K"
 
 
-class Clock:
-    """Time that passes when it is told to."""
-
-    def __init__(self):
-        self.now = 0.0
-
-    def monotonic(self):
-        return self.now
-
-
 @pytest.fixture
 def clock(monkeypatch):
-    clock = Clock()
+    """Time that passes when it is told to."""
+    clock = SimpleNamespace(now=0.0)
+    clock.monotonic = lambda: clock.now
     monkeypatch.setattr(progress_module, "time", clock)
     return clock
 
@@ -39,34 +32,26 @@ class Stream(list):
     def __init__(self, is_terminal=True):
         super().__init__()
         self.is_terminal = is_terminal
+        self.isatty, self.write, self.flush = lambda: is_terminal, self.append, lambda: None
 
-    def isatty(self):
-        return self.is_terminal
 
-    def write(self, text):
-        self.append(text)
-
-    def flush(self):
-        pass
+def report(progress, clock, total, *reports):
+    """Report at each time how much of the work is done."""
+    for clock.now, done in reports:
+        progress(done, total)
 
 
 @pytest.mark.parametrize("is_terminal", [True, False])
 def test_silent_for_two_seconds_then_says_what_is_left(clock, is_terminal):
     stream = Stream(is_terminal)
     progress = Progress("working", stream)
-    clock.now = 1.0
-    progress(1, 40)
+    report(progress, clock, 40, (1.0, 1))
     assert stream == []
-    clock.now = 4.0
-    progress(10, 40)
+    report(progress, clock, 40, (4.0, 10))
     assert "working: 10 of 40, 4 s, about 10 s left" in stream[-1]
-    clock.now = 4.1
-    progress(11, 40)
+    report(progress, clock, 40, (4.1, 11))
     assert len(stream) == 1
-    clock.now = 30.0
-    progress(39, 40)
-    clock.now = 40.0
-    progress(40, 40)
+    report(progress, clock, 40, (30.0, 39), (40.0, 40))
     assert stream[-1] == (ERASE if is_terminal else "") + "working: 40 of 40, 40 s\n"
     assert ("\n" in stream[0]) == (not is_terminal)
 
@@ -74,21 +59,16 @@ def test_silent_for_two_seconds_then_says_what_is_left(clock, is_terminal):
 def test_what_is_soon_done_shows_nothing(clock):
     stream = Stream()
     with Progress("working", stream) as progress:
-        progress(1, 2)
-        clock.now = 1.9
-        progress(2, 2)
+        report(progress, clock, 2, (0.0, 1), (1.9, 2))
     assert stream == []
 
 
 def test_the_time_left_waits_for_a_pace_to_be_trusted(clock):
     stream = Stream()
     progress = Progress("working", stream)
-    for now, done in ((2.0, 0), (3.0, 1), (4.0, 2), (4.9, 3)):
-        clock.now = now
-        progress(done, 1000)
+    report(progress, clock, 1000, (2.0, 0), (3.0, 1), (4.0, 2), (4.9, 3))
     assert ["left" in line for line in stream] == [False] * 4
-    clock.now = 6.0
-    progress(4, 1000)
+    report(progress, clock, 1000, (6.0, 4))
     assert "about 17 min left" in stream[-1]  # 996 s
 
 
@@ -97,8 +77,7 @@ def test_the_time_left_is_neither_that_of_a_slow_first_step_nor_of_finished_work
     times = [9.0, 9.01, *np.arange(10.0, 62.0)]
     stream = Stream()
     progress = Progress("working", stream)
-    for step, clock.now in enumerate(times):
-        progress(min(101 + 16 * step, 999), 1000)
+    report(progress, clock, 1000, *((now, min(101 + 16 * step, 999)) for step, now in enumerate(times)))
     assert "left" not in "".join(stream[:3])
     shown = [re.search(r"(\d+) of 1000, .* about (\d+) s left", line) for line in stream[4:-1]]
     assert len(shown) > 40
@@ -124,9 +103,7 @@ def test_the_time_left_hardly_jumps_with_the_pace(clock):
 def test_between_reports_the_time_goes_on(clock):
     stream = Stream()
     progress = Progress("counting", stream)
-    for now, done in ((1.0, 1), (11.0, 2)):
-        clock.now = now
-        progress(done, 4)
+    report(progress, clock, 4, (1.0, 1), (11.0, 2))
     assert stream[-1].endswith("2 of 4, 11 s, about 20 s left")
     clock.now = 16.0
     progress.show_time()
@@ -163,9 +140,7 @@ def test_the_line_is_kept_going_without_being_asked():
 
 def test_messages_take_the_line_away(clock, capsys):
     stream = Stream()
-    progress = Progress("counting", stream)
-    clock.now = 5.0
-    progress(1, 4)
+    report(Progress("counting", stream), clock, 4, (5.0, 1))
     warn("bad")
     note("good")
     assert stream[1:] == [ERASE]
@@ -177,9 +152,7 @@ def test_messages_take_the_line_away(clock, capsys):
 def test_a_long_line_does_not_wrap(clock, monkeypatch):
     monkeypatch.setenv("COLUMNS", "20")
     stream = Stream()
-    progress = Progress("a label that is longer than the terminal", stream)
-    clock.now = 5.0
-    progress(1, 4)
+    report(Progress("a label that is longer than the terminal", stream), clock, 4, (5.0, 1))
     assert stream == [f"{ERASE}a label that is lon"]
 
 
@@ -189,8 +162,7 @@ def test_hidden_progress_writes_nothing(clock, capsys, is_terminal):
     with progress_hidden():
         with Progress("working", stream) as progress, Steps(stream=stream) as step:
             step("training")
-            clock.now = 99.0
-            progress(1, 4)
+            report(progress, clock, 4, (99.0, 1))
             step("counting")
         note("done")
         warn("bad")

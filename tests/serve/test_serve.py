@@ -53,6 +53,8 @@ def files_below(folder):
 @pytest.mark.parametrize("key", ["", "wrong", "schlüssel"])
 @pytest.mark.parametrize(("method", "path"), [("GET", ""), ("GET", "state"), ("POST", "files?name=a.csv")])
 def test_without_the_key_nothing_is_served(live, key, method, path):
+    assert live.address.listener.getsockname()[0] == "127.0.0.1"  # open for this machine only
+    assert len(live.address.key) >= 32
     before = files_below(live.session.store.root)
     status, text, _ = live.ask(method, path, b"1" if method == "POST" else None, key=quote(key))
     assert status == 403
@@ -87,11 +89,6 @@ def test_pages_may_load_nothing_from_elsewhere_and_be_shown_nowhere_else(live):
     assert "http://" not in text
 
 
-def test_the_port_is_open_for_this_machine_only(live):
-    assert live.address.listener.getsockname()[0] == "127.0.0.1"
-    assert len(live.address.key) >= 32
-
-
 # -- uploads
 
 
@@ -111,14 +108,10 @@ def test_no_name_leads_out_of_the_folder(live, name):
     assert files_below(store.root) == before
 
 
-def test_a_name_that_is_taken_is_numbered(live):
+def test_a_name_that_is_taken_is_numbered_in_a_private_folder(live):
     names = [live.add("twice.csv.gz")[1]["name"] for _ in range(3)]
     assert names == ["twice.csv.gz", "twice (2).csv.gz", "twice (3).csv.gz"]
-
-
-def test_the_folder_of_uploads_is_private(live):
-    if os.name == "posix":
-        assert live.session.store.root.stat().st_mode & 0o077 == 0
+    assert os.name != "posix" or live.session.store.root.stat().st_mode & 0o077 == 0  # nobody else can read
 
 
 def test_uploads_are_bounded_in_size_and_leave_room_again(fresh):
@@ -187,7 +180,7 @@ def test_a_chosen_model_is_counted_with_and_described_by_its_card(tmp_path):
     file = save_model(tmp_path / "m.skops", small_model())
     with Live(model=("--model", "given.skops", "--trust")) as live:
         live.add("a.csv")
-        assert live.job(live.start("count", "a.csv")[1]["number"]).result[0]["words"][2:5] == [
+        assert live.run("count", "a.csv").result[0]["words"][2:5] == [
             "--model", "given.skops", "--trust"
         ]  # fmt: skip
         live.ask("POST", "others?name=m.skops", file.read_bytes())
@@ -195,7 +188,7 @@ def test_a_chosen_model_is_counted_with_and_described_by_its_card(tmp_path):
         live.ask("POST", "others?name=m.skops.card.json", (tmp_path / "m.skops.card.json").read_bytes())
         text = "counts 0 to 3 worn lobes in recordings at 500 RPM"
         assert text in live.ask("GET", "state")[1]["html"]["model"]
-        words = live.job(live.start("count", "a.csv")[1]["number"]).result[0]["words"]
+        words = live.run("count", "a.csv").result[0]["words"]
         assert words[2] == "--model"
         assert "given.skops" not in words
         assert "--trust" not in words  # said of the file given, not of one that was uploaded
@@ -238,8 +231,7 @@ def test_a_request_is_bounded_and_must_be_an_object(live):
 
 def test_a_value_never_becomes_an_option(live):
     live.add("v.csv")
-    _, answer = live.start("inspect", "v.csv", speed="--trust", channel="--model=x y")
-    words = live.job(answer["number"]).result[0]["words"]
+    words = live.run("inspect", "v.csv", speed="--trust", channel="--model=x y").result[0]["words"]
     assert words == ["inspect", "--json", "--speed=--trust", "--channel=--model=x y", "v.csv"]
 
 
@@ -256,20 +248,19 @@ def test_the_commands_understand_all_that_is_asked(live):
         "simulate": {}, "inspect": reading, "count": reading | {"skip": "0.5"},
         "gap": reading | {"hold_out": "0.4"},
     }  # fmt: skip
+
+    def understood(command, **options):
+        return make_parser([command]).parse_args(live.run(command, "p.csv", **options).result[0]["words"])
+
+    named = {"speed": "speed_rpm", "hold_out": "by", "angle_absolute": "angle_is_absolute"}
     for command, options in asked.items():
-        number = live.start(command, "p.csv", **options)[1]["number"]
-        words = live.job(number).result[0]["words"]
-        arguments = vars(make_parser([command]).parse_args(words))
+        arguments = vars(understood(command, **options))
         assert arguments["json"] is True
         for name, value in options.items():
-            name = {"speed": "speed_rpm", "hold_out": "by", "angle_absolute": "angle_is_absolute"}.get(
-                name, name
-            )
-            assert arguments[name] in (value, True, float(value) if value[0].isdigit() else value), name
-    number = live.start("inspect", "p.csv", no_angle="yes")[1]["number"]
-    assert make_parser(["inspect"]).parse_args(live.job(number).result[0]["words"]).angle_channel is False
-    number = live.start("gap", "p.csv", simulated="p.csv")[1]["number"]
-    arguments = make_parser(["gap"]).parse_args(live.job(number).result[0]["words"])
+            typed = arguments[named.get(name, name)]
+            assert typed in (value, True, float(value) if value[0].isdigit() else value), name
+    assert understood("inspect", no_angle="yes").angle_channel is False
+    arguments = understood("gap", simulated="p.csv")
     assert (arguments.simulated, arguments.save_simulator) == ("p.csv", None)
     live.session.given = []
 
@@ -282,7 +273,7 @@ def test_single_files_may_have_facts_of_their_own(live):
     assert live.ask("POST", "stated?name=own.csv", facts)[0] == 200
     assert live.ask("POST", "stated?name=own.csv", {"scale": "2"})[0] == 400
     assert live.ask("POST", "stated?name=none.csv", facts)[0] == 404
-    job = live.job(live.start("count", "own.csv", "other.csv", speed="500", scale="2")[1]["number"])
+    job = live.run("count", "own.csv", "other.csv", speed="500", scale="2")
     words = job.result[0]["words"]
     assert words[-1] == "."
     assert "--scale=2" in words
@@ -293,7 +284,7 @@ def test_single_files_may_have_facts_of_their_own(live):
     assert live.ask("POST", "stated?name=own.csv", facts | {"speed": "fast"})[0] == 200
     assert "speed of own.csv must be a positive" in live.start("count", "own.csv")[1]["error"]
     assert live.ask("POST", "stated?name=own.csv", dict.fromkeys(facts, ""))[0] == 200
-    words = live.job(live.start("inspect", "own.csv", speed="500")[1]["number"]).result[0]["words"]
+    words = live.run("inspect", "own.csv", speed="500").result[0]["words"]
     assert words[-2:] == ["--speed=500", "own.csv"]
     for name in ("own.csv", "other.csv"):
         live.session.store.remove_recording(name)
@@ -304,7 +295,7 @@ def test_a_gap_takes_an_uploaded_rig_and_posterior(live):
     for name in ("mine.json", "mine.npz"):
         assert live.ask("POST", f"others?name={name}", b"{}")[0] == 200
     assert live.ask("POST", "others?name=mine.py", b"")[0] == 415
-    words = live.job(live.start("gap", "g.csv")[1]["number"]).result[0]["words"]
+    words = live.run("gap", "g.csv").result[0]["words"]
     arguments = make_parser(["gap"]).parse_args(words)
     assert arguments.simulator.endswith("mine.json")
     assert arguments.posterior.endswith("mine.npz")
@@ -314,9 +305,7 @@ def test_a_gap_takes_an_uploaded_rig_and_posterior(live):
 
 def test_results_are_cleared_but_what_was_found_in_files_stays(live):
     live.add("c.csv")
-    kept, gone = (live.start(command, "c.csv")[1]["number"] for command in ("inspect", "count"))
-    for number in (kept, gone):
-        live.job(number)
+    kept, gone = (live.run(command, "c.csv").number for command in ("inspect", "count"))
     assert live.ask("DELETE", "jobs")[0] == 200
     assert kept in live.session.jobs
     assert gone not in live.session.jobs
@@ -365,7 +354,7 @@ def test_a_job_can_be_cancelled_even_if_it_does_not_listen(live, manner):
 def test_a_job_that_dies_or_fails_is_said_to_and_the_page_lives(live, manner, state, error):
     live.add("d.csv")
     live.session.given = ["--model", "m.skops"]
-    job = live.job(live.start("count", "d.csv", channel=manner)[1]["number"])
+    job = live.run("count", "d.csv", channel=manner)
     live.session.given = []
     assert job.state == state
     assert error in job.error
@@ -391,13 +380,13 @@ def test_few_jobs_run_at_a_time_and_none_survives_the_server(tmp_path):
 def test_a_program_that_cannot_be_started_is_an_answer(tmp_path):
     with Live(program=(str(tmp_path / "absent"),)) as live:
         live.add("j.csv")
-        assert "cannot be run" in live.job(live.start("inspect", "j.csv")[1]["number"]).error
+        assert "cannot be run" in live.run("inspect", "j.csv").error
 
 
 def test_only_what_a_job_wrote_for_the_page_is_served(live):
     live.add("o.csv")
-    number = live.start("gap", "o.csv")[1]["number"]
-    job = live.job(number)
+    job = live.run("gap", "o.csv")
+    number = job.number
     (job.folder / "secret.txt").write_text("not for you")
     status, text, headers = live.ask("GET", f"jobs/{number}/gap.html")
     assert (status, text) == (200, '"written"')
@@ -439,7 +428,7 @@ def test_the_page_shows_what_the_commands_print(printed, tmp_path):
         assert state["uninspected"] == ["worn.csv", "two.csv"]
         for command in ("inspect", "count"):
             (live.session.store.recordings / "printed.json").write_text(printed[command])
-            assert live.job(live.start(command, "worn.csv", "two.csv")[1]["number"]).state == "done"
+            assert live.run(command, "worn.csv", "two.csv").state == "done"
         state = live.ask("GET", "state")[1]
     assert state["uninspected"] == []
     for part in ("torque (Nm)", "2000 Hz", "500 RPM", "which column is the torque"):
@@ -461,8 +450,8 @@ def test_what_files_say_is_text_and_never_html(live):
     file = live.session.store.recordings / "printed.json"
     file.write_text(json.dumps([row]))
     live.session.given = ["--model", attack]
-    live.job(live.start("inspect", "h.csv")[1]["number"])
-    live.job(live.start("count", "h.csv")[1]["number"])
+    live.run("inspect", "h.csv")
+    live.run("count", "h.csv")
     html = live.ask("GET", "state")[1]["html"]
     live.session.given = []
     file.unlink()
@@ -480,17 +469,17 @@ def test_the_page_says_what_to_do_next(tmp_path):
         assert following().startswith("choose recordings")
         live.add("a.csv")
         assert following().startswith("check what was found")
-        live.job(live.start("inspect", "a.csv")[1]["number"])
+        live.run("inspect", "a.csv")
         assert following().startswith("state what a.csv lacks")
         found = {
             "file": "a.csv", "channel": "a", "unit": "Nm", "sampling_rate": 9, "duration_s": 1,
             "output_turns": None, "speed_rpm": None, "speed_measured_rpm": None, "warnings": [],
         }  # fmt: skip
         (live.session.store.recordings / "printed.json").write_text(json.dumps([found]))
-        live.job(live.start("inspect", "a.csv")[1]["number"])
+        live.run("inspect", "a.csv")
         assert following().startswith("state the speed")
         (live.session.store.recordings / "printed.json").unlink()
-        live.job(live.start("count", "a.csv")[1]["number"])
+        live.run("count", "a.csv")
         assert following().startswith("open the page of the result")
 
 
