@@ -17,6 +17,7 @@ import re
 import runpy
 import shlex
 import shutil
+import textwrap
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +27,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from nptdms import ChannelObject, RootObject, TdmsWriter
+from rooms import ROOT
 from scipy.io import savemat
 
 from cyclofeat.cli import main, make_parser
@@ -35,7 +37,6 @@ from cyclofeat.gap import World
 from cyclofeat.models import save_model
 from cyclofeat.simulators import known_effects
 
-ROOT = Path(__file__).parents[2]
 FOLDERS = (ROOT / "docs", ROOT / "docs" / "howto", ROOT / "docs" / "notes")
 MADE = {"sg_execution_times.rst"}  # by "make docs"
 PAGES = [
@@ -49,7 +50,9 @@ RUN = [path for path in PAGES[1:] if path.name not in PARSED and path.parent.nam
 # Commands that take minutes, on pages that go on from what others have made: parsed, not run.
 LEFT_OUT = {"demo", "gap"}
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
-NOT_RUN = re.compile(r"^(?:\.\.|<!--) not run: \S")
+FENCE = re.compile(r"^ *```(\w*)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
+DIRECTIVE = re.compile(r"^( *)\.\. code-block:: (\w+)\n((?:\1   .*\n| *\n)*)", re.MULTILINE)
+NOT_RUN = re.compile(r"^(?:\.\.|<!--) not run: \S.*\n\s*\Z", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -63,35 +66,13 @@ class Block:
 
 
 def blocks(path: Path) -> list[Block]:
-    lines = path.read_text(encoding="utf-8").splitlines()
-    found, number, skip = [], 0, False
-    while number < len(lines):
-        line = lines[number]
-        fence = re.match(r"^( *)```(\w*)$", line) if path.suffix == ".md" else None
-        directive = re.match(r"^( *)\.\. code-block:: (\w+)$", line) if path.suffix == ".rst" else None
-        begin = number + 1
-        if fence:
-            number = begin
-            while lines[number].strip() != "```":
-                number += 1
-            body = lines[begin:number]
-            language = {"": "console", "bash": "console", "sh": "console"}.get(fence[2], fence[2])
-        elif directive:
-            indent = len(directive[1]) + 3
-            number = begin
-            inside = " " * indent
-            while number < len(lines) and (lines[number].startswith(inside) or not lines[number].strip()):
-                number += 1
-            body = [text[indent:] for text in lines[begin:number]]
-            language = directive[2]
-            number -= 1
-        else:
-            skip = bool(NOT_RUN.match(line)) or (skip and not line.strip())
-            number += 1
-            continue
-        found.append(Block(language, "\n".join(body).strip("\n") + "\n", begin, not skip))
-        skip = False
-        number += 1
+    text, found = path.read_text(encoding="utf-8") + "\n", []
+    for match in (FENCE if path.suffix == ".md" else DIRECTIVE).finditer(text):
+        *_, language, body = match.groups()
+        language = {"": "console", "bash": "console", "sh": "console"}.get(language, language)
+        body = textwrap.dedent(body).strip("\n") + "\n"
+        runs = NOT_RUN.search(text, 0, match.start()) is None
+        found.append(Block(language, body, text.count("\n", 0, match.start()) + 1, runs))
     return found
 
 
