@@ -100,6 +100,17 @@ def surrogates(made_once):
     )
 
 
+@pytest.fixture(scope="session")
+def shaft_options(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Options that name the small model that counts by the shaft's angle."""
+    from small_model import shaft_model
+
+    from cyclofeat.models import save_model
+
+    file = save_model(tmp_path_factory.mktemp("model") / "m.joblib", shaft_model())
+    return ["--model", str(file), "--trust"]
+
+
 @pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Reports whose pictures, which take seconds and have tests of their own, are empty."""

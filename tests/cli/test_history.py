@@ -7,24 +7,16 @@ import sqlite3
 import pytest
 from command import call
 from pages import parse, without_pictures, words
-from small_model import recording, shaft_model, unlike_training
+from small_model import recording, unlike_training
 
 from cyclofeat.cli import main
 from cyclofeat.datasets import write_recording
 from cyclofeat.history import History
-from cyclofeat.models import save_model
 
 COUNTS = [0] * 8 + [None] + [0] * 2 + [3] * 7
 WATCH = ["--once", "--no-strict", "--settle", "0.01"]
 START, HOUR = 1_790_000_000, 3600
 RATES = ["--false-alarms-per-month", "5", "--recordings-per-month", "730"]
-
-
-@pytest.fixture(scope="module")
-def model(tmp_path_factory):
-    """Options that name a model."""
-    file = save_model(tmp_path_factory.mktemp("model") / "m.joblib", shaft_model())
-    return ["--model", str(file), "--trust"]
 
 
 @pytest.fixture(scope="module")
@@ -45,17 +37,17 @@ def files(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def history(tmp_path_factory, model, files):
+def history(tmp_path_factory, shaft_options, files):
     """What count has kept of all of them."""
     file = tmp_path_factory.mktemp("history") / "a.sqlite"
-    words = [*model, "--history", str(file), "--gearbox", "press 4"]
+    words = [*shaft_options, "--history", str(file), "--gearbox", "press 4"]
     assert main(["count", *files, *words, *RATES, "--jsonl"]) == 0
     return file
 
 
 @pytest.mark.slow
-def test_count_keeps_each_recording_and_prints_a_line(history, model, files, capsys):
-    again = [*model, "--history", str(history), "--gearbox", "press 4"]
+def test_count_keeps_each_recording_and_prints_a_line(history, shaft_options, files, capsys):
+    again = [*shaft_options, "--history", str(history), "--gearbox", "press 4"]
     assert main(["count", *files[-2:], *again, *RATES, "--jsonl"]) == 0
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [line["file"] for line in lines] == files[-2:]
@@ -68,8 +60,8 @@ def test_count_keeps_each_recording_and_prints_a_line(history, model, files, cap
     assert "press 4: ALARM since 2026-" in call(capsys, "count", files[-1], *again, *RATES)[0]
 
 
-def test_the_gearbox_has_a_name(model, files, tmp_path, capsys):
-    to = [*model, "--history", str(tmp_path / "a.sqlite")]
+def test_the_gearbox_has_a_name(shaft_options, files, tmp_path, capsys):
+    to = [*shaft_options, "--history", str(tmp_path / "a.sqlite")]
     assert main(["count", files[0], *to]) == 2
     assert "00.npz: the file states no assembly: give --gearbox NAME" in capsys.readouterr().err
     write_recording(tmp_path / "b.npz", recording((), seed=300, assembly="lathe"))
@@ -78,8 +70,8 @@ def test_the_gearbox_has_a_name(model, files, tmp_path, capsys):
         assert read.gearboxes() == ["lathe"]
 
 
-def test_a_recording_has_the_time_that_its_file_states(model, tmp_path, capsys):
-    to = [*model, "--history", str(tmp_path / "a.sqlite"), "--gearbox", "x"]
+def test_a_recording_has_the_time_that_its_file_states(shaft_options, tmp_path, capsys):
+    to = [*shaft_options, "--history", str(tmp_path / "a.sqlite"), "--gearbox", "x"]
     disc = recording((), seed=300)
     times = ["2026-03-01T12:30:00", "2026-03-01T14:30:00+01:00", "2026-03-01T14:30:00.000000"]
     for k, time in enumerate([*times, "yesterday"]):
@@ -100,11 +92,11 @@ def test_a_recording_has_the_time_that_its_file_states(model, tmp_path, capsys):
 )
 @pytest.mark.parametrize("command", ["count", "watch"])
 def test_a_wrong_option_is_an_error_before_anything_is_counted(
-    command, option, value, message, model, files, tmp_path, capsys
+    command, option, value, message, shaft_options, files, tmp_path, capsys
 ):
     file = tmp_path / "a.sqlite"
     what = [files[0]] if command == "count" else [os.path.dirname(files[0]), "--once"]
-    words = [*model, "--history", str(file), option, value]
+    words = [*shaft_options, "--history", str(file), option, value]
     assert main([command, *what, *words]) == 2
     output = capsys.readouterr()
     assert message in output.err
@@ -114,10 +106,10 @@ def test_a_wrong_option_is_an_error_before_anything_is_counted(
 
 
 @pytest.mark.slow
-def test_watch_keeps_what_arrives(model, files, tmp_path, capsys):
+def test_watch_keeps_what_arrives(shaft_options, files, tmp_path, capsys):
     file = tmp_path / "a.sqlite"
     folder = os.path.dirname(files[0])
-    to = [*WATCH, *model, "--history", str(file)]
+    to = [*WATCH, *shaft_options, "--history", str(file)]
     assert main(["watch", folder, *to, *RATES, "--json"]) == 0
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [line["defect_count"] for line in lines] == COUNTS
@@ -133,13 +125,13 @@ def test_watch_keeps_what_arrives(model, files, tmp_path, capsys):
         assert len(read.rows(name)) == 18
 
 
-def test_watch_goes_on_where_the_history_cannot_be_written(model, files, tmp_path, capsys):
+def test_watch_goes_on_where_the_history_cannot_be_written(shaft_options, files, tmp_path, capsys):
     file, done = tmp_path / "a.sqlite", tmp_path / "done.txt"
     History(file).close()
     connection = sqlite3.connect(file)
     connection.execute("ALTER TABLE recording RENAME TO away")
     connection.close()
-    to = [*WATCH, *model, "--history", str(file)]
+    to = [*WATCH, *shaft_options, "--history", str(file)]
     assert main(["watch", os.path.dirname(files[0]), *to, "--done", str(done)]) == 0
     printed = capsys.readouterr()
     assert len(printed.out.splitlines()) == 18

@@ -10,38 +10,17 @@ import time
 import numpy as np
 import pytest
 from command import call
+from small_model import recording
 
-from cyclofeat import Recording
 from cyclofeat.cli import main
 from cyclofeat.cli.watch import DoneList, FolderWatch
-from cyclofeat.counting import LobeModel
-from cyclofeat.models import save_model
-
-RATE = 25_600
-
-
-def torque(n, seed=0):
-    slot = np.arange(46_080) / RATE * 500 / 60 * 16 / 15 * 15
-    bump = (slot.astype(int) % 15 < n) * np.sin(2 * np.pi * slot) ** 3
-    return bump + 0.3 * np.random.default_rng(seed).normal(size=slot.size)
-
-
-@pytest.fixture(scope="module")
-def model_file(tmp_path_factory):
-    counts = np.tile([0, 3], 4)
-    recordings = [
-        Recording(torque(n, k), RATE, speed_rpm=500, defect_count=int(n), assembly=k)
-        for k, n in enumerate(counts)
-    ]
-    model = LobeModel(n_trees=20, n_splits=0, random_state=0).fit(recordings)
-    return save_model(tmp_path_factory.mktemp("model") / "m.joblib", model)
 
 
 def put(path, n, tachometer=True):
     """A recording that appears at once; the speed of a healthy disc is confirmed by a tachometer alone."""
-    part = path.with_name(f".{path.name}.part.npz")
-    known = {"angle": 2 * np.pi * 500 / 60 * np.arange(46_080) / RATE} if tachometer else {}
-    np.savez(part, torque=torque(n, 99), sampling_rate=float(RATE), **known)
+    part, one = path.with_name(f".{path.name}.part.npz"), recording(range(2, 2 + n), seed=99)
+    known = {"angle": one.angle} if tachometer else {}
+    np.savez(part, torque=one.torque, sampling_rate=one.sampling_rate, **known)
     part.rename(path)
 
 
@@ -173,62 +152,63 @@ def test_what_cannot_be_written_is_written_later(tmp_path):
 # The command
 
 
-def once(capsys, folder, model_file, *options):
-    code = main(["watch", str(folder), "--model", str(model_file), "--trust", "--once", "--speed", "500",
+def once(capsys, folder, shaft_options, *options):
+    code = main(["watch", str(folder), *shaft_options, "--once", "--speed", "500",
                  "--settle", "0.1", *options])  # fmt: skip
     out, err = capsys.readouterr()
     return code, out, err
 
 
 @pytest.mark.slow
-def test_once_counts_what_is_there_and_remembers(capsys, tmp_path, model_file):
+def test_once_counts_what_is_there_and_remembers(capsys, tmp_path, shaft_options):
     put(tmp_path / "healthy.npz", 0)
     put(tmp_path / "worn.npz", 3)
     done = ("--done", str(tmp_path / "done.csv"))
-    code, out, err = once(capsys, tmp_path, model_file, *done)
+    code, out, err = once(capsys, tmp_path, shaft_options, *done)
     assert code == 0
     healthy, worn = out.splitlines()
     assert "healthy.npz: 0 worn lobes (probability" in healthy
     assert "worn.npz: 3 worn lobes (probability" in worn
-    assert worn.endswith("s unused; note: the file states no unit of the angle: rad assumed")
+    assert "s unused; note: positions are relative" in worn
+    assert worn.endswith("; note: the file states no unit of the angle: rad assumed")
     assert err == "cyclofeat: done: 2 counted, 0 could not be\n"
     (tmp_path / "garbage.npz").write_bytes(b"PK\3\4" + bytes(100))
     (tmp_path / "empty.csv").touch()
-    code, out, err = once(capsys, tmp_path, model_file, "--json", *done)
+    code, out, err = once(capsys, tmp_path, shaft_options, "--json", *done)
     assert code == 2
     lines = [json.loads(line) for line in out.splitlines()]
     assert [os.path.basename(line["file"]) for line in lines] == ["empty.csv", "garbage.npz"]
     assert all(line["error"] for line in lines)
     assert err.count("cyclofeat: error: ") == 2
     # what was counted is done; what could not be may be another time
-    code, out, err = once(capsys, tmp_path, model_file, *done)
+    code, out, err = once(capsys, tmp_path, shaft_options, *done)
     assert (code, out) == (2, "")
     assert err.count("cyclofeat: error: ") == 2
 
 
 @pytest.mark.slow
-def test_what_should_be_known_of_a_count_stands_in_its_line(capsys, tmp_path, model_file):
+def test_what_should_be_known_of_a_count_stands_in_its_line(capsys, tmp_path, shaft_options):
     put(tmp_path / "worn.npz", 3, tachometer=False)
-    command = ["watch", str(tmp_path), "--model", str(model_file), "--trust", "--once", "--settle", "0.1"]
+    command = ["watch", str(tmp_path), *shaft_options, "--once", "--settle", "0.1"]
     (line,) = call(capsys, *command)[0].splitlines()
-    assert "s unused; note: neither tachometer nor stated speed: 500.02 RPM found in the torque" in line
+    assert "s unused; note: neither tachometer nor stated speed: 500.01 RPM found in the torque" in line
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["absent", "--model", "{m}", "--trust"], "no such folder: absent"),
-        (["{m}", "--model", "{m}", "--trust"], "is a file: watch takes a folder"),
-        (["{f}", "--model", "{m}"], "can run any code"),
-        (["{f}", "--model", "{m}", "--trust", "--settle", "0"], "--settle: must be a positive"),
-        (["{f}", "--model", "{m}", "--trust", "--done", "{f}/no/d"], "for --done does not exist"),
-        (["{f}", "--model", "{m}", "--trust", "--allow", "all"], "allow must name any of"),
+        ("absent --model {m} --trust", "no such folder: absent"),
+        ("{m} --model {m} --trust", "is a file: watch takes a folder"),
+        ("{f} --model {m}", "can run any code"),
+        ("{f} --model {m} --trust --settle 0", "--settle: must be a positive"),
+        ("{f} --model {m} --trust --done {f}/no/d", "for --done does not exist"),
+        ("{f} --model {m} --trust --allow all", "allow must name any of"),
     ],
 )
-def test_mistakes_are_told_at_the_start(capsys, tmp_path, model_file, options, message):
+def test_mistakes_are_told_at_the_start(capsys, tmp_path, shaft_options, options, message):
     before = signal.getsignal(signal.SIGTERM)
-    assert main(["watch", *(option.format(m=model_file, f=tmp_path) for option in options)]) == 2
+    assert main(["watch", *options.format(m=shaft_options[1], f=tmp_path).split()]) == 2
     assert message in capsys.readouterr().err
     assert signal.getsignal(signal.SIGTERM) is before
 
@@ -240,12 +220,12 @@ def lines_of(process, n):
 @pytest.mark.skipif(os.name != "posix", reason="Windows sends Ctrl-C to all processes of a console")
 @pytest.mark.slow
 @pytest.mark.parametrize("ask", [signal.SIGTERM, signal.SIGINT])
-def test_a_process_that_watches(capsys, tmp_path, model_file, ask):
+def test_a_process_that_watches(capsys, tmp_path, shaft_options, ask):
     """Files in pieces, garbage, files renamed into place; a clean end, and nothing counted twice."""
     folder = tmp_path / "in"
     folder.mkdir()
     command = [
-        sys.executable, "-m", "cyclofeat", "watch", str(folder), "--model", str(model_file), "--trust",
+        sys.executable, "-m", "cyclofeat", "watch", str(folder), *shaft_options,
         "--json", "--speed", "500", "--interval", "0.1", "--settle", "0.4", "--done", str(tmp_path / "done"),
     ]  # fmt: skip
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
@@ -276,9 +256,9 @@ def test_a_process_that_watches(capsys, tmp_path, model_file, ask):
 
 
 @pytest.mark.slow
-def test_killed_it_counts_nothing_twice(capsys, tmp_path, model_file):
+def test_killed_it_counts_nothing_twice(capsys, tmp_path, shaft_options):
     command = [
-        sys.executable, "-m", "cyclofeat", "watch", str(tmp_path), "--model", str(model_file), "--trust",
+        sys.executable, "-m", "cyclofeat", "watch", str(tmp_path), *shaft_options,
         "--speed", "500", "--interval", "0.1", "--settle", "0.2", "--done", str(tmp_path / "done"),
     ]  # fmt: skip
     put(tmp_path / "a.npz", 0)
