@@ -20,7 +20,6 @@ from cyclofeat.counting import (
     GroupCalibratedCounter,
     LobeCounter,
     TrainingDomain,
-    make_entropy_counter,
     make_lobe_counter,
 )
 from cyclofeat.counting.calibration.conformal_regressor import ConformalRegressor
@@ -37,7 +36,7 @@ def estimators() -> list[BaseEstimator]:
         LobeMap(RATE),
         LobeMap(RATE, align="start", speed_tolerance=0, ar_order=0),
         make_lobe_counter(RATE, n_trees=4),
-        make_entropy_counter(RATE, n_trees=4),
+        make_lobe_counter(RATE, kind="entropy", n_trees=4),
         make_lobe_counter(RATE, kind="ladder"),
         EntropyLadder(),
         EntropyLadder(column=-1),

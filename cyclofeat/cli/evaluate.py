@@ -135,11 +135,12 @@ def cross_validate(
 
     Recordings state ``assembly`` and ``defect_count``.
     """
-    from cyclofeat.counting import LobeModel, evaluate, make_entropy_counter
+    from cyclofeat.counting import LobeModel, evaluate, make_lobe_counter
 
     seed = model.random_state
     # The windows set the rate.
-    entropy = LobeModel(model.windower, make_entropy_counter(128.0, random_state=seed), random_state=seed)
+    by_entropy = make_lobe_counter(128.0, kind="entropy", random_state=seed)
+    entropy = LobeModel(model.windower, by_entropy, random_state=seed)
     results: dict[str, Evaluation] = {}
     for name, candidate in {str(model.counter): model, _PAPERS: entropy}.items():
         with Progress(name) as progress:

@@ -4,7 +4,6 @@
 name                         job
 ===========================  ====================================================================
 ``make_lobe_counter``        counter of worn lobes of a chosen kind, ready to fit to windows
-``make_entropy_counter``     the same with the papers' best feature, for comparison
 ``LobeCounter``              count and positions, by trees or by a network
 ``EntropyLadder``            one number per window, thresholds between counts: the papers' way
 ``GroupCalibratedCounter``   a counter whose probabilities are corrected on held-out assemblies
@@ -30,7 +29,7 @@ from cyclofeat.counting.calibration.training_domain import TrainingDomain
 from cyclofeat.counting.estimators.entropy_ladder import EntropyLadder
 from cyclofeat.counting.estimators.lobe_counter import LobeCounter
 from cyclofeat.counting.estimators.lobe_positions import passage_of_lobe_zero
-from cyclofeat.counting.estimators.pipelines import make_entropy_counter, make_lobe_counter
+from cyclofeat.counting.estimators.pipelines import make_lobe_counter
 from cyclofeat.counting.evaluation.assembly_folds import grouped_folds as grouped_folds
 from cyclofeat.counting.evaluation.evaluate import Protocol, evaluate
 from cyclofeat.counting.evaluation.evaluation import Evaluation
@@ -59,7 +58,6 @@ __all__ = [
     "TrainingDomain",
     "counts_frame",
     "evaluate",
-    "make_entropy_counter",
     "make_lobe_counter",
     "passage_of_lobe_zero",
     "plan_measurement",

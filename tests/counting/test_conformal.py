@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.distance import mahalanobis
 from sklearn.covariance import LedoitWolf
 
@@ -69,7 +69,7 @@ def test_distances_and_thresholds_of_the_domain_by_hand():
     largest = np.sort((held_out / spreads).min(axis=1))[int(np.ceil(0.9 * 81)) - 1]
     assert_allclose(domain.thresholds_, largest * spreads)
     assert_allclose(domain.distance(X), (by_hand(X, y, X) / domain.thresholds_).min(axis=1))
-    assert_allclose(domain.decision_function(X), 1 - domain.distance(X))
+    assert_array_equal(domain.predict(X) == 1, domain.distance(X) <= 1)
 
 
 def test_features_lower_than_the_lowest_that_counts_are_no_reason_to_refuse():

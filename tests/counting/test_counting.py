@@ -12,7 +12,6 @@ from cyclofeat.counting import (
     LobeModel,
     Protocol,
     evaluate,
-    make_entropy_counter,
     make_lobe_counter,
     passage_of_lobe_zero,
 )
@@ -51,7 +50,7 @@ def test_the_lobe_map_counts_where_the_entropy_cannot(windows):
         )
         for name, counter in (
             ("map", make_lobe_counter(25_600, n_trees=60)),
-            ("entropy", make_entropy_counter(25_600, n_trees=60)),
+            ("entropy", make_lobe_counter(25_600, kind="entropy", n_trees=60)),
         )
     }
     assert results["map"].accuracy >= 0.9

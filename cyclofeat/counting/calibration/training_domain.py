@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator, OutlierMixin
+from sklearn.base import BaseEstimator
 from sklearn.covariance import LedoitWolf
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted, validate_data
@@ -30,7 +30,7 @@ _NUMBERED = re.compile(r"\((k|slot)(\d+)")
 
 
 @dataclass(eq=False, repr=False)
-class TrainingDomain(OutlierMixin, BaseEstimator):
+class TrainingDomain(BaseEstimator):
     """Domain of the training windows in the space of their features.
 
     A window's distance to a class is the Mahalanobis distance to its mean, with the covariance about all
@@ -55,8 +55,6 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         Largest Mahalanobis distance to each class inside the domain.
     false_refusal_ : float
         Share that n assemblies can guarantee: ``false_refusal``, or 1/(n + 1) with few of them.
-    offset_ : float
-        -1, as scikit-learn's outlier detectors have it.
 
     Notes
     -----
@@ -142,7 +140,6 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         self._place(features, rank)
         self.thresholds_ = np.maximum(np.sort(farthest)[k - 1] * spreads, np.finfo(float).tiny)
         self.false_refusal_ = max(float(self.false_refusal), 1 - n_assemblies / (n_assemblies + 1))
-        self.offset_ = -1.0
         return self
 
     def _place(self, X: Float, rank: Int) -> Int:
@@ -184,7 +181,6 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         Returns
         -------
         ndarray of int, shape (n_windows, n_features)
-            Numbers of the features.
         """
         nearest = self.means_[self._class_distances(X).argmin(axis=1)]
         offset = (self._raise_lowest(np.asarray(X)) - self.location_) / self.scale_ - nearest
@@ -203,32 +199,6 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         """
         return np.asarray(self._class_distances(X).min(axis=1))
 
-    def score_samples(self, X: ArrayLike) -> Float:
-        """Return ``-distance(X)``: lower for windows less like those of training.
-
-        Parameters
-        ----------
-        X : array-like, shape (n_windows, n_features)
-
-        Returns
-        -------
-        ndarray, shape (n_windows,)
-        """
-        return -self.distance(X)
-
-    def decision_function(self, X: ArrayLike) -> Float:
-        """Return ``1 - distance(X)``: negative outside.
-
-        Parameters
-        ----------
-        X : array-like, shape (n_windows, n_features)
-
-        Returns
-        -------
-        ndarray, shape (n_windows,)
-        """
-        return self.score_samples(X) - self.offset_
-
     def predict(self, X: ArrayLike) -> NDArray[np.int64]:
         """Return 1 for windows inside and -1 for those outside.
 
@@ -240,7 +210,7 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         -------
         ndarray of int, shape (n_windows,)
         """
-        return np.where(self.decision_function(X) >= 0, 1, -1)
+        return np.where(self.distance(X) <= 1, 1, -1)
 
 
 def lowest_seen(counter: Any) -> Float | None:

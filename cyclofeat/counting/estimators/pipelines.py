@@ -13,7 +13,7 @@ from cyclofeat.counting.estimators.trees import CountingTrees
 from cyclofeat.features import SpectralEntropy, TorqueFeatures
 from cyclofeat.signal.lobes import SPEED_TOLERANCE
 
-KINDS = ("lobe_map", "features", "ladder", "trees", "network")
+KINDS = ("lobe_map", "features", "entropy", "ladder", "trees", "network")
 
 
 def make_lobe_counter(
@@ -33,7 +33,8 @@ def make_lobe_counter(
     ==============  ====================================================================================
     ``"lobe_map"``  :class:`~cyclofeat.features.LobeMap`, then extremely randomised trees
     ``"features"``  :class:`~cyclofeat.features.TorqueFeatures` (all of them), then the same trees
-    ``"ladder"``    :class:`~cyclofeat.features.SpectralEntropy`, then :class:`EntropyLadder`: the papers'
+    ``"entropy"``   :class:`~cyclofeat.features.SpectralEntropy`, the papers' feature, then the same trees
+    ``"ladder"``    the same feature, then :class:`EntropyLadder`, as the papers read it
     ``"trees"``     :class:`LobeCounter`: calibrated count, and positions
     ``"network"``   :class:`LobeCounter` of kind "network": the same for lobes that are neighbours
     ==============  ====================================================================================
@@ -42,7 +43,7 @@ def make_lobe_counter(
     ----------
     sampling_rate : float
         Samples per second of the windows, in Hz. A low rate holds fewer lobe lines than 44.
-    kind : {"lobe_map", "features", "ladder", "trees", "network"}
+    kind : {"lobe_map", "features", "entropy", "ladder", "trees", "network"}
     input_speed_hz : float
         Nominal input speed in turns per second.
     n_lobes : int
@@ -58,8 +59,8 @@ def make_lobe_counter(
     Returns
     -------
     sklearn.pipeline.Pipeline or LobeCounter
-        Unfitted. The steps of the pipelines are ``"lobe_map"`` and ``"trees"``; ``"features"`` and
-        ``"trees"``; ``"entropy"`` and ``"ladder"``.
+        Unfitted. The steps of the pipelines are ``"lobe_map"``, ``"features"`` or ``"entropy"``, and
+        ``"trees"`` or ``"ladder"``.
 
     Examples
     --------
@@ -84,30 +85,11 @@ def make_lobe_counter(
         )  # fmt: skip
     trees = ("trees", CountingTrees(n_estimators=n_trees, random_state=random_state))
     lobe_map = ("lobe_map", lobe_map_at(sampling_rate, input_speed_hz, n_lobes, speed_tolerance))
+    entropy = ("entropy", SpectralEntropy(sampling_rate))
     steps: dict[str, list[tuple[str, BaseEstimator]]] = {
         "lobe_map": [lobe_map, trees],
         "features": [("features", TorqueFeatures(sampling_rate, **disc)), trees],
-        "ladder": [("entropy", SpectralEntropy(sampling_rate)), ("ladder", EntropyLadder())],
+        "entropy": [entropy, trees],
+        "ladder": [entropy, ("ladder", EntropyLadder())],
     }
     return Pipeline(steps[kind])
-
-
-def make_entropy_counter(
-    sampling_rate: float, *, n_trees: int = 300, random_state: int | None = None
-) -> Pipeline:
-    """Make a counter on the papers' best feature: Shannon spectral entropy, then the same trees.
-
-    ``make_lobe_counter(kind="ladder")`` reads the entropy as the papers do, as a ladder.
-
-    Parameters
-    ----------
-    sampling_rate, n_trees, random_state
-        See :func:`make_lobe_counter`.
-
-    Returns
-    -------
-    sklearn.pipeline.Pipeline
-        Unfitted. The steps are ``"entropy"`` and ``"trees"``.
-    """
-    trees = CountingTrees(n_estimators=n_trees, random_state=random_state)
-    return Pipeline([("entropy", SpectralEntropy(sampling_rate)), ("trees", trees)])

@@ -188,9 +188,8 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         TypeError, ValueError
             Where recordings lack a defect count, hold one class only, differ in quantity or number of lobes,
             are shorter than a window, state neither angle nor speed, or hold too few samples per turn for
-            lobe lines up to half the number of lobes; with ``wear_um`` also where a recording with worn lobes
-            states no depth within the range; where ``y`` has another length than ``recordings``, or parts or
-            joins what their ``defect_count`` states.
+            lobe lines up to half the number of lobes; with ``wear_um`` also where one with worn lobes states
+            no depth within the range; where ``y`` contradicts what ``defect_count`` states.
         """
         kind = self.counter
         if isinstance(kind, str) and kind not in ("trees", "rows"):
@@ -411,7 +410,8 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             Values of ``classes_``.
         """
         answers = self.count_all(recordings)
-        return self._labels_of([answer.defect_count for answer in answers])
+        label_of = dict(zip(self.counter_.classes_.tolist(), self.classes_.tolist(), strict=True))
+        return np.array([label_of[answer.defect_count] for answer in answers], dtype=self.classes_.dtype)
 
     def predict_proba(self, recordings: Iterable[Recording]) -> Float:
         """Return the probability of each count for each recording, refused or not.
@@ -428,42 +428,6 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         answers = self.count_all(recordings)
         rows = [[*answer.probability.values()] for answer in answers]
         return np.array(rows, dtype=np.float64).reshape(-1, len(self.classes_))
-
-    def score(
-        self,
-        recordings: Sequence[Recording],
-        y: ArrayLike | None = None,
-        sample_weight: ArrayLike | None = None,
-    ) -> float:
-        """Return the fraction of recordings that :meth:`predict` counts right, refused ones included.
-
-        Parameters
-        ----------
-        recordings : sequence of Recording
-        y : array-like of int, shape (n_recordings,), optional
-            True counts; default, the ``defect_count`` of the recordings.
-        sample_weight : array-like, shape (n_recordings,), optional
-
-        Returns
-        -------
-        float
-        """
-        check_is_fitted(self)
-        given = list(recordings)
-        if not given:
-            raise ValueError("recordings must hold at least one recording, got none")
-        if y is None:
-            stated = [recording.defect_count for recording in given]
-            if None in stated:
-                place = stated.index(None)
-                raise ValueError(f"recording {place} states no defect_count: give the true counts as y")
-            y = self._labels_of(stated)
-        return float(super().score(given, y, sample_weight=sample_weight))
-
-    def _labels_of(self, counts: Sequence[int | None]) -> NDArray[Any]:
-        """Return the labels of counts, as ``classes_`` has them."""
-        label_of = dict(zip(self.counter_.classes_.tolist(), self.classes_.tolist(), strict=True))
-        return np.array([label_of.get(count, count) for count in counts], dtype=self.classes_.dtype)
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()

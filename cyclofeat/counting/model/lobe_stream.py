@@ -14,7 +14,7 @@ from cyclofeat.counting.model._verdicts import window_faults
 from cyclofeat.counting.model.lobe_count import AnsweredWindows, LobeCount, PreparedWindows, WindowCount
 from cyclofeat.counting.model.lobe_model import LobeModel
 from cyclofeat.recordings import Recording
-from cyclofeat.recordings.windower import StreamWindow, WindowStream
+from cyclofeat.recordings.windower import StreamWindow, WindowStream, ends_by_angle
 from cyclofeat.signal.windows import Float
 
 
@@ -213,9 +213,9 @@ class LobeStream:
     def _count_window(self, window: StreamWindow) -> None:
         """Count one window: alone, so that its answer does not depend on the pieces."""
         windows, recording = window.windows, window.recording
-        stop = windows.start_angle + 2 * np.pi * windows.X.shape[1] / windows.sampling_rate
         assert recording.angle is not None
-        stop_s = np.interp(stop, recording.angle, np.arange(recording.n_samples)) / self.sampling_rate
+        length = windows.X.shape[1], windows.sampling_rate
+        stop_s = ends_by_angle(windows.start_angle, *length, recording.angle, self.sampling_rate)
         faults = window_faults(recording, windows, stop_s, self.model.n_lobes_)
         if not self._answers:
             self._first_angle = float(windows.start_angle[0])
