@@ -132,22 +132,13 @@ def _motor_constants(motor: Motor, gearbox: CycloidalGearbox) -> _Constants:
     bandwidth = 2 * math.pi * motor.bandwidth_hz
     proportional = bandwidth * (inertia + gearbox.brake_inertia / z**2)
     return _Constants(
-        inertia=inertia,
-        gear_inertia=gear,
-        output_inertia=float(gearbox.output_inertia),
-        brake_inertia=float(gearbox.brake_inertia),
-        stiffness=stiffness,
-        damping=damping,
-        reduction=float(z),
-        proportional=proportional,
-        integral=proportional * bandwidth / 4,
-        lag=2 * math.pi * motor.current_bandwidth_hz,
-        coulomb=float(motor.coulomb_nm),
-        viscous=float(motor.viscous),
-        ripple=float(motor.ripple),
-        ripple_order=6.0 * motor.pole_pairs,
+        inertia=inertia, gear_inertia=gear, output_inertia=float(gearbox.output_inertia),
+        brake_inertia=float(gearbox.brake_inertia), stiffness=stiffness, damping=damping, reduction=float(z),
+        proportional=proportional, integral=proportional * bandwidth / 4,
+        lag=2 * math.pi * motor.current_bandwidth_hz, coulomb=float(motor.coulomb_nm),
+        viscous=float(motor.viscous), ripple=float(motor.ripple), ripple_order=6.0 * motor.pole_pairs,
         ripple_phase=float(motor.ripple_phase),
-    )
+    )  # fmt: skip
 
 
 def drive_run(run: SimulationRun, motor: Motor, start: int, random: np.random.Generator) -> SimulationRun:

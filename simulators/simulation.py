@@ -312,20 +312,15 @@ def simulate(
         external_points = contact_points(pin_centres(gearbox), gearbox.pin_radius, external)
         internal_points = contact_points(axles, gearbox.internal_sleeve_radius, internal)
     return SimulationRun(
-        gearbox=gearbox,
-        defects=defects,
-        sampling_rate=float(sampling_rate),
+        gearbox=gearbox, defects=defects, sampling_rate=float(sampling_rate), dt=dt, input_angle=input_angle,
         torque_out=sampling.decimate(done.torques[:, 0]),
         torque_in=sampling.decimate(done.torques[:, 1]) if torque_in else None,
-        input_angle=input_angle,
         output_angle=done.motion[:, 2] - input_angle / z if motion else None,
         output_speed=done.motion[:, 6] - omega[2 * kept] / z if motion else None,
         external_forces=np.ascontiguousarray(external[..., 0]) if forces else None,
         internal_forces=np.ascontiguousarray(internal[..., 0]) if forces else None,
-        external_points=external_points,
-        internal_points=internal_points,
-        dt=dt,
-    )
+        external_points=external_points, internal_points=internal_points,
+    )  # fmt: skip
 
 
 def _run_simulator(

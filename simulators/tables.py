@@ -101,24 +101,17 @@ def _wheel_constants(gearbox: CycloidalGearbox, defects: LobeDefects) -> Any:
     pit_normal = complex(profile.normal(pit_angle))
     pin_errors = np.hypot(gearbox.pin_radial_errors or [0.0], gearbox.pin_tangential_errors or [0.0])
     return _constants(
-        _outline.WheelConstants,
-        gearbox,
-        n_lobes=int(gearbox.n_lobes),
-        clearance=float(gearbox.pin_clearance),
-        tip_x=tip.real,
-        pit_x=pit.real,
-        pit_y=pit.imag,
-        pit_nx=pit_normal.real,
-        pit_ny=pit_normal.imag,
+        _outline.WheelConstants, gearbox, n_lobes=int(gearbox.n_lobes),
+        clearance=float(gearbox.pin_clearance), tip_x=tip.real, pit_x=pit.real, pit_y=pit.imag,
+        pit_nx=pit_normal.real, pit_ny=pit_normal.imag,
         tip_radius=float(gearbox.profile.effective_radius(0.0, gearbox.pin_clearance)),
         pit_radius=float(gearbox.profile.effective_radius(pit_angle, gearbox.pin_clearance)),
         near=max(0.7 / abs(float(profile.curvature(pit_angle))) - float(pin_errors.max()), 0.0),
-        has_pitch_errors=any(gearbox.lobe_pitch_errors),
-        profile_points=gearbox.profile_points,
+        has_pitch_errors=any(gearbox.lobe_pitch_errors), profile_points=gearbox.profile_points,
         # A flank is half a pitch.
         wear_first=0.5 * (defects.wear_centre - 0.5 * defects.wear_share),
         wear_width=0.5 * defects.wear_share,
-    )
+    )  # fmt: skip
 
 
 def rest_state(gearbox: CycloidalGearbox) -> Float:
@@ -161,9 +154,7 @@ def sleeve_centres(gearbox: CycloidalGearbox, output_angle: NDArray[np.float64])
 def contact_constants(gearbox: CycloidalGearbox, constant_radius: float) -> _kernels.ContactConstants:
     """Constants of one kind of contact; ``constant_radius`` (m) is that of the conservative law."""
     return _kernels.ContactConstants(
-        law=CONTACT_LAWS.index(gearbox.contact_law),
-        stiffness_factor=stiffness_factor(gearbox),
-        damping=float(gearbox.contact_damping),
-        inverse_ramp=1 / gearbox.contact_ramp,
+        law=CONTACT_LAWS.index(gearbox.contact_law), stiffness_factor=stiffness_factor(gearbox),
+        damping=float(gearbox.contact_damping), inverse_ramp=1 / gearbox.contact_ramp,
         constant_radius=float(constant_radius),
-    )
+    )  # fmt: skip

@@ -313,16 +313,11 @@ def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
         assert torque_out is not None
         runs.append(
             SimulationRun(
-                gearbox=request.gearbox,
-                defects=request.defects,
-                sampling_rate=float(request.sampling_rate),
-                torque_out=torque_out,
-                torque_in=torque_in,
-                input_angle=course.angle,
+                gearbox=request.gearbox, defects=request.defects, sampling_rate=float(request.sampling_rate),
+                torque_out=torque_out, torque_in=torque_in, input_angle=course.angle,
                 output_angle=None if angle is None else angle - course.angle / z,
                 output_speed=None if rate is None else rate - course.speed / z,
-                dt=request.solver.dt,
-                kernel="batch",
+                dt=request.solver.dt, kernel="batch",
             )
-        )
+        )  # fmt: skip
     return runs

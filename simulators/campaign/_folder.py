@@ -258,13 +258,9 @@ def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> Camp
     return CampaignData(
         X=shards if len(paths) > 1 else np.load(paths[0], mmap_mode="r", allow_pickle=False),
         y=parameters["defect_count"].astype(np.int64),
-        groups=parameters["assembly"].astype(np.str_),
-        ok=parameters["status"] == OK,
-        parameters=parameters,
-        sampling_rate=campaign.sampling_rate,
-        campaign=campaign,
-        manifest=manifest,
-    )
+        groups=parameters["assembly"].astype(np.str_), ok=parameters["status"] == OK, parameters=parameters,
+        sampling_rate=campaign.sampling_rate, campaign=campaign, manifest=manifest,
+    )  # fmt: skip
 
 
 def shard_file(shard: int, kind: str) -> str:
