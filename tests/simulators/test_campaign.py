@@ -243,7 +243,6 @@ def test_json_gives_the_design_back(tmp_path: Path) -> None:
     [
         ("[1]", "must hold a JSON object"),
         ('{"repeat": 3}', "unknown key 'repeat' with value 3: did you mean 'repeats'?"),
-        ('{"repeats": 3, "repeats": 4}', "key 'repeats' must stand only once"),
         ('{"format": "cyclofeat campaign 9"}', "format must be 'cyclofeat campaign 3', got"),
         ('{"rig": {"effect": 1}}', "rig: unknown key 'effect' with value 1: did you mean 'effects'?"),
         ('{"rig": "R9"}', r"rig must be one of \('R0', 'R1', 'R2'\) or a Rig, got 'R9'"),
@@ -261,8 +260,6 @@ def test_json_gives_the_design_back(tmp_path: Path) -> None:
         ('{"depth": [0.5, 0.2]}', "depth must lie above 0 and up to 1"),
         ('{"duration": 1e-6}', "duration must hold at least 2 samples at 25600 Hz, got 1e-06"),
         ('{"rig": {"effects": [{"effect": "noise", "rms_nm": [2, 1]}]}}', "rig: .*rms_nm of noise must be"),
-        ('{"repeats": 3', "is not valid JSON"),
-        ("[" * 100_000, "nested too deeply"),
     ],
 )  # fmt: skip
 def test_a_wrong_description_is_named(content: str, message: str, tmp_path: Path) -> None:

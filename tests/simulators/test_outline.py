@@ -67,21 +67,6 @@ def test_an_old_description_is_as_good_as_a_new_one(
     assert largest > 5
 
 
-def test_descriptions_are_renewed_by_angle_and_by_deviation() -> None:
-    wheel = Kernel(STEEL, LobeDefects.healthy()).constants[0]
-    seen = np.full(_outline.WHEEL_TABLE_SIZE, np.inf)
-    assert _outline.moved_on(seen, 0, wheel, 1.0, 0.0)
-    kernel = Kernel(STEEL, LobeDefects.healthy(), remember=True)
-    kernel(np.zeros(8), 1.0)
-    assert kernel.memory is not None
-    seen = kernel.memory[0]
-    assert not _outline.moved_on(seen, 0, wheel, 1.0 + 1e-6, 0.9e-4)
-    assert _outline.moved_on(seen, 0, wheel, 1.0, 1.1e-4)
-    assert _outline.moved_on(seen, 0, wheel, 1.0 + 2 * np.pi / 672, 0.0)
-    assert _outline.moved_on(seen, 0, wheel, float("nan"), 0.0)
-    assert _outline.moved_on(seen, 0, wheel, 1.0, float("nan"))
-
-
 def test_the_kernels_know_which_outline_they_were_compiled_with() -> None:
     """numba's cache on disk looks at one file: a change of the outline has to change the kernels' too."""
     source = Path(_outline.__file__).read_bytes()
