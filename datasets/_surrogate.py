@@ -164,8 +164,6 @@ def make_rig_recordings(
     )  # fmt: skip
     checks.one_of("kernel", kernel, ("exact", "batch", "auto"))
     total = checks.whole("n_assemblies", n_assemblies, 1) * len(counts)
-    if keep is not None and not callable(keep):
-        raise TypeError(f"keep must be a function of a recording, got {keep!r}")
     first = checks.whole("first_assembly", first_assembly, 0) * len(counts)
     defects = [
         wear.draw(counts[index % len(counts)], settings.rig.gearbox.n_lobes, settings.seed_of(index))
