@@ -1,4 +1,4 @@
-"""Tables as programs export them, and all that files say of their rate, are read or refused for the reason."""
+"""Tables as programs export them, and what files say of their rate, are read or refused for the reason."""
 
 from __future__ import annotations
 
