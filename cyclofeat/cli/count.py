@@ -98,16 +98,16 @@ class RecordingCounter:
         self._models: dict[str, LobeModel] = {}
         if arguments.model is not None:
             self.model_of("")  # or its error now
-        self._history: History | None = None
+        self.history: History | None = None
         if arguments.history:
             from cyclofeat.history import History
 
-            self._history = History(arguments.history)
+            self.history = History(arguments.history)
 
     def close(self) -> None:
         """Close the history."""
-        if self._history is not None:
-            self._history.close()
+        if self.history is not None:
+            self.history.close()
 
     def model_of(self, quantity: str) -> LobeModel:
         """Return the model that the options name, or the packaged one of a quantity."""
@@ -134,26 +134,21 @@ class RecordingCounter:
         name = model_name(self.arguments, recording.quantity)
         turns = model.windower_.output_turns
         counted = Counted(count, recording.quantity, recording.duration, turns, name)
-        if self._history is not None:
+        if self.history is not None:
             assembly = self.default_gearbox if recording.assembly is None else str(recording.assembly)
             counted.gearbox = self.arguments.gearbox or assembly
             if not counted.gearbox:
                 raise ValueError("the file states no assembly: give --gearbox NAME with --history")
             time = _start_time(path, recording)
-            self._history.add(counted.gearbox, str(path.resolve()), time, count, recording, model.card_)
+            self.history.add(counted.gearbox, str(path.resolve()), time, count, recording, model.card_)
         return counted
-
-    @property
-    def n_unwritten(self) -> int:
-        """Counts that the history does not hold yet."""
-        return 0 if self._history is None else self._history.n_pending
 
     def write(self, counted: Counted | None = None) -> None:
         """Write the history, and state the gearbox of a count by it."""
-        if self._history is not None:
-            self._history.write()
+        if self.history is not None:
+            self.history.write()
             if counted is not None:
-                counted.state = self._history.state(counted.gearbox, **alarm_rates(self.arguments))
+                counted.state = self.history.state(counted.gearbox, **alarm_rates(self.arguments))
 
 
 def _start_time(path: Path, recording: Recording) -> float:

@@ -261,7 +261,7 @@ def _count_arrivals(
     def write_done() -> None:
         """Write the list of files that are done, unless counts of them are not in the history yet."""
         with _retrying(f"--done {arguments.done} cannot be written", troubles):
-            if not counter.n_unwritten:
+            if counter.history is None or not counter.history.n_pending:
                 watch.done.write()
 
     began = now = time.monotonic()

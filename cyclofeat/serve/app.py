@@ -28,9 +28,10 @@ from starlette.responses import FileResponse, HTMLResponse, JSONResponse, PlainT
 from starlette.routing import Mount, Route
 from starlette.types import ASGIApp
 
+from cyclofeat import __version__
 from cyclofeat.serve.jobs import PROGRAM, Session
 from cyclofeat.serve.store import Limits, Refused
-from cyclofeat.serve.view import render_page, render_parts
+from cyclofeat.serve.view import TEMPLATES, render_parts
 
 _LARGEST_REQUEST = 2**20  # bytes, of all but uploads
 _HEADERS = {
@@ -117,7 +118,8 @@ def make_app(
 
 
 async def get_page(request: Request) -> Response:
-    return HTMLResponse(render_page())
+    # Its script fetches the parts.
+    return HTMLResponse(TEMPLATES.get_template("serve.html").render(title="cyclofeat", version=__version__))
 
 
 async def get_script(request: Request) -> Response:

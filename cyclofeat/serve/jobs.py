@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import json
 import os
 import re
@@ -163,6 +164,7 @@ class Job:
     result: list[dict[str, Any]] = field(default_factory=list)
     error: str = ""
     began: float = field(default_factory=time.monotonic)
+    task: asyncio.Task[None] | None = None
 
     @property
     def message(self) -> str:
@@ -215,13 +217,7 @@ class Session:
     ) -> None:
         self.store, self.given, self.program = Store(root, limits), given, program
         self.jobs: dict[int, Job] = {}
-        self._started = 0
-        self._tasks: dict[int, asyncio.Task[None]] = {}
-
-    @property
-    def model_file(self) -> Path | None:
-        """The model file to count with: the uploaded one, else the one given; None for the packaged ones."""
-        return self.store.others.get("model") or (Path(self.given[1]) if self.given else None)
+        self._numbers = itertools.count(1)
 
     def clear_jobs(self) -> None:
         """Forget the results of jobs that have ended, but for what was found in recordings."""
@@ -229,14 +225,6 @@ class Session:
         for job in ended:
             if job.order.command != "inspect":
                 del self.jobs[job.number]
-
-    def inspected_facts(self) -> dict[str, dict[str, Any]]:
-        """Return what was last found in each file, by its path within the folder of recordings."""
-        rows: dict[str, dict[str, Any]] = {}
-        for job in self.jobs.values():
-            if job.order.command == "inspect":
-                rows |= {str(row["file"]): row for row in job.result if "file" in row}
-        return rows
 
     @property
     def running_jobs(self) -> list[Job]:
@@ -254,16 +242,16 @@ class Session:
         most = self.store.limits.jobs
         if len(self.running_jobs) >= most:
             raise Refused(429, f"{most} jobs are running: wait until one ends, or cancel one")
-        folder = self.store.root / f"job-{self._started + 1}"
+        number = next(self._numbers)
+        folder = self.store.root / f"job-{number}"
         uploaded = self.store.others.get("model")
         model = self.given if uploaded is None else ("--model", str(uploaded))
-        job = Job(self._started + 1, make_order(asked, self.store, model, folder), folder)
+        job = Job(number, make_order(asked, self.store, model, folder), folder)
         folder.mkdir()
         if job.order.rows:
             self.store.link_recordings(job.order.recordings, folder / _LINKS, job.order.rows)
-        self._started += 1
-        self.jobs[job.number] = job
-        self._tasks[job.number] = asyncio.get_running_loop().create_task(self._run_job(job))
+        self.jobs[number] = job
+        job.task = asyncio.create_task(self._run_job(job))
         for old in [ended for ended in self.jobs.values() if ended.state != "running"][:-_N_KEPT]:
             del self.jobs[old.number]
         return job
@@ -271,10 +259,9 @@ class Session:
     async def cancel_job(self, number: int) -> None:
         """End a job; return when its process is gone."""
         job = self.find_job(number)
-        if job.state == "running":
-            task = self._tasks[number]
-            task.cancel()
-            await asyncio.wait([task])
+        if job.state == "running" and job.task is not None:
+            job.task.cancel()
+            await asyncio.wait([job.task])
 
     async def close(self) -> None:
         """End all jobs."""
@@ -308,7 +295,6 @@ class Session:
         finally:
             if process is not None and process.returncode is None:
                 await _end_process(process)
-            del self._tasks[job.number]
 
 
 async def _end_process(process: asyncio.subprocess.Process) -> None:

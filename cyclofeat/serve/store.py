@@ -91,10 +91,6 @@ class Store:
         self.items[unused] = False
         return unused
 
-    def present_names(self) -> list[str]:
-        """Return the names of the recordings that are there: a command may still be writing others."""
-        return [name for name in self.items if (self.recordings / name).exists()]
-
     def remove_recording(self, name: str) -> None:
         """Delete a recording or a folder of them."""
         if name not in self.items:

@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cyclofeat import __version__
 from cyclofeat._base.progress import seconds_text
 from cyclofeat._base.quantities import QUANTITIES, in_words, number_of
 from cyclofeat.counting.evaluation.evaluation import score_text
@@ -21,17 +20,15 @@ from cyclofeat.report import template_environment
 from cyclofeat.serve.jobs import Job, Session
 
 # The look is that of the reports.
-_TEMPLATES = template_environment("cyclofeat.serve")
-
-
-def render_page() -> str:
-    """Return the page, whose parts its script fetches."""
-    return _TEMPLATES.get_template("serve.html").render(title="cyclofeat", version=__version__)
+TEMPLATES = template_environment("cyclofeat.serve")
 
 
 def render_parts(session: Session) -> dict[str, Any]:
     """Return what changes on the page: HTML by the id of its element, and what the script needs to know."""
-    facts, present = session.inspected_facts(), session.store.present_names()
+    # A command may still be writing a recording. Of each file, what was last found in it.
+    present = [name for name in session.store.items if (session.store.recordings / name).exists()]
+    inspections = [job for job in session.jobs.values() if job.order.command == "inspect"]
+    facts = {row["file"]: row for job in inspections for row in job.result if "file" in row}
     recordings: list[dict[str, Any]] = [
         {
             "name": name,
@@ -51,7 +48,7 @@ def render_parts(session: Session) -> dict[str, Any]:
         "recordings": {"recordings": recordings, "quantities": {name: in_words(name) for name in QUANTITIES}},
         "jobs": {"jobs": jobs},
     }
-    rendered = {name: _TEMPLATES.get_template(f"{name}.html").render(values) for name, values in html.items()}
+    rendered = {name: TEMPLATES.get_template(f"{name}.html").render(values) for name, values in html.items()}
     rendered["time_channel"] = rendered["angle_channel"] = rendered["channel"]
     return {
         "html": rendered,
@@ -63,7 +60,7 @@ def render_parts(session: Session) -> dict[str, Any]:
 
 def _describe_model(session: Session) -> dict[str, str] | None:
     """Describe the model by its card; None for the packaged ones."""
-    path = session.model_file
+    path = session.store.others.get("model") or (Path(session.given[1]) if session.given else None)
     if path is None:
         return None
     try:

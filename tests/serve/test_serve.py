@@ -173,7 +173,7 @@ def test_only_skops_models_are_taken(fresh):
     assert "--trust" in answer["error"]
     assert fresh.ask("POST", "others?name=m.skops.card.json", b"{}")[0] == 409  # a card of nothing
     assert fresh.ask("POST", "others?name=m.skops", b"1" * 1001)[0] == 413
-    assert fresh.session.model_file is None
+    assert fresh.session.store.others == {}
 
 
 def test_a_chosen_model_is_counted_with_and_described_by_its_card(tmp_path):
