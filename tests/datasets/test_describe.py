@@ -74,13 +74,6 @@ def test_the_dropout_share_is_the_share_that_was_dropped(kind, length):
     assert found["dropout_share"] == 0
 
 
-@pytest.mark.slow
-def test_single_zeros_are_dropouts():
-    torque = geared()
-    torque[1_000::5_000] = 0
-    assert describe(Recording(torque, RATE))["dropout_share"] == np.mean(torque == 0)
-
-
 @pytest.mark.parametrize("share", [0.96, 0.99, 1.0, 1.013, 1.04])
 def test_the_speed_by_lobe_lines(share):
     found = describe(Recording(geared(share * 500 / 60), RATE, speed_rpm=500))
@@ -167,7 +160,7 @@ def test_held_lost_and_bridged_samples_against_brute_force(seed):
     torque[40:75] = torque[40]
     torque[120 : 121 + seed] = 0
     torque[200:240] = np.linspace(torque[200], 9, 40)
-    torque[-1] = 0
+    torque[-1], torque[300:303] = 0, (50, 0, 50)
     expected = np.zeros(torque.size, dtype=bool)
     step = np.median(np.abs(np.diff(torque)))
     bend = np.r_[1, np.abs(np.diff(torque, 2)), 1] <= 1e-9 * torque.std()
@@ -182,7 +175,7 @@ def test_held_lost_and_bridged_samples_against_brute_force(seed):
             beside = [abs(torque[at]) for at in (one.start - 1, one.stop) if 0 <= at < torque.size]
             expected[one] |= long and torque.min() < value < torque.max()
             expected[one] |= value == 0 and min(beside) > 10 * step
-    assert expected.any()
+    assert expected[301]
     np.testing.assert_array_equal(mark_dropouts(torque), expected)
 
 

@@ -41,12 +41,6 @@ def labelled():
     return make_rig_recordings(2, [0, 1, 3], **LABELLED)
 
 
-@pytest.mark.slow
-def test_set_made_in_parts_is_the_set(labelled):
-    first, second = (make_rig_recordings(1, [0, 1, 3], first_assembly=k, **LABELLED) for k in (0, 1))
-    assert first + second == labelled
-
-
 def test_what_keep_returns_is_kept(labelled):
     calls = []
 
