@@ -43,7 +43,6 @@ STAGES = {"midpoint": 2, "adams_bashforth": 1, "leapfrog": 1}
 # roots of r^2 - (1 - 3/2 p) r - p/2 (Adams-Bashforth) up to p = 1, those of r^3 - (1 - 15/8 p) r^2 - 5/4 p r
 # + 3/8 p (leapfrog) up to 4/7, less by the share (w dt)^2 / 4 where x'' = -w^2 x - rate x'.
 _STABLE = {"midpoint": 2.0, "adams_bashforth": 1.0, "leapfrog": 4 / 7}
-_RELAXATION_ROUNDS = 3000
 # Bodies that friction damps: two wheels, the output shaft, and all sleeves (about their axles).
 _OUTPUT = 2
 _FIRST_SPIN = 3
@@ -210,7 +209,6 @@ def simulate(
     duration: float = 0.6,
     sampling_rate: float = 25_600.0,
     start_angle: float = 0.0,
-    start: str = "rest",
     courses: Courses | None = None,
     solver: Solver | None = None,
     simulator: Simulator | None = None,
@@ -234,15 +232,12 @@ def simulate(
         Samples per second of the result. At most ``1 / solver.dt``.
     start_angle : float
         Input angle at t = 0 in rad.
-    start : {"rest", "relaxed"}
-        Initial state of wheels and output: the ideal rest position, where displaced pins or a worn lobe may
-        penetrate, or relaxed until the contacts balance the load at the start.
     courses : Courses, optional
         Input speed and load over time, in place of the gearbox's.
     solver : Solver, optional
         Time step, integrator and decimation.
     simulator : Simulator, optional
-        User's simulator in the place of the model: without ramp, ``start``, ``solver`` and the results below.
+        User's simulator in the place of the model: without ramp, ``solver`` and the results below.
     torque_in : bool
         Keep the moment about the input shaft.
     motion, forces, points : bool
@@ -288,17 +283,13 @@ def simulate(
         solver = replace(solver, dt=min(solver.dt, Solver.dt), integrator="adams_bashforth")
     sampling = Sampling.plan(duration, sampling_rate, solver)
     number("start_angle", start_angle)
-    one_of("start", start, ("rest", "relaxed"))
     dt, n_steps, steps = solver.dt, sampling.n_steps, sampling.steps
     course = DriveAndLoad(gearbox, 2 * n_steps + 1, dt / 2, start_angle, courses).piece()
     integration = Integration(gearbox, kernel_input(gearbox, defects), course, dt, solver.integrator)
-    state = rest_state(gearbox)
-    if start == "relaxed":
-        state = relax(integration, state)
     checked = gearbox.has_friction and solver.check_friction
     watched = steps[:: max(steps.size // _N_WATCHED, 1)] if checked else steps[:0]
     kept = steps if motion or forces or points else watched
-    done = integration.run(state, 0, n_steps, kept, forces=forces or points)
+    done = integration.run(rest_state(gearbox), 0, n_steps, kept, forces=forces or points)
     if checked:
         states = done.motion[np.searchsorted(kept, watched)]
         nearby = np.stack([course[:, 2 * step : 2 * step + 3] for step in watched])
@@ -551,33 +542,6 @@ def friction_rates(
     slope = np.concatenate(slopes, axis=1)
     scaled = np.concatenate(slides, axis=1) * np.sqrt(slope)[..., None] / np.sqrt(inertias)
     return np.asarray(np.linalg.eigvalsh(np.swapaxes(scaled, 1, 2) @ scaled)[:, -1])
-
-
-def relax(integration: Integration, state: Float) -> Float:
-    """State in which the contacts balance the load at the start, with the drive at rest.
-
-    It stops the motion repeatedly (kinetic damping). With the heavy rotor of a brake this would take too
-    long, so the load acts on the output shaft first and is moved to the meter at the end.
-    """
-    n_steps = 10
-    gearbox, constants = integration.gearbox, integration.constants
-    angle, load = integration.course[0, 0], integration.course[3, 0]
-    held = Integration(
-        gearbox,
-        constants._replace(body=constants.body._replace(brake_inertia=0.0)),
-        np.repeat([[angle], [0.0], [0.0], [load]], 2 * n_steps + 1, axis=1),
-        integration.dt,
-    )
-    none: NDArray[np.int64] = np.zeros(0, dtype=int)
-    for _ in range(_RELAXATION_ROUNDS):
-        before = state
-        state = held.attempt(state, 0, n_steps, none).state
-        state[4:] = 0.0
-        if np.abs(state - before).max() < 1e-12:
-            break
-    if gearbox.brake_inertia > 0:
-        state[3] = state[2] + load / gearbox.meter_stiffness
-    return state
 
 
 @functools.cache

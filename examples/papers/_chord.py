@@ -118,7 +118,7 @@ def closed_torque(worn: int = 1, dt: float = 1e-5) -> Float:
     run = simulate(
         STEEL.replace(ramp_time=0.0), LobeDefects.worn(worn), duration=SETTLING_S + LOBE_PERIOD_S,
         sampling_rate=1 / dt, solver=Solver(decimation="pick"),
-        start_angle=-math.pi, start="relaxed", motion=False,
+        start_angle=-math.pi, motion=False,
     )  # fmt: skip
     return run.torque_out[-round(LOBE_PERIOD_S / dt) :]
 

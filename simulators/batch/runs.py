@@ -11,7 +11,7 @@ import llvmlite.binding as llvm
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.checks import number, one_of
+from cyclofeat._base.checks import number
 from cyclofeat.simulators import simulation
 from cyclofeat.simulators.batch import _tables as rows
 from cyclofeat.simulators.batch._kernel import decimate_lanes, fill_drive, integrate_batch
@@ -20,7 +20,7 @@ from cyclofeat.simulators.batch._vectors import lane_tuple
 from cyclofeat.simulators.courses import Courses, DriveAndLoad, on_lines
 from cyclofeat.simulators.defects import LobeDefects, check_machine
 from cyclofeat.simulators.gearbox import CycloidalGearbox
-from cyclofeat.simulators.simulation import STAGES, Integration, Sampling, SimulationRun, Solver
+from cyclofeat.simulators.simulation import STAGES, Sampling, SimulationRun, Solver
 from cyclofeat.simulators.tables import KernelInput, kernel_input, rest_state
 
 Float = NDArray[np.float64]
@@ -48,7 +48,6 @@ class Request:
     courses: Courses | None = None
     start_angle: float = 0.0
     sampling_rate: float = 25_600.0
-    start: str = "rest"
     solver: Solver = field(default_factory=Solver)
     torque_in: bool = True
     motion: bool = True
@@ -60,7 +59,6 @@ class Request:
         given = {name: value for name, value in arguments.items() if name in _OPTIONS}
         given["solver"] = solver = given.get("solver") or Solver()
         given["start_angle"] = number("start_angle", given.get("start_angle", 0.0))
-        one_of("start", given.get("start", "rest"), ("rest", "relaxed"))
         sampling = Sampling.plan(
             arguments.get("duration", 0.6), given.get("sampling_rate", cls.sampling_rate), solver
         )
@@ -71,7 +69,7 @@ class Request:
         """Properties that all runs of a batch share."""
         gearbox, pitched = self.gearbox, self.constants.wheel.has_pitch_errors
         of_machine = (gearbox.n_lobes, gearbox.n_internal_sleeves, gearbox.has_friction, pitched)
-        return (*of_machine, self.sampling_rate, self.start, self.solver, self.torque_in, self.motion)
+        return (*of_machine, self.sampling_rate, self.solver, self.torque_in, self.motion)
 
     @property
     def cost(self) -> tuple[bool, int, int]:
@@ -281,11 +279,6 @@ def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
     first = requests[0]
     courses = [SampledCourse(request) for request in requests]
     states = [rest_state(request.gearbox) for request in requests]
-    if first.start == "relaxed":
-        for lane, one in enumerate(requests):
-            begin = DriveAndLoad(one.gearbox, 3, one.solver.dt / 2, one.start_angle, one.courses).piece()
-            held = Integration(one.gearbox, one.constants, begin, one.solver.dt, one.solver.integrator)
-            states[lane] = simulation.relax(held, states[lane])
     batch = BatchIntegration([request.constants for request in requests], courses, states, first.solver)
     torques = (rows.TORQUE_OUT, rows.TORQUE_IN) if first.torque_in else (rows.TORQUE_OUT,)
     motion = (rows.OUTPUT, rows.OUTPUT_RATE) if first.motion else ()

@@ -192,8 +192,8 @@ def machines() -> dict[str, tuple[CycloidalGearbox, LobeDefects, dict[str, Any]]
     return {
         "steel": (steel, LobeDefects.worn(3), {}),
         "abs": (abs_, LobeDefects.worn((0, 4), wheels=(0,), depth=0.7), {"start_angle": 2.0}),
-        "brake": (steel.with_brake(0.02, 1e4, 0.02), LobeDefects.worn(5), {"start": "relaxed"}),
-        "displaced": (displaced, LobeDefects.healthy(), {"start": "relaxed"}),
+        "brake": (steel.with_brake(0.02, 1e4, 0.02), LobeDefects.worn(5), {}),
+        "displaced": (displaced, LobeDefects.healthy(), {}),
         "removed": (steel, LobeDefects.removed(1), {}),
         "hunt_crossley": (
             steel.replace(contact_law="hunt_crossley", contact_damping=1.0), LobeDefects.worn(1),

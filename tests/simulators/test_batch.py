@@ -346,7 +346,6 @@ def test_what_a_batch_cannot_do_goes_to_the_exact_kernel() -> None:
 
 def test_options_are_those_of_simulate() -> None:
     for options in (
-        {"start": "relaxed"},
         {
             "solver": Solver(dt=2e-5, integrator="adams_bashforth", decimation="pick"),
             "sampling_rate": 25_000.0,

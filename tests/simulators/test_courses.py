@@ -1,4 +1,4 @@
-"""Speed and load over time, relaxed starts, the tachometer, and where the sleeves touch."""
+"""Speed and load over time, the tachometer, and where the sleeves touch."""
 
 from __future__ import annotations
 
@@ -6,21 +6,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reference_tools import SPEED, Kernel, simulate_with
+from reference_tools import SPEED, simulate_with
 
 from cyclofeat.simulators import Courses, CycloidalGearbox, LobeDefects, SimulationRun, simulate
 from cyclofeat.simulators.courses import DriveAndLoad, on_lines
 from cyclofeat.simulators.many import simulate_each
-from cyclofeat.simulators.simulation import Integration, relax
-from cyclofeat.simulators.tables import kernel_input, rest_state
 
 STEEL = CycloidalGearbox.steel()
 HEALTHY = LobeDefects.healthy()
 RATE = 100_000
-RNG = np.random.default_rng(4)
-DISPLACED = STEEL.replace(
-    pin_radial_errors=RNG.normal(0, 1e-5, 16), pin_tangential_errors=RNG.normal(0, 1e-5, 16)
-)
 
 
 def raw(gearbox: CycloidalGearbox = STEEL, defects: LobeDefects = HEALTHY, **options: Any) -> SimulationRun:
@@ -136,9 +130,8 @@ def test_fluctuating_speed_reaches_the_machine() -> None:
         free,
         speed_fluctuation=lambda t: a * (1 - np.cos(w * t)),
         load=lambda t: 0.0 * t + 5.0,
-        start="relaxed",
     )
-    steady = raw(free, load=lambda t: 0.0 * t + 5.0, start="relaxed")
+    steady = raw(free, load=lambda t: 0.0 * t + 5.0)
     settled = slice(8_000, 28_000)
     time = swinging.time[settled]
     basis = np.column_stack([np.sin(w * time), np.cos(w * time), np.ones_like(time), time])
@@ -188,74 +181,3 @@ def test_recorded_points_belong_to_the_recorded_forces() -> None:
     toward = (run.internal_points - inside) / 6e-3
     aligned = (toward * np.conj(cams[..., None] / 2.8e-3)).real
     assert np.nanmax(np.abs(np.abs(aligned) - 1)) < 0.01
-
-
-# Relaxed start ----------------------------------------------------------------------------------------------
-
-
-def relaxed_state(
-    gearbox: CycloidalGearbox, defects: LobeDefects, load: float, phi: float = 0.0
-) -> np.ndarray:
-    start = np.array([[phi], [0.0], [0.0], [load]])
-    integration = Integration(gearbox, kernel_input(gearbox, defects), start, 1e-5)
-    return relax(integration, rest_state(gearbox))
-
-
-@pytest.mark.parametrize("load", [0.0, 22.0])
-@pytest.mark.parametrize(
-    ("gearbox", "defects"),
-    [
-        (STEEL, HEALTHY),
-        (STEEL, LobeDefects.worn(1)),
-        (DISPLACED, LobeDefects.worn(7)),
-        (DISPLACED.with_brake(0.02, 1e4, 0.05), HEALTHY),
-        (CycloidalGearbox.abs(), LobeDefects.worn(1)),
-    ],
-    ids=["healthy", "lobe 0 pressed in", "pins and worn", "brake", "abs"],
-)
-def test_relaxed_state_is_in_balance(gearbox: CycloidalGearbox, defects: LobeDefects, load: float) -> None:
-    """What accelerations are left would take moments of less than a thousandth of what the contacts bear."""
-    before = Kernel(gearbox, defects)(rest_state(gearbox), 0.0, load=load)
-    state = relaxed_state(gearbox, defects, load)
-    assert np.all(state[4:] == 0)
-    after = Kernel(gearbox, defects)(state, 0.0, load=load)
-    scale = max(before["external_force"].max(), after["external_force"].max(), 1.0) * 64e-3
-    moments = [
-        *after["theta_acceleration"] * gearbox.wheel_inertia,
-        after["psi_acceleration"] * gearbox.output_inertia,
-    ]
-    if gearbox.brake_inertia > 0:
-        moments.append(after["brake_acceleration"] * gearbox.brake_inertia)
-    assert np.abs(moments).max() < 1e-3 * scale
-    assert after["output_torque"] == pytest.approx(load, abs=1e-3 * scale)
-
-
-def held(start: str, worn: int, gearbox: CycloidalGearbox) -> SimulationRun:
-    """The drive stands still under the load: whatever moves comes from the start."""
-    return raw(
-        gearbox,
-        LobeDefects.worn(worn),
-        start=start,
-        duration=0.03,
-        speed=lambda t: 0 * t,
-        load=lambda t: 0 * t + 22,
-    )
-
-
-@pytest.mark.parametrize(("worn", "gearbox"), [(0, STEEL), (1, STEEL), (7, DISPLACED)])
-def test_relaxed_start_does_not_ring(worn: int, gearbox: CycloidalGearbox) -> None:
-    """At angle 0 lobe 0 of either wheel is pressed in by 637 N, which from rest shakes the machine."""
-    assert np.abs(held("relaxed", worn, gearbox).torque_out - 22).max() < 0.05
-    assert np.abs(held("rest", worn, gearbox).torque_out - 22).max() > 15
-
-
-def test_relaxed_start_of_an_ideal_gearbox_changes_nothing() -> None:
-    """Nothing is pressed in and no load acts yet."""
-    np.testing.assert_allclose(raw(start="relaxed").torque_out, raw().torque_out, rtol=0, atol=1e-6)
-
-
-def test_both_starts_end_alike() -> None:
-    rest, relaxed = (
-        raw(DISPLACED, LobeDefects.worn(1), start=start, duration=0.5) for start in ("rest", "relaxed")
-    )
-    assert np.abs(rest.torque_out - relaxed.torque_out)[40_000:].max() < 0.01

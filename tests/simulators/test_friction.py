@@ -248,8 +248,8 @@ def test_a_bearing_that_turns_does_not_chatter() -> None:
         told = simulate(steep, duration=0.02)
     unchecked = simulate(steep, duration=0.02, solver=Solver(check_friction=False))
     np.testing.assert_array_equal(unchecked.torque_out, told.torque_out)
-    steady = {"speed": lambda t: 0 * t + STEEL.input_speed, "load": lambda t: 0 * t + 22.0}
-    simulate_with(steep, duration=0.02, start="relaxed", **steady)
+    steady = {"speed": lambda t: 0 * t + STEEL.input_speed, "load": lambda t: 1100 * t}
+    simulate_with(steep, duration=0.02, **steady)
 
 
 # Wedging ----------------------------------------------------------------------------------------------------

@@ -170,7 +170,6 @@ def test_runs_are_the_same_bit_for_bit() -> None:
         ),
         ({"speed": lambda t: np.full_like(t, np.nan)}, "speed must be finite, it gave NaN or infinity"),
         ({"integrator": "euler"}, "integrator must be one of 'midpoint', 'adams_bashforth', 'leapfrog', got"),
-        ({"start": "anywhere"}, "start must be 'rest' or 'relaxed', got 'anywhere'"),
         ({"defects": LobeDefects.worn((15,))}, r"name lobe 15 \(from 0\), but the wheel has 15 lobes"),
     ],
 )
