@@ -114,12 +114,13 @@ def test_ctrl_c_soon_after_the_start_ends_with_one_line(counting):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="closes a pipe before it is written to")
-@pytest.mark.parametrize("words", [["--help"], ["count", "--help"]])
-def test_help_into_a_closed_pipe_ends_quietly(words):
+@pytest.mark.parametrize("words", ["--help", "count --help", "plan --worn-count 3 --noise 0.5"])
+def test_an_answer_into_a_closed_pipe_ends_quietly(words):
     reader, writer = os.pipe()
     os.close(reader)
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
-    command = [sys.executable, "-m", "cyclofeat", *words]
+    command = [sys.executable, "-m", "cyclofeat", *words.split()]
     done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, env=environment)
     os.close(writer)
+    # As of a program that the signal of a broken pipe has ended.
     assert (done.returncode, done.stderr) == (141, b"")
