@@ -43,17 +43,13 @@ def number_of(n: float, thing: str) -> str:
     return f"{n} {thing if n == 1 else things}"
 
 
-def some_of(things: Iterable[object], most: int = 4, text: Callable[[Any], str] = str) -> str:
+def some_of(
+    things: Iterable[object], most: int = 4, text: Callable[[Any], str] = str, separator: str = ", "
+) -> str:
     """Return ``a, b, c, d and 3 more``, by the text of each."""
     listed = list(things)
     more = f" and {len(listed) - most} more" if len(listed) > most else ""
-    return ", ".join(map(text, listed[:most])) + more
-
-
-def join_errors(errors: Sequence[str], most: int = 10) -> str:
-    """Return the first errors in one line, and how many more there are."""
-    more = f"; and {len(errors) - most} more" if len(errors) > most else ""
-    return "; ".join(errors[:most]) + more
+    return separator.join(map(text, listed[:most])) + more
 
 
 def from_1(lobes: Iterable[int]) -> list[int]:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, NoReturn, TypeVar, cast
 
 from cyclofeat._base.files import check_parent
 from cyclofeat._base.progress import Progress, erase_progress, is_hidden, seconds_text
-from cyclofeat._base.quantities import QUANTITIES, in_words, join_errors, number_of
+from cyclofeat._base.quantities import QUANTITIES, in_words, number_of, some_of
 
 if TYPE_CHECKING:
     from cyclofeat.counting import LobeModel
@@ -447,7 +447,7 @@ def read_all(paths: Sequence[str], arguments: argparse.Namespace) -> list[Record
     results = list(process_files("reading recordings", entries, arguments, lambda _, recording: recording))
     wrong = [name_file(result.path, result.error) for result in results if result.value is None]
     if wrong:
-        raise ValueError(join_errors(wrong))
+        raise ValueError(some_of(wrong, 10, separator="; "))
     return [result.value for result in results if result.value is not None]
 
 

@@ -74,7 +74,7 @@ class FolderWatch:
         """Return files to count, sorted by name; ``now`` in s of a clock that never goes back."""
         present: dict[str, Signature] = {}
         with os.scandir(self.folder) as entries:
-            for entry in sorted(entries, key=lambda entry: entry.name):
+            for entry in entries:
                 hidden = entry.name.startswith(".") or entry.name in self.ignored
                 if hidden or not entry.name.lower().endswith(self.suffixes):
                     continue
@@ -82,15 +82,13 @@ class FolderWatch:
                     if entry.is_file():
                         state = os.stat(entry.path)
                         present[entry.name] = (state.st_size, state.st_mtime_ns, state.st_ino)
-        for name in self._seen.keys() - present.keys():
-            del self._seen[name]
-        ready = []
-        for name, signature in present.items():
-            seen = self._seen.get(name)
-            if seen is None or seen.signature != signature:
-                reported = seen is not None and seen.reported
-                seen = _Seen(signature, now, tried=self.done.holds(name, signature), reported=reported)
-                self._seen[name] = seen
+        before, self._seen, ready = self._seen, {}, []
+        for name, signature in sorted(present.items()):
+            seen = before.get(name) or _Seen(signature, now)
+            if seen.signature != signature:
+                seen = _Seen(signature, now, reported=seen.reported)
+            self._seen[name] = seen
+            seen.tried = seen.tried or self.done.holds(name, signature)
             if not seen.tried and now - seen.since >= self.settle_s:
                 seen.tried = True
                 ready.append(self.folder / name)

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cyclofeat._base.files import write_whole
-from cyclofeat._base.quantities import QUANTITIES, from_1, join_errors
+from cyclofeat._base.quantities import QUANTITIES, from_1, some_of
 from cyclofeat.datasets.readers._columns import name_errors
 from cyclofeat.datasets.readers._csv import TextLines, split_row
 from cyclofeat.datasets.readers._read import SOURCES, file_path, read_stretches, write_recording
@@ -120,7 +120,7 @@ def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recordin
                 raise
             wrong.append(f"line {entry.line}: {error}")
     if wrong:
-        raise ValueError(f"{MANIFEST}: {join_errors(wrong)}")
+        raise ValueError(f"{MANIFEST}: {some_of(wrong, 10, separator='; ')}")
     return recordings
 
 
@@ -226,7 +226,7 @@ def _read_manifest(folder: Path) -> list[Entry]:
         except ValueError as error:
             wrong.append(f"line {number}: {error}")
     if wrong:
-        raise ValueError(join_errors(wrong))
+        raise ValueError(some_of(wrong, 10, separator="; "))
     if not entries:
         raise ValueError("it names no recording")
     return entries
