@@ -153,7 +153,7 @@ def load_model(
 
     Raises
     ------
-    FileNotFoundError, IsADirectoryError
+    FileNotFoundError
         Where there is no such file.
     ModelFileError
         Where the file is not trusted, has no readable card, is not the one that the card belongs to, was
@@ -167,12 +167,11 @@ def load_model(
         raise ValueError(f"allow must name any of {', '.join(ALLOWED)}, got {min(unknown, key=str)!r}")
     if "sklearn" in allowed:
         allowed.add("scikit-learn")
-    if source.is_dir():
-        raise IsADirectoryError(f"{source} is a folder, no model file: those end in .skops or .joblib")
-    if not source.is_file():
+    if not source.exists():
         raise FileNotFoundError(f"model file {source} does not exist")
-    if source.suffix not in SUFFIXES:
-        raise ModelFileError(f"{source} is no model file: those end in .skops or .joblib")
+    if source.suffix not in SUFFIXES or source.is_dir():
+        what = "a folder, no model file" if source.is_dir() else "no model file"
+        raise ModelFileError(f"{source} is {what}: those end in .skops or .joblib")
     if source.suffix == ".joblib" and not trusted:
         raise ModelFileError(
             f"{source} is a joblib file, which can run any code when loaded: if you trust where it comes "

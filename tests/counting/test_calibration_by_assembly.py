@@ -57,10 +57,10 @@ def test_held_out_answers_do_not_know_the_windows_assembly():
     y = np.random.default_rng(0).integers(2, size=60)[groups]
     X = np.eye(60)[groups]
     counter = GroupCalibratedCounter(ExtraTreesClassifier(20, random_state=0), random_state=0)
-    held_out = counter.fit_cross_val_proba(X, y, groups)
+    held_out = counter._fit_cross_val_proba(X, y, groups)
     assert counter.counter_.score(X, y) == 1
     assert np.mean(held_out.argmax(axis=1) == y) < 0.7
-    assert np.isnan(counter.fit_cross_val_proba(X, y, np.zeros(120))).all()
+    assert np.isnan(counter._fit_cross_val_proba(X, y, np.zeros(120))).all()
 
 
 def test_a_copy_holds_all_that_the_fitted_counter_holds():

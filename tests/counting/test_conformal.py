@@ -81,7 +81,7 @@ def test_features_lower_than_the_lowest_that_counts_are_no_reason_to_refuse():
     quiet, loud = np.array([[-50.0, -50.0, 0.0]]), np.array([[50.0, 0.0, 0.0]])
     assert_allclose(domain.distance(quiet), raised.distance([[0.0, 0.0, 0.0]]))
     assert domain.predict(np.vstack([quiet, loud, [[0.0, 0.0, -50.0]]])).tolist() == [1, -1, -1]
-    assert domain.rank_unlike(np.vstack([loud, [[0.0, 0.0, -50.0]]]))[:, 0].tolist() == [0, 2]
+    assert domain._rank_unlike(np.vstack([loud, [[0.0, 0.0, -50.0]]]))[:, 0].tolist() == [0, 2]
     with pytest.raises(
         ValueError, match=r"lowest must hold one value per feature, shape \(3,\), got shape \(2,\)"
     ):

@@ -59,7 +59,7 @@ def fitted(training):
     """A counter, and what its networks said of the windows that they had not seen."""
     windows, worn, passage = windows_of(training)
     counter = network(speed_tolerance=0.0, random_state=0)
-    return counter, counter.fit_cross_val_proba(windows.X, windows.y, windows.groups, worn, passage)
+    return counter, counter._fit_cross_val_proba(windows.X, windows.y, windows.groups, worn, passage)
 
 
 @pytest.fixture(scope="module")

@@ -60,10 +60,8 @@ class GroupCalibratedCounter(Counter):
     -----
     Probabilities below 0.001 count as 0.001, because a zero of a forest only means that no tree has seen the
     class there. Every assembly has the same weight. By Laplace's rule of succession one of n + 2 assemblies
-    is assumed to be wrong. If a class has a single assembly, probabilities are not changed.
-
-    Groups and other metadata of ``fit`` reach the counter and its steps by scikit-learn's metadata routing,
-    whether it is enabled or not: each step that takes them gets them, unless its request is ``False``.
+    is assumed to be wrong. If a class has a single assembly, probabilities are not changed. Groups and other
+    metadata of ``fit`` reach each step that takes them as in :func:`evaluate`.
 
     Examples
     --------
@@ -112,8 +110,7 @@ class GroupCalibratedCounter(Counter):
         y : array-like, shape (n_windows,)
             Number of worn lobes.
         groups : array-like, shape (n_windows,), optional
-            Assembly of each window. Without groups every window counts as one assembly; if windows share an
-            assembly, the calibration is then learned on windows like those in training.
+            Assembly of each window, without which every window counts as one.
         **metadata : array-like, shape (n_windows, ...)
             What else a step of the counter takes of each window, such as ``worn`` and ``passage``.
 
@@ -121,25 +118,16 @@ class GroupCalibratedCounter(Counter):
         -------
         self
         """
-        self.fit_cross_val_proba(X, y, groups, **metadata)
+        self._fit_cross_val_proba(X, y, groups, **metadata)
         return self
 
     @fit_context(prefer_skip_nested_validation=False)
-    def fit_cross_val_proba(
+    def _fit_cross_val_proba(
         self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None, **metadata: ArrayLike
     ) -> Float:
-        """Fit, and return out-of-fold probabilities of the training windows.
+        """Fit; return calibrated probabilities of the windows by counters that have not seen their assembly.
 
-        Parameters
-        ----------
-        X, y, groups, **metadata
-            See :meth:`fit`.
-
-        Returns
-        -------
-        ndarray, shape (n_windows, n_classes)
-            Calibrated probability of each class of the training windows, in cross-validation by assembly; NaN
-            without folds.
+        NaN without folds.
         """
         known = {name: np.asarray(values) for name, values in metadata.items() if values is not None}
         steps = [self.counter, *self.counter.get_params(deep=True).values()]

@@ -171,17 +171,8 @@ class TrainingDomain(BaseEstimator):
         features: Float = validate_data(self, X, reset=False, dtype=np.float64)
         return np.asarray(self._mahalanobis(self._raise_lowest(features)) / self.thresholds_)
 
-    def rank_unlike(self, X: ArrayLike) -> Int:
-        """Return the features of each window by their shares in its squared distance, the largest first.
-
-        Parameters
-        ----------
-        X : array-like, shape (n_windows, n_features)
-
-        Returns
-        -------
-        ndarray of int, shape (n_windows, n_features)
-        """
+    def _rank_unlike(self, X: ArrayLike) -> Int:
+        """Return the features of each window by their shares in its squared distance, the largest first."""
         nearest = self.means_[self._class_distances(X).argmin(axis=1)]
         offset = (self._raise_lowest(np.asarray(X)) - self.location_) / self.scale_ - nearest
         return np.asarray(np.argsort(-offset * (offset @ self.precision_), axis=1))

@@ -201,8 +201,8 @@ class LobeCounter(Counter):
         y : array-like, shape (n_windows,)
             Number of worn lobes.
         groups : array-like, shape (n_windows,), optional
-            Assembly of each window. Without groups every window counts as one assembly; if windows share an
-            assembly, the calibration is then learned on windows like those in training.
+            Assembly of each window. Without groups every window counts as one: if windows share an assembly,
+            the counter is then too sure.
         worn : array-like of bool, shape (n_windows, n_lobes), optional
             Whether each lobe is worn. Together with ``passage``. Without it trees only count, and networks
             take a row to lie about the centre of the fold's energy: positions are then not reliable.
@@ -221,11 +221,11 @@ class LobeCounter(Counter):
             If there is one class only, shapes do not match, ``worn`` is given without ``passage`` or
             disagrees with ``y``, or, for networks, marks lobes that are no row of neighbours.
         """
-        self.fit_cross_val_proba(X, y, groups, worn, passage)
+        self._fit_cross_val_proba(X, y, groups, worn, passage)
         return self
 
     @fit_context(prefer_skip_nested_validation=True)
-    def fit_cross_val_proba(
+    def _fit_cross_val_proba(
         self,
         X: ArrayLike,
         y: ArrayLike,
@@ -233,18 +233,9 @@ class LobeCounter(Counter):
         worn: ArrayLike | None = None,
         passage: ArrayLike | None = None,
     ) -> Float:
-        """Fit, and return out-of-fold probabilities of the training windows.
+        """Fit; return calibrated probabilities of the windows by parts that have not seen their assembly.
 
-        Parameters
-        ----------
-        X, y, groups, worn, passage
-            See :meth:`fit`, also for the errors.
-
-        Returns
-        -------
-        ndarray, shape (n_windows, n_classes)
-            Calibrated probability of each count of the training windows, in cross-validation by assembly; NaN
-            without folds.
+        NaN without folds.
         """
         windows, labels, rank = self._labelled(X, y)
         member = assemblies_of(groups, len(windows))

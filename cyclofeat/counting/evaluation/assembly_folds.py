@@ -75,9 +75,8 @@ def grouped_folds(y: NDArray[Any], member: Int, n_splits: int, random_state: int
 def fit_clone(estimator: BaseEstimator, X: Any, y: NDArray[Any], **metadata: Any) -> BaseEstimator:
     """Fit a clone of an estimator, with the metadata that it or its steps take, and return it.
 
-    Groups, worn lobes and passages reach steps of pipelines, searches and splitters by scikit-learn's
-    metadata routing, whether it is enabled or not. A step that takes one of them in ``fit`` and states no
-    request gets it; a request of ``False`` keeps it away. Windows too short for a feature are an error.
+    Metadata reach steps of pipelines, searches and splitters by scikit-learn's metadata routing, enabled or
+    not, unless a step's request is ``False``. Windows too short for a feature are an error.
     """
     with config_context(enable_metadata_routing=True), reject_short_windows():
         fitted = clone(estimator)

@@ -111,14 +111,12 @@ def evaluate(
     counter : estimator
         Classifier of windows, or a :class:`LobeModel`; cloned for each fold, never changed. The groups of the
         training windows reach every step that takes ``groups`` in ``fit``, in pipelines and searches too, by
-        scikit-learn's metadata routing, which need not be enabled.
+        scikit-learn's metadata routing, which need not be enabled; a request of ``False`` keeps them away.
     X : array-like, shape (n_windows, n_samples), or sequence of Recording
         Windows of torque in Nm; recordings for a :class:`LobeModel`.
-    y : array-like of int, shape (n_windows,) or (n_recordings,)
-        Defect count of each window or recording. Recordings state their own by default.
-    groups : array-like, shape (n_windows,) or (n_recordings,)
-        Assembly of each: several recordings of one assembly are one group. Recordings state their own by
-        default.
+    y, groups : array-like, shape (n_windows,) or (n_recordings,)
+        Defect count and assembly of each window or recording: several recordings of one assembly are one
+        group. Recordings state their own by default.
     lobes : tuple of two arrays, optional
         ``(worn, passage)`` for a counter that locates lobes: worn lobes (bool, shape (n_windows, n_lobes),
         as from :meth:`WindowSet.worn_table`), and when lobe 0 passes (shape (n_windows,), as from
@@ -271,11 +269,7 @@ def folds_of(protocol: Protocol, data: LabelledData, conditions: NDArray[Any] | 
 
 @dataclass
 class Answers:
-    """Answers of counters for held-out windows, or for held-out recordings.
-
-    ``certainty`` is the probability of each predicted count; ``reasons`` say why a recording or window is
-    refused, empty where it is not.
-    """
+    """Answers of counters for held-out windows, or for held-out recordings; as in :class:`Evaluation`."""
 
     data: LabelledData
     classes: NDArray[Any]

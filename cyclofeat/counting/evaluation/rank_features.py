@@ -60,19 +60,12 @@ def rank_features(
     -------
     pandas.DataFrame, shape (n_features, 11)
         By feature, the most gradual first, that is, by the end of its trend's interval nearest to 0:
-
-        ``trend``, ``trend_low``, ``trend_high`` : trendability, Spearman's rank correlation with the count,
-        from -1 to 1, and its interval.
-
-        ``monotonicity``, ``monotonicity_low``, ``monotonicity_high`` : steps of the class means upwards less
-        steps downwards, over all steps, from -1 to 1.
-
-        ``mutual_information`` : with the count, in bits, by nearest neighbours.
-
-        ``anova_f``, ``anova_p`` : one-way analysis of variance.
-
-        ``kruskal_h``, ``kruskal_p`` : Kruskal and Wallis's test by ranks. Both p-values are adjusted for the
-        number of features (Benjamini and Hochberg). They tell whether counts differ, in any order.
+        ``trend``, trendability, Spearman's rank correlation with the count, from -1 to 1;
+        ``monotonicity``, steps of the class means upwards less steps downwards, over all steps, from -1 to 1;
+        ``_low`` and ``_high``, the ends of their intervals; ``mutual_information`` with the count, in bits,
+        by nearest neighbours; ``anova_f`` and ``anova_p``, one-way analysis of variance; ``kruskal_h`` and
+        ``kruskal_p``, Kruskal and Wallis's test by ranks. Both p-values are adjusted for the number of
+        features (Benjamini and Hochberg). They tell whether counts differ, in any order.
 
     Raises
     ------

@@ -139,7 +139,7 @@ def fit_counter(
     if lobes is not None:
         metadata |= dict(zip(("worn", "passage"), lobes, strict=True))
     if isinstance(counter, LobeCounter):
-        proba = counter.fit_cross_val_proba(X, y, **metadata)
+        proba = counter._fit_cross_val_proba(X, y, **metadata)
         features = np.asarray(counter.lobe_map_.transform(X))
         scores = None
         if not is_network(counter):

@@ -56,33 +56,22 @@ _AGREEMENT = 0.4
 def window_faults(recording: Recording, windows: WindowSet, stop_s: Float, n_lobes: int) -> tuple[str, ...]:
     """Return what would spoil the count of each window of a recording, empty where nothing would.
 
-    Windows are of 0.98 output turns, over time or over the angle of the input; ``stop_s`` are their ends in s
-    from the recording's first sample.
+    Windows are of 0.98 output turns over the angle of the input; ``stop_s`` are their ends in s from the
+    recording's first sample.
     """
     angle, rate = recording.input_angle(n_lobes), recording.sampling_rate
-    over_time = windows.sampling_rate == rate
-    of_lines = [""] * len(windows)
-    if angle is None or not over_time:
-        turns_per_unit = n_lobes / float(stop_s[0] - windows.start_s[0]) if over_time else 1.0
-        of_quarters = faults.local_speeds(windows.X, windows.sampling_rate, turns_per_unit, n_lobes)
-        of_lines = [
-            _line_fault(*quarters, n_lobes, by_angle=angle is not None)
-            for quarters in zip(*of_quarters, strict=True)
-        ]
-    # Windows over the angle may have any speed, of a run-up too.
+    # A window may have any speed, of a run-up too.
     stated = recording.input_speed_hz
-    of_speed = "" if angle is None or over_time else _speed_fault(angle, rate, stated)
+    of_speed = "" if angle is None else _speed_fault(angle, rate, stated)
+    speeds, evidence = faults.local_speeds(windows.X, windows.sampling_rate, 1.0, n_lobes)
     reasons = []
-    for start, stop, line_fault in zip(windows.start_s, stop_s, of_lines, strict=True):
-        rows = slice(round(float(start) * rate), round(float(stop) * rate))
-        speed = n_lobes / float(stop - start)
-        if angle is not None and over_time:
-            of_speed = _speed_fault(angle[rows], rate, stated)
+    for k, (start, stop) in enumerate(zip(windows.start_s.tolist(), stop_s.tolist(), strict=True)):
+        rows, speed = slice(round(start * rate), round(stop * rate)), n_lobes / (stop - start)
         reasons.append(
             _sample_fault(recording.torque[rows], rate, speed, n_lobes)
             or ("" if angle is None else _angle_fault(angle[rows], rate, stated or speed))
             or of_speed
-            or line_fault
+            or _line_fault(speeds[k], evidence[k], n_lobes, by_angle=angle is not None)
         )
     return tuple(reasons)
 

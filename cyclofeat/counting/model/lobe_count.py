@@ -215,7 +215,7 @@ class PreparedWindows:
     faults: tuple[str, ...]  # what would spoil the count of each window
     doubt: str  # why the speed is doubted, else empty
     notes: tuple[str, ...]  # what the reader should know
-    first_angle: float  # of the input at the recording's first window in rad; NaN where it is not known
+    first_angle: float  # of the input at the recording's first window in rad
 
     @property
     def absolute(self) -> bool:

@@ -10,7 +10,6 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.integrate import cumulative_trapezoid
 from sklearn.base import BaseEstimator, ClassifierMixin, clone
 from sklearn.pipeline import Pipeline
 from sklearn.utils import gen_batches
@@ -715,7 +714,7 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             distances = self.domain_.distance(features)
             outside = np.flatnonzero(distances > 1)
             names = feature_words(counter, features.shape[1]) if outside.size else []
-            ranks = self.domain_.rank_unlike(features[outside]).tolist() if outside.size else []
+            ranks = self.domain_._rank_unlike(features[outside]).tolist() if outside.size else []
             for place, rank in zip(outside.tolist(), ranks, strict=True):
                 # The two lines or slots by which it differs most from the training.
                 words = " and ".join([*dict.fromkeys(names[at] for at in rank)][:2])
@@ -767,15 +766,13 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         Each of shape (n_places, n_windows, n_lobes), see :class:`AnsweredWindows`.
         """
         begins: list[Float] = []
-        for prepared, row in zip(batch, rows, strict=True):
+        for prepared in batch:
             windows = prepared.windows
             if prepared.absolute:
                 begins.append(passage_of_lobe_zero(windows.start_angle, self.n_lobes_)[np.newaxis])
                 continue
             # Windows are aligned by the input turns between them.
             turned = (windows.start_angle - prepared.first_angle) / (2 * np.pi)
-            if not np.isfinite(windows.start_angle).all():
-                turned = cumulative_trapezoid(lines.input_speed_hz[row], windows.start_s, initial=0)
             places = np.arange(_START_PLACES)[:, np.newaxis] / (_START_PLACES * self.n_lobes_)
             begins.append(places - lobe_frequency(1.0, self.n_lobes_) * turned)
         repeated = [

@@ -147,11 +147,11 @@ class RadialWear:
             counter = network.set_params(n_lines=_n_lines(n_lobes, per_turn))
             table = windows.part(first).worn_table(n_lobes)
             passage = passage_of_lobe_zero(windows.start_angle[first], n_lobes)
-            proba = counter.fit_cross_val_proba(np.concatenate(runs), count, member, table, passage)
+            proba = counter._fit_cross_val_proba(np.concatenate(runs), count, member, table, passage)
         else:
             trees = CountingTrees(n_trees, max_features=0.2, random_state=random_state)
             counter = GroupCalibratedCounter(trees, random_state=random_state)
-            proba = counter.fit_cross_val_proba(features, count, member)
+            proba = counter._fit_cross_val_proba(features, count, member)
         log_depth = np.log(depths_um[recording])
         limit, accuracy, false_alarms, odds = None, None, None, 1.0
         # Depths are stated, and so learned and judged, where wear is seen.
