@@ -56,9 +56,7 @@ def open_npz(path: Path) -> Source:
             raise ValueError(f"array 'meta' must be a JSON object as text, got {text!r}")
     version = small[words.FORMAT_KEY].tolist() if words.FORMAT_KEY in small else None
     labels = words.labels_of_file(labels, version)
-    angle_unit = None if version is None else "rad"
-    if "angle_unit" in small and (angle_unit := str(small["angle_unit"].tolist())) not in ("rad", "deg"):
-        raise ValueError(f"array 'angle_unit' must be 'rad' or 'deg', got {angle_unit!r}")
+    angle_unit = str(small.get("angle_unit", "" if version is None else "rad"))
     channels = []
     for name, header in headers.items():
         _, shape, dtype = header
@@ -72,7 +70,7 @@ def open_npz(path: Path) -> Source:
         elif name in QUANTITY_UNITS:
             channel.unit = channel.unit or labels.get("meta", {}).get("unit", QUANTITY_UNITS[name])
         elif channel.base.endswith("angle"):
-            channel.unit = channel.unit or angle_unit
+            channel.unit = channel.unit or words.clean_unit(angle_unit)
         channels.append(channel)
     own = version is not None
     return Source(path.name, channels, "array", by_index=False, labels=labels, is_own=own, angle_unit="rad")

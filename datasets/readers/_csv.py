@@ -203,17 +203,17 @@ def _table_of(
     rows: list[list[str]], lines: list[str], filled: list[int], delimiter: str, reading: ReadingOptions
 ) -> tuple[float, Table | None]:
     """Return the table of rows that one delimiter separates, with the share of numbers in its cells."""
-    kinds = {i: [_kind_of(cell) for cell in rows[i]] for i in filled}
+    kinds = {i: "".join(map(_kind_of, rows[i])) for i in filled}
     later = filled[len(filled) // 2 :] if len(filled) > 50 else filled
     weights: Counter[int] = Counter()
     for i in later:
-        weights[len(rows[i])] += 2 * (kinds[i].count("n") + kinds[i].count("t")) + 1
+        weights[len(rows[i])] += 2 * sum(map("nt".count, kinds[i])) + 1
     width = weights.most_common(1)[0][0]
     samples = [i for i in later if len(rows[i]) == width]
-    samples = samples[next((k for k, i in enumerate(samples) if set("nt") & set(kinds[i])), 0) :]
+    samples = samples[next((k for k, i in enumerate(samples) if {*"nt"} & {*kinds[i]}), 0) :]
     kinds_of = list(zip(*(kinds[i] for i in samples), strict=True))
     filled_cells = [len(column) - column.count("b") for column in kinds_of]
-    numbers = [column.count("n") + column.count("t") for column in kinds_of]
+    numbers = [sum(map("nt".count, column)) for column in kinds_of]
     numeric = {j for j in range(width) if 2 * numbers[j] >= filled_cells[j] > 0}
     fit = [
         len(rows[i]) == width and {*"nt"} >= {kinds[i][j] for j in numeric} - {"b"} > set() for i in filled

@@ -461,8 +461,8 @@ def test_npz_of_others_needs_torque_and_rate_only(tmp_path):
 BAD_NPZ = {
     "own format without rate": ({"torque": [1, 2], "cyclofeat_recording": 2}, "no sampling rate"),
     "unit of the angle": (
-        {"torque": [1, 2], "sampling_rate": 3, "angle": [1, 2], "angle_unit": "turns"},
-        "'angle_unit' ... 'rad' or 'deg' ... 'turns'",
+        {"torque": [1, 2], "sampling_rate": 3, "angle": [1, 2], "angle_unit": "gon"},
+        "'angle' ... does not state its unit (rad, deg or rev)",
     ),
     "many rates": ({"torque": [1, 2], "sampling_rate": [3, 4]}, "'sampling_rate' ... a number"),
     "negative rate": ({"torque": [1, 2], "sampling_rate": -3}, "'sampling_rate' ... positive ... -3"),
