@@ -99,41 +99,23 @@ class Simulator(ABC):
         """Return the simulator itself; raise TypeError for no dataclass or a field that no file can hold."""
         if "__dataclass_fields__" not in vars(type(self)):
             raise TypeError(f"{type(self).__name__} must have the decorator @dataclass(frozen=True)")
-        for name, value in self.to_dict().items():
+        for name, value in self._to_dict().items():
             if not (isinstance(value, str | bool) or (is_number(value) and math.isfinite(value))):
                 what = f"{name} of {type(self).__name__}"
                 raise TypeError(f"{what} must be a finite number, text, True or False, got {repr_of(value)}")
         return self
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return class and fields as plain values.
-
-        Returns
-        -------
-        dict
-            Name of the class under ``"class"``, then the fields by name.
-        """
+    def _to_dict(self) -> dict[str, Any]:
+        """Return the name of the class under ``"class"``, then the fields by name, as plain values."""
         fields = {one.name: getattr(self, one.name) for one in dataclasses.fields(self)}
         plain = {name: one.item() if isinstance(one, np.generic) else one for name, one in fields.items()}
         return {"class": type(self).__name__, **plain}
 
     @classmethod
-    def from_dict(cls, content: Mapping[str, Any]) -> Simulator:
-        """Return the simulator of a content as :meth:`to_dict` gives it.
+    def _from_dict(cls, content: Mapping[str, Any]) -> Simulator:
+        """Return the simulator of a content as :meth:`_to_dict` gives it; fields left out keep their default.
 
-        Parameters
-        ----------
-        content : mapping
-            Fields left out keep their default.
-
-        Returns
-        -------
-        Simulator
-
-        Raises
-        ------
-        TypeError, ValueError
-            If it has other fields, or not exactly one module defines its class.
+        Raises TypeError or ValueError if it has other fields, or not exactly one module defines its class.
         """
         given = dict(content)
         name = given.pop("class", None)

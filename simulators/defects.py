@@ -18,7 +18,6 @@ from cyclofeat._base.checks import (
     number,
     positive,
     repr_of,
-    whole,
 )
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
@@ -256,52 +255,6 @@ class LobeDefects:
         LobeDefects
         """
         return cls(removed_lobes=_lobe_indices(lobes), wheels=_wheel_indices(wheels))
-
-    @classmethod
-    def drawn(
-        cls,
-        count: int,
-        n_lobes: int,
-        random: np.random.Generator,
-        *,
-        consecutive: bool = True,
-        wheels: Sequence[int] | None = None,
-        depth: float = 1.0,
-    ) -> LobeDefects:
-        """Draw worn lobes at random places.
-
-        Parameters
-        ----------
-        count, n_lobes : int
-            Number of worn lobes, and of lobes on a wheel.
-        random : numpy.random.Generator
-        consecutive : bool
-            If True, the lobes follow each other from a random first one.
-        wheels : sequence of int, optional
-            Wheels that carry the wear. Default: wheel 0 alone or both, with equal chances.
-        depth : float
-            Share of the lobe's width that is worn.
-
-        Returns
-        -------
-        LobeDefects
-
-        Examples
-        --------
-        >>> LobeDefects.drawn(2, 15, np.random.default_rng(0)).defect_count
-        2
-        """
-        whole("count", count, 0, whole("n_lobes", n_lobes, 1, None))
-        check_type("random", random, np.random.Generator)
-        # Drawn even if wheels are given, so that the lobes are the same.
-        one_wheel = random.random() < 0.5
-        if consecutive:
-            worn = (random.integers(n_lobes) + np.arange(count)) % n_lobes
-        else:
-            worn = random.permutation(n_lobes)[:count]
-        if wheels is None:
-            wheels = (0,) if one_wheel else (0, 1)
-        return cls.worn(worn.tolist(), wheels=wheels, depth=depth)
 
     @property
     def defect_count(self) -> int:

@@ -562,7 +562,7 @@ class Rig(Replaceable, WithCard):
             "effects": [one.to_dict() for one in self.effects],
         }
         if self.simulator is not None:
-            content["simulator"] = self.simulator.to_dict()
+            content["simulator"] = self.simulator._to_dict()
         content |= {name: list(ends) for name in _RECORDED_AT if (ends := getattr(self, name)) is not None}
         if self.variants:
             content["variants"] = [[effect.to_dict() for effect in variant] for variant in self.variants]
@@ -644,7 +644,7 @@ class Rig(Replaceable, WithCard):
         if "variants" in given:
             given["variants"] = library.read_variants(given["variants"], library.effects_from_list)
         if given.get("simulator") is not None:
-            given["simulator"] = Simulator.from_dict(_check_object("simulator", given["simulator"]))
+            given["simulator"] = Simulator._from_dict(_check_object("simulator", given["simulator"]))
         return cls(**given)
 
     @classmethod

@@ -185,15 +185,31 @@ class Wear:
         """Draw ``count`` worn lobes of a recording, and then their wear: the lobes do not depend on it."""
         random = np.random.default_rng(child_seed(random_state, DEFECTS))
         consecutive = self.lobes == "consecutive" or (self.lobes == "mixed" and bool(random.random() < 0.5))
-        defects = LobeDefects.drawn(
-            count, n_lobes, random, consecutive=consecutive, wheels=self.wheels, depth=self.depth
-        )
+        defects = draw_worn_lobes(count, n_lobes, random, consecutive, self.wheels, self.depth)
         if self.wear_um is None:
             return defects
         share = random.random()
         wear_um = self.wear_um[1] * share if self.wear_um[0] == 0 else log_uniform(self.wear_um, share)
         radial = random.random() < self.radial_share
         return replace(defects, depth=0.0, wear_um=wear_um) if radial else defects
+
+
+def draw_worn_lobes(
+    count: int,
+    n_lobes: int,
+    random: np.random.Generator,
+    consecutive: bool = True,
+    wheels: tuple[int, ...] | None = None,
+    depth: float = 1.0,
+) -> LobeDefects:
+    """Draw neighbouring lobes from a random first one, or any, by default on wheel 0 alone or on both."""
+    # Drawn even if wheels are given, so that the lobes are the same.
+    one_wheel = random.random() < 0.5
+    if consecutive:
+        worn = (random.integers(n_lobes) + np.arange(count)) % n_lobes
+    else:
+        worn = random.permutation(n_lobes)[:count]
+    return LobeDefects.worn(worn.tolist(), wheels=wheels or ((0,) if one_wheel else (0, 1)), depth=depth)
 
 
 def draw_conditions(

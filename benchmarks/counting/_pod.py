@@ -16,8 +16,7 @@ from benchmarks.counting._data import N_COUNTS, N_LOBES, RATES, SOLVER
 from cyclofeat.counting import make_lobe_counter
 from cyclofeat.counting.calibration.pooling import combine_proba
 from cyclofeat.datasets import rig_preset
-from cyclofeat.simulators import LobeDefects
-from cyclofeat.simulators.sampling import recording_seed, sample_runs
+from cyclofeat.simulators.sampling import draw_worn_lobes, recording_seed, sample_runs
 
 Float = NDArray[np.float64]
 
@@ -65,9 +64,7 @@ def _torque(depth: float, n_per_count: int) -> NDArray[np.float32]:
     rig = rig_preset("R1").without("noise")
     plans = []
     for index in range(n_per_count * N_COUNTS):
-        worn = LobeDefects.drawn(
-            index % N_COUNTS, N_LOBES, np.random.default_rng([_SEED, index]), depth=depth
-        )
+        worn = draw_worn_lobes(index % N_COUNTS, N_LOBES, np.random.default_rng([_SEED, index]), depth=depth)
         plans.append(rig.plan_run(
             worn, duration=max(TURNS) * _TURN_S, sampling_rate=_RATE,
             random_state=recording_seed(_SEED, rig.name, index), solver=SOLVER, torque_in=False, motion=False,

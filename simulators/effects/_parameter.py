@@ -84,16 +84,8 @@ class EffectParameter:
         number = low * (high / low) ** share if self.log else low + (high - low) * share
         return min(max(number, low), high)
 
-    def check(self, where: str, value: Any) -> None:
-        """Raise unless the value is a number, range or distribution within the bounds.
-
-        Parameters
-        ----------
-        where : str
-            Name of the parameter in the message.
-        value : object
-            A number, or a distribution of which at least half must lie within the bounds.
-        """
+    def _check(self, where: str, value: Any) -> None:
+        """Raise unless a number or range, or at least half of a distribution, lies within the bounds."""
         bounds = f"{self.low:g} and {self.high:g}{'' if self.unit == '1' else ' ' + self.unit}"
         if is_distribution(value):
             if value.dist.name not in _DISTRIBUTIONS:

@@ -83,8 +83,7 @@ class Effect(BaseEstimator):
     A parameter is a number; a range ``(low, high)``, from which each assembly draws, log-uniformly where the
     parameter is fitted in its logarithm, else uniformly; or a frozen distribution of scipy (uniform,
     loguniform, norm, truncnorm, lognorm or rayleigh), truncated to the parameter's bounds.
-    :class:`cyclofeat.simulators.Rig` checks the values (:meth:`check`). Effects of one class with equal
-    parameters are equal.
+    :class:`cyclofeat.simulators.Rig` checks the values. Effects of one class with equal parameters are equal.
 
     Attributes
     ----------
@@ -329,15 +328,10 @@ class Effect(BaseEstimator):
         """
         return getattr(type(self), hook) is not getattr(Effect, hook)
 
-    def check(self) -> Self:
-        """Return the effect itself; raise TypeError or ValueError for a wrong parameter or setting.
-
-        Returns
-        -------
-        Effect
-        """
+    def _check(self) -> Self:
+        """Return the effect itself; raise TypeError or ValueError for a wrong parameter or setting."""
         for name, parameter in self.parameters.items():
-            parameter.check(f"{name} of {self.effect_id}", getattr(self, name))
+            parameter._check(f"{name} of {self.effect_id}", getattr(self, name))
         self.check_settings()
         return self
 
@@ -380,7 +374,7 @@ class Effect(BaseEstimator):
         changed = copy.copy(self)
         if values:
             changed.set_params(**values)
-        return changed.check()
+        return changed._check()
 
     def vector_names(self) -> list[str]:
         """Return the names of the fitted parameters, in the order of :meth:`to_vector`.
@@ -419,7 +413,7 @@ class Effect(BaseEstimator):
         -------
         ndarray, shape (n_fitted,)
         """
-        self.check()
+        self._check()
         vector = []
         for name in self.vector_names():
             value, parameter, what = getattr(self, name), self.parameters[name], f"{name} of {self.effect_id}"
@@ -496,7 +490,7 @@ def draw_for_assembly(effect: Effect, random: Generator) -> Effect:
 
     ``random`` advances by one number per parameter, so that ranges do not change the draws of others.
     """
-    effect.check()
+    effect._check()
     drawn = {
         name: parameter.draw(getattr(effect, name), float(random.random()))
         for name, parameter in effect.parameters.items()

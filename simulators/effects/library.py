@@ -156,7 +156,7 @@ def register_effect(kind: Kind, *, replace: bool = False) -> Kind:
         if key not in arguments:
             raise ValueError(f"{name}.__init__ must take the parameter {key!r}, got {', '.join(arguments)}")
         if parameter.prior is not None:
-            parameter.check(f"prior of {key} of {name}", parameter.prior)
+            parameter._check(f"prior of {key} of {name}", parameter.prior)
     effect = kind()
     if not isinstance(effect.effect_id, str) or not re.fullmatch(r"[a-z][a-z0-9_]*", effect.effect_id):
         raise ValueError(f"effect_id of {name} must be a name in snake_case, got {effect.effect_id!r}")
@@ -165,7 +165,7 @@ def register_effect(kind: Kind, *, replace: bool = False) -> Kind:
     place = getattr(effect, "place", None)
     if place not in PLACES:
         raise ValueError(f"place of {name} must be stated, one of {', '.join(PLACES)}, got {place!r}")
-    effect.check()
+    effect._check()
     if missing := [key for key in arguments if not hasattr(effect, key)]:
         raise ValueError(f"{name}.__init__ must store {', '.join(missing)} under the same name")
     taken = type(_KNOWN.get(effect.effect_id, effect))

@@ -106,7 +106,7 @@ def test_each_states_itself_with_defaults_and_priors_within_the_bounds(effect):
     assert effect.summary.endswith(".")
     assert len(effect.summary) <= 110
     assert effect.separated_by
-    assert effect.check() is effect
+    assert effect._check() is effect
     for name, parameter in effect.parameters.items():
         assert text.count(f"\n{name} : ") == 1
         assert parameter.low <= getattr(effect, name) <= parameter.high
@@ -302,7 +302,7 @@ def test_a_range_changes_nothing_else_of_an_assembly():
 )  # fmt: skip
 def test_bad_parameters_are_named(effect, message):
     with pytest.raises((TypeError, ValueError), match=message):
-        effect.check()
+        effect._check()
 
 
 def test_what_cannot_be_is_refused():
@@ -660,7 +660,7 @@ def test_a_shaft_line_is_one_order_of_its_shaft_at_any_course_of_the_speed(shaft
     with pytest.raises(ValueError, match=f"{shaft}_shaft_line needs gearbox and input_angle"):
         line().change_torque(time, FS, np.random.default_rng(0))
     with pytest.raises(ValueError, match=f"phase of {shaft}_shaft_line must be a number of rad"):
-        line(phase=math.inf).check()
+        line(phase=math.inf)._check()
 
 
 def test_warm_ups_decay_with_their_time_constant_in_load_or_signal():

@@ -158,23 +158,6 @@ def test_parameters_of_another_type_are_refused(changes: dict, message: str) -> 
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "error", "message"),
-    [
-        (("a", 15), TypeError, "count must be a whole number, got 'a'"),
-        ((16, 15), ValueError, "count must be at most 15, got 16"),
-        ((-1, 15), ValueError, "count must be at least 0, got -1"),
-        ((1, 0), ValueError, "n_lobes must be at least 1, got 0"),
-    ],
-)
-@pytest.mark.parametrize("consecutive", [True, False])
-def test_drawn_lobes_are_there(arguments: tuple, error: type, message: str, consecutive: bool) -> None:
-    with pytest.raises(error, match=message):
-        LobeDefects.drawn(*arguments, np.random.default_rng(0), consecutive=consecutive)
-    with pytest.raises(TypeError, match="random must be of type Generator, got 0"):
-        LobeDefects.drawn(1, 15, 0, consecutive=consecutive)
-
-
 def test_arrays_are_taken_as_what_they_mean() -> None:
     gearbox = CycloidalGearbox(pin_radial_errors=np.zeros(16), wheel_runouts=[1e-6, 2e-6j])
     assert gearbox.pin_radial_errors == (0.0,) * 16

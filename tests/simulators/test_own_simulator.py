@@ -152,10 +152,10 @@ def test_a_name_that_two_modules_define_is_not_guessed() -> None:
     exec(source, modules[0])
     exec(source, modules[0])  # as a cell of a notebook that is run again: the newer class counts
     kept = modules[0]["Twice"](0.3)
-    assert type(Rig.from_dict({"simulator": kept.to_dict()}).simulator) is type(kept)
+    assert type(Rig.from_dict({"simulator": kept._to_dict()}).simulator) is type(kept)
     exec(source, modules[1])
     with pytest.raises(ValueError, match="simulator must be of one class, but a and b define Twice: rename"):
-        Rig.from_dict({"simulator": kept.to_dict()})
+        Rig.from_dict({"simulator": kept._to_dict()})
 
 
 FILE = """
