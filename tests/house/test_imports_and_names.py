@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-import importlib
+import importlib.util
 import inspect
 import re
 from collections.abc import Iterator
@@ -25,16 +25,18 @@ VAGUE = {"found", "own", "told", "kept", "there", "left", "alike"}
 
 
 def imports_of(name: str, path: Path, modules: dict[str, Path]) -> set[str]:
-    """Modules that a file imports anywhere in its code, by full names."""
+    """Modules that a file imports anywhere in its code."""
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     imported: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             imported |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            assert node.module, f"{name} imports relatively"
-            assert not node.level, f"{name} imports relatively"
-            below = [f"{node.module}.{alias.name}" for alias in node.names]
-            imported |= {one if one in modules else node.module for one in below}
+            base = "." * node.level + (node.module or "")
+            if node.level:
+                base = importlib.util.resolve_name(base, package)
+            below = [f"{base}.{alias.name}" for alias in node.names]
+            imported |= {one if one in modules else base for one in below}
     return {one for one in imported if one in modules and one != name}
 
 
@@ -52,9 +54,9 @@ def test_a_lazy_and_a_type_only_import_are_seen(tmp_path):
     package = tmp_path / "house"
     (package / "room").mkdir(parents=True)
     (package / "__init__.py").write_text("", encoding="utf-8")
-    (package / "room" / "__init__.py").write_text("from house.room.one import f", encoding="utf-8")
+    (package / "room" / "__init__.py").write_text("from .one import f", encoding="utf-8")
     (package / "room" / "one.py").write_text("def f():\n    from house import two", encoding="utf-8")
-    (package / "two.py").write_text("if TYPE_CHECKING:\n    from house.room.one import f", encoding="utf-8")
+    (package / "two.py").write_text("if TYPE_CHECKING:\n    from .room.one import f", encoding="utf-8")
     with pytest.raises(CycleError, match=r"house\.two.*house\.room\.one|house\.room\.one.*house\.two"):
         TopologicalSorter(graph_of({"house": package})).prepare()
 
