@@ -48,8 +48,7 @@ def run(arguments: argparse.Namespace) -> Printed:
             forces=True,
             points=True,
         )
-        source = "simulated" if rig is None else "surrogate"
-        write_animation(shown, arguments.out, frames=arguments.frames, source=source)
+        write_animation(shown, arguments.out, frames=arguments.frames)
     note("open the page in a browser; it needs no network")
     file, frames = str(Path(arguments.out)), arguments.frames
     duration = shown.torque_out.size / shown.sampling_rate

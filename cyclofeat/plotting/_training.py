@@ -8,8 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat.features import LobeMap
-from cyclofeat.plotting.drawing import Display, Float, axes_for, legend_above, numbering_words, theme_colours
-from cyclofeat.plotting.kinds import words_of
+from cyclofeat.plotting.drawing import (
+    Display,
+    Float,
+    axes_for,
+    legend_above,
+    numbering_words,
+    theme_colours,
+    words_of,
+)
 from cyclofeat.recordings import Recording, WindowSet
 from cyclofeat.signal import lobes
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.checks import one_of
 from cyclofeat._base.displays import thin_samples
 from cyclofeat._base.quantities import lobes_text
 from cyclofeat.report._page import check_page_path, count_text, write_page
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
 
     from cyclofeat.simulators import SimulationRun
 
-Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 MOST_FRAMES = 5000
@@ -36,7 +34,6 @@ def write_animation(
     *,
     frames: int = 720,
     part: tuple[float, float | None] = (0.0, None),
-    source: str = "simulated",
     title: str = "",
 ) -> Path:
     """Write a page that shows the gearbox turning, an HTML file that needs no network, and return its path.
@@ -56,8 +53,6 @@ def write_animation(
         interpolated. A whole output turn in 720 frames has 48 frames per input turn.
     part : tuple of float, default=(0.0, None)
         Beginning and end in s from the first sample of the run; None is its end.
-    source : {"simulated", "surrogate"}, default="simulated"
-        ``"surrogate"`` if the run contains a rig's drift and noise.
     title : str, optional
         Heading.
 
@@ -90,7 +85,6 @@ def write_animation(
     check_page_path(path)
     if run.external_forces is None or run.external_points is None or run.internal_points is None:
         raise ValueError("run must hold forces and points: simulate(..., forces=True, points=True)")
-    one_of("source", source, ("simulated", "surrogate"))
     if not 2 <= frames <= MOST_FRAMES:
         raise ValueError(f"frames must lie between 2 and {MOST_FRAMES}, got {frames!r}")
     n_samples = run.torque_out.size
@@ -109,7 +103,7 @@ def write_animation(
     summary = {
         "title": title or "The gearbox turning",
         "surrogate": {
-            "heading": "Simulated:" if source == "simulated" else "SIMULATED:",
+            "heading": "SIMULATED:",
             "text": "every force and torque here was made by a simulator. Nothing was recorded on a machine.",
         },
         "origin": "",
@@ -180,7 +174,6 @@ def _machine_geometry(run: SimulationRun) -> dict[str, Any]:
         "sleeve_circle": _to_mm(gearbox.internal_pitch_radius),
         "sleeve_radius": _to_mm(gearbox.internal_sleeve_radius),
         "hole_radius": _to_mm(gearbox.internal_sleeve_radius + gearbox.eccentricity + gearbox.clearance),
-        "tip": _to_mm(abs(profile.point(0.0))),
         "pit": _to_mm(abs(profile.point(math.pi / z))),
         "wheels": wheels,
     }
@@ -199,14 +192,8 @@ def _frame_angles_and_forces(run: SimulationRun, picked: NDArray[np.int64]) -> d
     pins = gearbox.pin_circle_radius * np.exp(2j * np.pi * np.arange(gearbox.n_pins) / gearbox.n_pins)
     place = 2 * np.pi * np.arange(gearbox.n_internal_sleeves) / gearbox.n_internal_sleeves
     sleeves = gearbox.internal_pitch_radius * np.exp(1j * (place + psi[:, np.newaxis]))
-    assert run.external_forces is not None  # checked by the caller
-    assert run.internal_forces is not None
-    assert run.external_points is not None
-    assert run.internal_points is not None
-    external = _force_vectors(run.external_forces[picked], run.external_points[picked], pins)
-    internal = _force_vectors(
-        run.internal_forces[picked], run.internal_points[picked], sleeves[:, np.newaxis]
-    )
+    external = _force_vectors(run.external_forces, run.external_points, picked, pins)
+    internal = _force_vectors(run.internal_forces, run.internal_points, picked, sleeves[:, np.newaxis])
     sizes = np.abs(np.concatenate([external.ravel(), internal.ravel()]))
     largest = float(np.quantile(sizes[sizes > 0], _LONGEST_ARROW)) if np.any(sizes > 0) else 1.0
     steps = np.array([1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10]) * 10.0 ** math.floor(math.log10(largest))
@@ -221,11 +208,11 @@ def _frame_angles_and_forces(run: SimulationRun, picked: NDArray[np.int64]) -> d
     }
 
 
-def _force_vectors(forces: Float, points: Complex, centres: Complex) -> Complex:
+def _force_vectors(forces: Any, points: Any, picked: NDArray[np.int64], centres: Complex) -> Complex:
     """Force on the wheel as a vector: it points from the sleeve's centre to where it touches."""
-    away = points - centres
+    away = points[picked] - centres
     size = np.abs(away)
-    return np.where(size > 0, forces * away / np.where(size > 0, size, 1.0), 0.0)
+    return np.where(size > 0, forces[picked] * away / np.where(size > 0, size, 1.0), 0.0)
 
 
 def _torque_trace(run: SimulationRun, first: int, last: int) -> dict[str, Any]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from cyclofeat._base.quantities import in_words, lobes_text, source_in_words
 from cyclofeat.plotting import TrainingDisplay
-from cyclofeat.plotting.kinds import words_of
+from cyclofeat.plotting.drawing import words_of
 from cyclofeat.recordings.recording import facts_in_words
 from cyclofeat.report import _figures
 from cyclofeat.report._page import check_page_path, count_text, describe_origin, write_page

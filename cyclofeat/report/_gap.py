@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
     from cyclofeat.gap import GapResult
     from cyclofeat.gap.posterior.answers import State
-    from cyclofeat.gap.proof.prove import Proof
+    from cyclofeat.gap.proof.prove import Proof, ProofRow
     from cyclofeat.gap.result import Remainder
     from cyclofeat.gap.where.locate import Where, WhereRow
 
@@ -285,50 +285,44 @@ def _summarise_remainder(remainder: Remainder) -> dict[str, Any]:
     }
 
 
+def _describe_share(row: ProofRow) -> dict[str, Any]:
+    return {
+        "value": percent_text(row.grr),
+        "share": row.grr if math.isfinite(row.grr) else None,
+        "range": range_text(row.low, row.high),
+        "undefined": row.undefined.removesuffix("."),
+    }
+
+
 def _summarise_reduction(proof: Proof) -> dict[str, Any]:
     """Return the shares of the gap closed on recordings held out at one condition; None where not defined."""
     rows = proof.rows
     if not any(row.condition == "unseen" for row in rows):  # then all counts were seen
         rows = tuple(row for row in rows if row.condition == "all")
-    ours = {row.condition: row for row in rows if row.alternative == AFTER}
     finite = [row for row in rows if math.isfinite(row.grr)]
     drawn = None
     if finite:
         alt = "Share of the gap that the correction closes, with its range"
         display = GapReductionDisplay(finite)
         drawn = _figures.draw_picture(display.plot, display.size, alt)
-    cells = {
-        (row.alternative, row.condition): {
-            "value": percent_text(row.grr), "range": range_text(row.low, row.high),
-        }
-        for row in reversed(rows)
-    }  # fmt: skip
+    shares = {(row.alternative, row.condition): _describe_share(row) for row in reversed(rows)}
     conditions = [name for name in COUNT_GROUPS if any(row.condition == name for row in rows)]
     distances: dict[str, dict[str, float]] = {}
     for distance in proof.distances:
         if distance.condition == "all":
             distances.setdefault(distance.alternative, {})[distance.family] = distance.distance
     before, after, floor = (distances.get(name, {}) for name in ("nothing", AFTER, "floor"))
-    return {
+    return _describe_share(proof.result) | {
         "condition": proof.condition.text if proof.condition else "",
-        "share": proof.result.grr if math.isfinite(proof.result.grr) else None,
-        "range": range_text(proof.result.low, proof.result.high),
-        "undefined": (
-            proof.result.undefined or "the gap on the recordings held out is too small"
-        ).removesuffix("."),
         "by_condition": [
-            {
-                "name": COUNT_GROUPS[name],
-                "share": ours[name].grr if math.isfinite(ours[name].grr) else None,
-                "undefined": ours[name].undefined.removesuffix("."),
-            }
+            {"name": COUNT_GROUPS[name]} | shares[AFTER, name]
             for name in ("seen", "unseen")
-            if name in ours
+            if (AFTER, name) in shares
         ],
         "rows": [
             {
                 "name": alternative_name(alternative),
-                "cells": [cells.get((alternative, condition)) for condition in conditions],
+                "cells": [shares.get((alternative, condition)) for condition in conditions],
             }
             for alternative in dict.fromkeys(row.alternative for row in rows)
         ],

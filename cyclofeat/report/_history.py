@@ -15,13 +15,7 @@ from cyclofeat.history import GearboxState, History, HistoryRow
 from cyclofeat.history.alarm import time_text
 from cyclofeat.report import _figures
 from cyclofeat.report._figures import Axis, Line, Picture, Plot, Span
-from cyclofeat.report._page import (
-    check_page_path,
-    count_heading,
-    count_text,
-    describe_origin,
-    write_page,
-)
+from cyclofeat.report._page import check_page_path, count_heading, count_text, describe_origin, write_page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -146,14 +140,14 @@ def _draw_history(state: GearboxState, rows: Sequence[HistoryRow]) -> list[Pictu
         if end is None or end > first
     ]  # fmt: skip
     note = f"The page holds the last {len(rows)} recordings." if len(rows) == _MOST_ROWS else ""
-    axes = time_axis, Axis("worn lobes", "", whole=True)
-    of = f"of {state.gearbox} over time"
+    of, unit = f"of {state.gearbox} over time", rows[-1].unit
+    deviations = np.array([row.deviation if row.unit == unit else np.nan for row in rows])
     shown = [
-        (
-            Plot(at, _count_lines(state, rows), axes, view, spans=spans, note=note),
-            f"Counts of worn lobes {of}, with the baseline and alarms",
-        )
-    ]
+        (_count_lines(state, rows), Axis("worn lobes", "", whole=True),
+         f"Counts of worn lobes {of}, with the baseline and alarms"),
+        ([Line("standard deviation of the samples", deviations, style="points")], Axis("deviation", unit),
+         f"Standard deviation of the samples {of}"),
+    ]  # fmt: skip
     # Of recordings that were counted, the depth of the wear with its interval, if any shows.
     seen = [row.answer if row.defect_count is not None else {} for row in rows]
     depth, low, high = (
@@ -162,13 +156,13 @@ def _draw_history(state: GearboxState, rows: Sequence[HistoryRow]) -> list[Pictu
     )
     if np.isfinite(depth).any():
         wear = Line("depth", depth, style="points", band=(low, high))
-        axes = time_axis, Axis("depth of wear", "um")
-        shown.append((Plot(at, [wear], axes, view, spans=spans), f"Depth of wear {of}"))
-    deviations = np.array([row.deviation if row.unit == rows[-1].unit else np.nan for row in rows])
-    spread = Line("standard deviation of the samples", deviations, style="points")
-    axes = time_axis, Axis("deviation", rows[-1].unit)
-    shown.append((Plot(at, [spread], axes, view, spans=spans), f"Standard deviation of the samples {of}"))
-    return [_figures.draw_picture(partial(_draw_plot, plot), _SIZE, text, plot=plot) for plot, text in shown]
+        shown.insert(1, ([wear], Axis("depth of wear", "um"), f"Depth of wear {of}"))
+    pictures = []
+    for lines, axis, text in shown:
+        plot = Plot(at, lines, (time_axis, axis), view, spans=spans, note=note)
+        pictures.append(_figures.draw_picture(partial(_draw_plot, plot), _SIZE, text, plot=plot))
+        note = ""
+    return pictures
 
 
 def _draw_plot(plot: Plot, ax: Axes) -> None:

@@ -38,7 +38,7 @@ SAYS = {
     "evaluation": ["Accuracy", "Confusion", "Calibration", "How the folds were made"],
     "gap": ["2 effects are missing in the model", "cyclofeat train --rig", "Mains hum in the torque signal"],
     "recording": [HOSTILE, "clipped: 1 %", "bad span", "lost samples", "gaps, where samples"],
-    "animation": ["The gearbox turning", "2 worn lobes: 1, 5", "Cam points at lobe", "Simulated:"],
+    "animation": ["The gearbox turning", "2 worn lobes: 1, 5", "Cam points at lobe", "SIMULATED:"],
 }
 
 

@@ -117,7 +117,7 @@ def test_the_page_is_whole_and_its_script_the_only_one_allowed(run, tmp_path):
     path = write_animation(run, tmp_path / "a.html", part=(0.25, None), frames=10, title="<b>Mine</b>")
     page = path.read_text(encoding="utf-8")
     text = words(parse(page))
-    for part in ("<b>Mine</b>", "Simulated:", "2 worn lobes: 1, 5, counted from 1.", "500 RPM", "Play"):
+    for part in ("<b>Mine</b>", "SIMULATED:", "2 worn lobes: 1, 5, counted from 1.", "500 RPM", "Play"):
         assert part in text, part
     data, script = re.findall(r"<script(?: [^>]*)?>(.*?)</script>", page, flags=re.DOTALL)
     json.loads(data)
@@ -127,14 +127,9 @@ def test_the_page_is_whole_and_its_script_the_only_one_allowed(run, tmp_path):
     assert len(page) < 1e6
 
 
-def test_a_surrogate_is_called_one_and_removed_lobes_are_said(run):
-    found = summary_of(
-        write_animation,
-        dataclasses.replace(run, defects=LobeDefects.removed((2,), wheels=(1,))),
-        frames=2,
-        source="surrogate",
-    )
-    assert found["surrogate"]["heading"] == "SIMULATED:"
+def test_removed_lobes_are_said_and_drawn(run):
+    removed = dataclasses.replace(run, defects=LobeDefects.removed((2,), wheels=(1,)))
+    found = summary_of(write_animation, removed, frames=2)
     assert found["worn"] == "removed lobes: 3; on wheel 2 only"
     front, back = found["machine"]["wheels"]
     assert front["removed"] == []
@@ -150,7 +145,6 @@ def test_a_surrogate_is_called_one_and_removed_lobes_are_said(run):
         ({"part": (0.4, 0.3)}, "part must lie in order"),
         ({"part": (0.0, 1.0)}, "within the run's 0.5 s"),
         ({"part": (0.2, 0.20001)}, "two samples at least"),
-        ({"source": "measured"}, "source must be"),
     ],
 )
 def test_animations_refuse(run, options, message):
