@@ -72,6 +72,12 @@ def labelled(counts=(0, 1, 3), per_count=8, n_lobes=15, **labels):
     ]
 
 
+def first_of_each(recordings, n):
+    """Mark the first n recordings of each count."""
+    counts = [one.defect_count for one in recordings]
+    return np.array([counts[:k].count(count) < n for k, count in enumerate(counts)])
+
+
 def recordings_with_wear(n=24, counts=(0, 1, 3), seed=0, turns=(2,)):
     """Recordings of some output turns whose bursts are as high as the wear is deep: 1 Nm at 200 um."""
     random = np.random.default_rng(seed)

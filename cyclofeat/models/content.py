@@ -34,7 +34,6 @@ _OF_SKLEARN = frozenset({
     "sklearn.preprocessing._label.LabelBinarizer",
     "sklearn.isotonic.IsotonicRegression",
     "sklearn.neural_network._multilayer_perceptron.MLPClassifier",
-    # Numbers left over from training a network of lobes; nothing asks it again.
     "sklearn.neural_network._stochastic_optimizers.AdamOptimizer",
     "sklearn.tree._classes.ExtraTreeClassifier",
     "sklearn.tree._classes.ExtraTreeRegressor",

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from sklearn import config_context
+from sklearn.base import clone
 from sklearn.calibration import CalibratedClassifierCV
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.metrics import log_loss
@@ -14,11 +15,7 @@ from sklearn.naive_bayes import GaussianNB
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from cyclofeat.counting import (
-    GroupCalibratedCounter,
-    Protocol,
-    evaluate,
-)
+from cyclofeat.counting import GroupCalibratedCounter, Protocol, evaluate
 from cyclofeat.counting.calibration.pooling import combine_proba, learn_dependence, pool_weights
 from cyclofeat.counting.evaluation.assembly_folds import grouped_folds
 
@@ -147,15 +144,11 @@ def test_a_class_with_one_assembly_leaves_probabilities_as_they_are():
 # Recordings
 
 
-def test_probabilities_of_windows_are_multiplied():
+def test_probabilities_of_windows_are_multiplied_unless_many_are_worth_one():
     p = np.array([[0.6, 0.3, 0.1], [0.2, 0.7, 0.1], [0.3, 0.4, 0.3], [0.9, 0.05, 0.05]])
     product = p[0] * p[1] * p[3]
     assert_allclose(combine_proba(p, np.array([1, 1, 0, 1]), 0.0), [p[2], product / product.sum()])
-
-
-def test_full_dependence_makes_many_windows_worth_one():
-    p = np.array([[0.6, 0.3, 0.1]] * 5)
-    assert_allclose(combine_proba(p, np.zeros(5, dtype=int), 1.0), p[:1])
+    assert_allclose(combine_proba(p[[0] * 5], np.zeros(5, dtype=int), 1.0), p[:1])
 
 
 def windows_of_recordings(copies, n=3000, seed=0):
@@ -182,9 +175,8 @@ def test_dependence_is_learned_from_held_out_recordings(copies, expected):
 
 def test_a_calibrated_counter_learns_the_dependence():
     X, y, groups = assemblies(windows=4, shared=0.5)
-    counter = GroupCalibratedCounter(ExtraTreesClassifier(40, random_state=0), random_state=0).fit(
-        X, y, groups=groups
-    )
+    trees = ExtraTreesClassifier(40, random_state=0)
+    counter = GroupCalibratedCounter(trees, random_state=0).fit(X, y, groups=groups)
     # windows share most of their deviation, so that four are worth little more than one
     assert counter.dependence_ > 0.5
     new, truth, names = assemblies(windows=4, shared=0.5, seed=5)
@@ -197,18 +189,10 @@ def test_a_calibrated_counter_learns_the_dependence():
 def test_groups_come_through_scikit_learns_metadata_routing():
     X, y, groups = assemblies(n=60)
     counter = GroupCalibratedCounter(GaussianNB(), random_state=0)
+    returned = {"return_estimator": True, "return_indices": True}
     with config_context(enable_metadata_routing=True):
-        result = cross_validate(
-            counter.set_fit_request(groups=True),
-            X,
-            y,
-            params={"groups": groups},
-            cv=GroupKFold(3),
-            return_estimator=True,
-            return_indices=True,
-        )
+        counter.set_fit_request(groups=True)
+        result = cross_validate(counter, X, y, params={"groups": groups}, cv=GroupKFold(3), **returned)
     for fitted, train in zip(result["estimator"], result["indices"]["train"], strict=True):
-        again = GroupCalibratedCounter(GaussianNB(), random_state=0).fit(
-            X[train], y[train], groups=groups[train]
-        )
+        again = clone(counter).fit(X[train], y[train], groups=groups[train])
         assert fitted.temperature_ == pytest.approx(again.temperature_)

@@ -57,9 +57,8 @@ def test_distances_and_thresholds_of_the_domain_by_hand():
         scaled = (X - location) / scale
         means = np.stack([scaled[y == c].mean(axis=0) for c in range(4)])
         precision = LedoitWolf(assume_centered=True).fit(scaled - means[y]).precision_
-        return np.array(
-            [[mahalanobis(row, mean, precision) for mean in means] for row in (of - location) / scale]
-        )
+        rows = (of - location) / scale
+        return np.array([[mahalanobis(row, mean, precision) for mean in means] for row in rows])
 
     domain = TrainingDomain(false_refusal=0.1).fit(X, y)
     held_out = np.empty((80, 4))
@@ -82,9 +81,7 @@ def test_features_lower_than_the_lowest_that_counts_are_no_reason_to_refuse():
     assert_allclose(domain.distance(quiet), raised.distance([[0.0, 0.0, 0.0]]))
     assert domain.predict(np.vstack([quiet, loud, [[0.0, 0.0, -50.0]]])).tolist() == [1, -1, -1]
     assert domain._rank_unlike(np.vstack([loud, [[0.0, 0.0, -50.0]]]))[:, 0].tolist() == [0, 2]
-    with pytest.raises(
-        ValueError, match=r"lowest must hold one value per feature, shape \(3,\), got shape \(2,\)"
-    ):
+    with pytest.raises(ValueError, match=r"lowest must hold one value .*, shape \(3,\), got shape \(2,\)"):
         TrainingDomain([0.0, 0.0]).fit(X)
 
 
@@ -141,23 +138,14 @@ def test_torque_that_the_counter_was_not_made_for_is_refused():
     X, y = np.stack([r.torque for r in training]), np.array([r.defect_count for r in training])
     lobe_map = LobeMap(25_600)
     domain = TrainingDomain(false_refusal=0.05).fit(lobe_map.fit_transform(X), y)
-    random = np.random.default_rng(0)
     steps = np.arange(X.shape[1])
     alike = np.stack([r.torque for r in new])
-    faster = np.stack([np.interp((1.2 * steps) % steps[-1], steps, row) for row in alike])
-    slower = np.stack([np.interp(0.8 * steps, steps, row) for row in alike])
-    noise = 22 + random.normal(scale=0.2, size=(100, X.shape[1]))
-    refused = {
-        name: np.mean(domain.predict(lobe_map.transform(windows)) == -1)
-        for name, windows in {
-            "alike": alike,
-            "faster": faster,
-            "slower": slower,
-            "noise": noise,
-            "nine": np.stack([r.torque for r in nine]),
-        }.items()
-    }
-    assert refused["alike"] <= 0.17
-    assert refused["faster"] == refused["slower"] == 1
-    assert refused["noise"] >= 0.95, refused
-    assert refused["nine"] >= 0.7
+
+    def refused(windows):
+        return np.mean(domain.predict(lobe_map.transform(np.stack(windows))) == -1)
+
+    assert refused(alike) <= 0.17
+    assert refused([np.interp((1.2 * steps) % steps[-1], steps, row) for row in alike]) == 1
+    assert refused([np.interp(0.8 * steps, steps, row) for row in alike]) == 1
+    assert refused(22 + np.random.default_rng(0).normal(scale=0.2, size=(100, X.shape[1]))) >= 0.95
+    assert refused([r.torque for r in nine]) >= 0.7

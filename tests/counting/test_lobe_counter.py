@@ -5,6 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from small_model import first_of_each
 
 from cyclofeat.counting import LobeCounter, LobeModel, passage_of_lobe_zero
 from cyclofeat.counting.estimators.lobe_positions import best_sets, log_counts
@@ -57,11 +58,10 @@ def small(**changes):
 
 
 @pytest.fixture(scope="module")
-def parts(data):
+def parts(surrogates):
     """Six assemblies of each count to train, two to test."""
-    y = data[1]
-    rank = np.array([np.sum(y[:i] == label) for i, label in enumerate(y)])
-    return rank < 6, rank >= 6
+    first = first_of_each(surrogates, 6)
+    return first, ~first
 
 
 @pytest.fixture(scope="module")

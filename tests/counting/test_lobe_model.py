@@ -34,12 +34,8 @@ def some():
 def test_many_recordings_have_the_answers_of_each(make, some):
     model = make()
     for together, alone in zip(model.count_all(some), map(model.count, some), strict=True):
-        assert together.defect_count == alone.defect_count
-        assert (together.refused, together.reason, together.lobes) == (
-            alone.refused,
-            alone.reason,
-            alone.lobes,
-        )
+        for name in ("defect_count", "refused", "reason", "lobes"):
+            assert getattr(together, name) == getattr(alone, name), name
         assert_allclose(list(together.probability.values()), list(alone.probability.values()))
         assert_allclose(together.lobe_probability, alone.lobe_probability)
 
@@ -78,17 +74,8 @@ def test_a_domain_learned_from_other_machines_leaves_the_counts_as_they_are(some
 
 def test_a_window_a_hair_outside_does_not_silence_the_others():
     def reasons(*distances):
-        n = len(distances)
-        answered = AnsweredWindows(
-            np.arange(n),
-            np.arange(n) + 1,
-            np.ones((n, 1)),
-            np.array(distances),
-            ("",) * n,
-            ("unlike",) * n,
-            None,
-        )
-        return answered.window_reasons()
+        at, said = np.arange(3), (("",) * 3, ("unlike",) * 3)
+        return AnsweredWindows(at, at + 1, np.ones((3, 1)), np.array(distances), *said, None).window_reasons()
 
     assert reasons(0.9, 1.1, 0.8) == ["", "", ""]
     assert reasons(0.9, 1.4, 0.8) == ["", "unlike", ""]
@@ -119,13 +106,8 @@ def test_bad_recordings_are_named(some):
 def test_a_model_is_an_estimator_of_recordings(some):
     model = shaft_model()
     assert is_classifier(model)
-    params = {"n_splits": 2, "n_trees": 20, "random_state": 0}
-    assert {
-        name: value for name, value in clone(model).get_params().items() if value is not None
-    } == params | {
-        "counter": "trees",
-        "description": "",
-    }
+    given = {"counter": "trees", "n_splits": 2, "n_trees": 20, "random_state": 0}
+    assert clone(model).get_params() == LobeModel().get_params() | given
     assert not hasattr(clone(model), "counter_")
     tail = FunctionTransformer(lambda recordings: [one.crop(0.0, one.duration - 0.01) for one in recordings])
     pipeline = Pipeline([("first_turn", tail), ("count", model)])
@@ -221,9 +203,8 @@ def test_evaluation_of_recordings_states_refusals_and_windows(known):
     assert sum(result.refusal_counts().values()) == sum(answer.refused for answer in answers)
     assert result.windows.labels.size == sum(len(answer.windows) for answer in answers)
     assert result.exact_lobes is None  # one recording states no worn lobes
-    crossed = evaluate(
-        clone(model).set_params(n_splits=0), known, protocol=Protocol(n_splits=2, random_state=0)
-    )
+    untrained, protocol = clone(model).set_params(n_splits=0), Protocol(n_splits=2, random_state=0)
+    crossed = evaluate(untrained, known, protocol=protocol)
     assert crossed.accuracy > 0.8
     assert crossed.exact_lobes > 0.5
     assert crossed.windows.groups.tolist() == crossed.groups.tolist()

@@ -7,7 +7,6 @@ import pytest
 from command import call
 from scipy.stats import betabinom
 
-from cyclofeat.cli import main
 from cyclofeat.counting import MeasurementPlan, lobe_lines_nm, plan_measurement
 from cyclofeat.counting.planning import (
     _NOISE_IN_LINE,
@@ -86,13 +85,12 @@ def test_the_table_that_ships_is_whole():
 
 
 def test_command_says_how_long(capsys):
-    text = call(capsys, "plan", "--worn-count", "3", "--noise", "0.2", "--confidence", "0.9")[0]
-    assert text.startswith(
-        "to tell 3 from 4 worn lobes at 0.2 Nm noise, depth 1: record 1 output turn (1.8 s)"
-    )
+    question = ["plan", "--worn-count", "3", "--noise", "0.2", "--confidence", "0.9"]
+    text, plan = call(capsys, *question)[0], json.loads(call(capsys, *question, "--json")[0])
+    shortest = "record 1 output turn (1.8 s)"
+    assert text.startswith(f"to tell 3 from 4 worn lobes at 0.2 Nm noise, depth 1: {shortest}")
     assert "simulated" in text
-    assert main(["plan", "--worn-count", "3", "--noise", "0.2", "--confidence", "0.9", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == plan_measurement(3, noise_nm=0.2, confidence=0.9).to_dict()
+    assert plan == plan_measurement(3, noise_nm=0.2, confidence=0.9).to_dict()
 
 
 @pytest.mark.parametrize(
@@ -124,13 +122,9 @@ def best_share(healthy, worn):
 @pytest.mark.parametrize("noncentral", [0.0, 10.0, 60.0])
 def test_right_decisions_are_those_of_drawn_numbers(noncentral):
     random = np.random.default_rng(0)
-    healthy = random.chisquare(100, 20_000)
-    worn = (
-        random.noncentral_chisquare(100, noncentral, 20_000) if noncentral else random.chisquare(100, 20_000)
-    )
-    assert right_decisions(np.array([noncentral]), 100)[0] == pytest.approx(
-        best_share(healthy, worn), abs=0.01
-    )
+    healthy, worn = (random.noncentral_chisquare(100, shift, 20_000) for shift in (0.0, noncentral))
+    (share,) = right_decisions(np.array([noncentral]), 100)
+    assert share == pytest.approx(best_share(healthy, worn), abs=0.01)
 
 
 def test_noise_in_a_line_has_the_power_of_the_formula():

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import issparse
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat.counting.evaluation.assembly_folds import Float, Int, ordered_classes
 
+# Kinds of numbers that windows are kept in.
+_KINDS = [np.float64, np.float32]
 # Paths through trees up to which scikit-learn's overhead dominates its time.
 _MOST_PATHS = 50_000
 
@@ -31,8 +32,6 @@ class Counter(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
     """Base of the counters: checked windows, classes in order; a counter states ``_proba`` of windows."""
 
     classes_: NDArray[Any]
-    # Kinds of numbers that windows are kept in.
-    _kinds: ClassVar[list[type]] = [np.float64, np.float32]
 
     def predict(self, X: ArrayLike) -> NDArray[Any]:
         """Return the most probable class of each window, shape (n_windows,), the first one in a tie."""
@@ -48,14 +47,14 @@ class Counter(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
 
     def _labelled(self, X: ArrayLike, y: ArrayLike) -> tuple[NDArray[Any], NDArray[Any], Int]:
         """Check windows and labels, store the classes; return windows, labels and class indices."""
-        windows, labels = validate_data(self, X, y, dtype=self._kinds)
+        windows, labels = validate_data(self, X, y, dtype=_KINDS)
         self.classes_, rank = ordered_classes(labels)
         return windows, labels, rank
 
     def _windows(self, X: ArrayLike) -> NDArray[Any]:
         """Return checked windows for a prediction by a fitted counter."""
         check_is_fitted(self)
-        return np.asarray(validate_data(self, X, reset=False, dtype=self._kinds))
+        return np.asarray(validate_data(self, X, reset=False, dtype=_KINDS))
 
 
 class CountingTrees(PoorOnArbitraryData, ExtraTreesClassifier):
@@ -68,12 +67,8 @@ class CountingTrees(PoorOnArbitraryData, ExtraTreesClassifier):
     def fit(self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None) -> Self:
         """Fit the trees, as scikit-learn does, and make their table."""
         super().fit(X, y, sample_weight=sample_weight)
-        self.make_table()
+        self.table_ = TreeTable.of(self)
         return self
-
-    def make_table(self) -> None:
-        """Make the table of all nodes from the fitted trees."""
-        self.table_ = TreeTable.of(self) if self.n_outputs_ == 1 else None
 
     def __getstate__(self) -> dict[str, Any]:
         """Stack the nodes of all trees: a file of a few arrays is read much faster than one of 300 trees."""
@@ -110,20 +105,15 @@ class CountingTrees(PoorOnArbitraryData, ExtraTreesClassifier):
                 tree.tree_.__setstate__(stored | {"values": own_values})
                 self.estimators_.append(tree)
         if hasattr(self, "estimators_"):
-            self.make_table()
+            self.table_ = TreeTable.of(self)
 
     def predict_proba(self, X: ArrayLike) -> Any:
         """Return the probabilities of scikit-learn, except for rounding."""
         check_is_fitted(self)
-        table = self.table_
-        if table is None or issparse(X):
+        features = validate_data(self, X, reset=False, dtype=np.float32)
+        if len(features) * len(self.estimators_) > _MOST_PATHS:
             return super().predict_proba(X)
-        features = validate_data(self, X, reset=False, dtype=np.float32, ensure_all_finite=False)
-        few = len(features) * len(self.estimators_) <= _MOST_PATHS
-        # scikit-learn refuses values that are not finite, or treats them as missing
-        if not few or not np.isfinite(features).all():
-            return super().predict_proba(X)
-        return table.predict_proba(features)
+        return self.table_.predict_proba(features)
 
 
 @dataclass(frozen=True)

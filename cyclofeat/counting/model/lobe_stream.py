@@ -78,8 +78,7 @@ class LobeStream:
             "n_lobes": model.n_lobes_,
             "quantity": str(model.card_.get("quantity", "output_torque")),
         }
-        nothing = Recording(np.zeros(8), self.sampling_rate, **self._labels)
-        model._check_recording(nothing)  # quantity and number of lobes
+        nothing = Recording(np.zeros(8), self.sampling_rate, **self._labels)  # checks the speed
         if speed_rpm is not None:
             self.model = model.suited_to(nothing)
         self._block = 0
