@@ -21,7 +21,6 @@ module           responsibility
 ``_simulator``   base of users' simulators
 ``_kernels``     the reduced model in numba: floats and arrays only
 ``_outline``     contacts of pins and wheels, likewise
-``reference``    the papers' 28-body formulation in plain NumPy, against which ``simulate`` is tested
 ===============  ================================================================================
 """
 

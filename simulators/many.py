@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import joblib
 
-from cyclofeat._base.checks import list_members, number, one_of, repr_of
+from cyclofeat._base.checks import list_members, one_of, repr_of
 from cyclofeat._base.checks import n_jobs as check_n_jobs
 from cyclofeat._base.progress import stopped_quietly
 from cyclofeat.simulators.defects import LobeDefects
@@ -29,7 +29,6 @@ def simulate_many(
     gearboxes: _Gearboxes = None,
     defects: _Defects = None,
     *,
-    start_angles: Sequence[float] | None = None,
     n_jobs: int = 1,
     kernel: str = "exact",
     **options: Any,
@@ -41,8 +40,6 @@ def simulate_many(
     gearboxes : CycloidalGearbox or iterable of CycloidalGearbox, default ``CycloidalGearbox.steel()``
     defects : LobeDefects or iterable of LobeDefects, default healthy
         One for all runs, or one for each.
-    start_angles : sequence of float, optional
-        Input angle at t = 0 of each run, in rad.
     n_jobs : int
         Number of threads; -1 for all processors. ``joblib.parallel_config`` chooses other workers.
     kernel : {"exact", "batch", "auto"}
@@ -83,22 +80,21 @@ def simulate_many(
     """
     one_of("kernel", kernel, ("exact", "batch", "auto"))
     check_n_jobs(n_jobs)
-    if "start_angle" in options:
-        raise ValueError("start_angle is one run's; give start_angles for many")
-    each = {
-        "gearbox": _one_each("gearboxes", gearboxes, CycloidalGearbox),
-        "defects": _one_each("defects", defects, LobeDefects),
-        "start_angle": _one_each("start_angles", start_angles, None),
-    }
-    lists = {name: values for name, values in each.items() if values is not None}
-    if len({len(values) for values in lists.values()}) > 1:
-        lengths = ", ".join(f"{name} {len(values)}" for name, values in lists.items())
-        raise ValueError(f"gearboxes, defects and start_angles must agree in number, got {lengths}")
-    same = {"gearbox": gearboxes, "defects": defects, "start_angle": 0.0} | options
-    runs = [dict(zip(lists, values, strict=True)) for values in zip(*lists.values(), strict=True)]
-    runs = runs if lists else [{}]
+    lists: dict[str, tuple[Any, ...]] = {}
+    for name, given, kind in (("gearbox", gearboxes, CycloidalGearbox), ("defects", defects, LobeDefects)):
+        if given is not None and not isinstance(given, kind):
+            members = list_members(given)
+            if members is None:
+                raise TypeError(f"{name} must be one {kind.__name__} or several, got {repr_of(given)}")
+            lists[name] = members
+    if len({len(members) for members in lists.values()}) > 1:
+        lengths = " and ".join(f"{name} {len(members)}" for name, members in lists.items())
+        raise ValueError(f"gearboxes and defects must agree in number, got {lengths}")
+    same = {"gearbox": gearboxes, "defects": defects} | options
+    each = zip(*lists.values(), strict=True) if lists else [()]
+    runs = [same | dict(zip(lists, members, strict=True)) for members in each]
     results: dict[int, SimulationRun] = {}
-    for index, result in simulate_each([same | run for run in runs], kernel, n_jobs):
+    for index, result in simulate_each(runs, kernel, n_jobs):
         if isinstance(result, SimulationFailed):
             result.add_note(f"in run {index} of {len(runs)} (counted from 0)")
             raise result
@@ -169,17 +165,6 @@ def _split_tasks(runs: Sequence[dict[str, Any]], kernel: str) -> list[_Task]:
     for batch in batches.group_requests(suited):
         tasks.append(({index: runs[index] for index in batch}, list(batch.values())))
     return sorted(tasks, key=lambda task: min(task[0]))
-
-
-def _one_each(name: str, values: Any, one: type | None) -> list[Any] | None:
-    """Return the values of an argument given run by run; None for one value for all runs."""
-    if values is None or (one is not None and isinstance(values, one)):
-        return None
-    given = None if isinstance(values, str) else list_members(values)
-    if given is None:
-        what = "numbers of rad" if one is None else f"a {one.__name__} or several"
-        raise TypeError(f"{name} must be {what}, one for each run, got {repr_of(values)}")
-    return list(given) if one is not None else [number(name, angle, "numbers of rad") for angle in given]
 
 
 def _simulate_or_fail(arguments: dict[str, Any]) -> SimulationRun | SimulationFailed:

@@ -86,10 +86,8 @@ class Rig(Replaceable, WithCard):
 
     Raises
     ------
-    TypeError
-        If a parameter is of the wrong type.
-    ValueError
-        If a parameter is outside its range or contradicts another; the message names it.
+    TypeError, ValueError
+        If a parameter is of the wrong type, outside its range or contradicts another; the message names it.
 
     Notes
     -----
