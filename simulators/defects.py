@@ -81,10 +81,13 @@ class LobeDefects:
         for name in ("worn_lobes", "removed_lobes"):
             given = getattr(self, name)
             lobes = list_members(given)
-            if lobes is None or not all(map(_is_index, lobes)) or len(set(lobes)) != len(lobes):
+            if lobes is None or len({*lobes}) < len(lobes) or not all(is_whole(k) and k >= 0 for k in lobes):
                 raise ValueError(f"{name} must be distinct whole numbers from 0, got {given!r}")
             object.__setattr__(self, name, tuple(sorted(int(lobe) for lobe in lobes)))
-        object.__setattr__(self, "wheels", _wheel_indices(self.wheels))
+        wheels = sorted(list_members(self.wheels) or (), key=str)
+        if wheels not in ([0], [1], [0, 1]):
+            raise ValueError(f"wheels must be (0,), (1,) or (0, 1), got {self.wheels!r}")
+        object.__setattr__(self, "wheels", tuple(map(int, wheels)))
         check_number("depth", self.depth)
         if not 0 <= self.depth <= 1:
             raise ValueError(f"depth must lie between 0 (healthy) and 1 (the chord), got {self.depth!r}")
@@ -174,7 +177,7 @@ class LobeDefects:
         if depth is None:
             depth = 1.0 if wear_um is None else 0.0
         return cls(
-            worn_lobes=_lobe_indices(lobes), wheels=_wheel_indices(wheels), depth=depth,
+            worn_lobes=_lobe_indices(lobes), wheels=tuple(wheels), depth=depth,
             wear_um=wear_um, wear_share=wear_share, wear_centre=wear_centre,
         )  # fmt: skip
 
@@ -254,7 +257,7 @@ class LobeDefects:
         -------
         LobeDefects
         """
-        return cls(removed_lobes=_lobe_indices(lobes), wheels=_wheel_indices(wheels))
+        return cls(removed_lobes=_lobe_indices(lobes), wheels=tuple(wheels))
 
     @property
     def defect_count(self) -> int:
@@ -285,22 +288,10 @@ def check_machine(
     return gearbox, defects
 
 
-def _lobe_indices(lobes: int | Iterable[int]) -> tuple[int, ...]:
-    if _is_index(lobes):
-        return tuple(range(int(lobes)))  # type: ignore[arg-type]
+def _lobe_indices(lobes: Any) -> tuple[int, ...]:
+    if is_whole(lobes) and lobes >= 0:
+        return tuple(range(lobes))
     given = list_members(lobes)
     if given is None:
         raise ValueError(f"lobes must be a number of lobes from 0, or their indices, got {lobes!r}")
     return given
-
-
-def _is_index(value: Any) -> bool:
-    return is_number(value) and float(value).is_integer() and float(value) >= 0
-
-
-def _wheel_indices(wheels: Iterable[int]) -> tuple[int, ...]:
-    given = list_members(wheels) or ()
-    indices = tuple(sorted(int(wheel) for wheel in given)) if all(map(is_whole, given)) else ()
-    if indices not in ((0,), (1,), (0, 1)):
-        raise ValueError(f"wheels must be (0,), (1,) or (0, 1), got {wheels!r}")
-    return indices
