@@ -65,7 +65,7 @@ def run_campaign(
     out: str | os.PathLike[str],
     *,
     n_jobs: int = 1,
-    scheduler: Any = None,
+    scheduler: str | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> CampaignData:
     """Simulate the runs that are missing in a folder, until the campaign is whole.
@@ -78,9 +78,9 @@ def run_campaign(
         Folder, created if necessary. A part of this campaign in it is completed.
     n_jobs : int, default 1
         Number of processes; -1 for all processors. ``joblib.parallel_config`` sets another backend.
-    scheduler : str or distributed.Client, optional
-        Dask scheduler or its address (``"tcp://host:8786"``) instead of ``n_jobs``. Only this process writes
-        to ``out``.
+    scheduler : str, optional
+        Address of a Dask scheduler (``"tcp://host:8786"``) instead of ``n_jobs``. Only this process writes to
+        ``out``.
     progress : callable, optional
         Called for each run that is made, in their order, with the number of finished runs and their total.
 
@@ -506,7 +506,7 @@ def simulate_task(campaign: Campaign, plans: Sequence[RunPlan], expected: dict[s
 
 
 def simulate_anywhere(
-    campaign: Campaign, plans: Iterable[RunPlan], n_jobs: int = 1, scheduler: Any = None
+    campaign: Campaign, plans: Iterable[RunPlan], n_jobs: int = 1, scheduler: str | None = None
 ) -> Generator[RunResult, None, None]:
     """Yield results of runs in the order of their plans; simulate only a few more than are consumed."""
     size, queue, expected = 1, iter(plans), made_with()
@@ -529,7 +529,7 @@ def simulate_anywhere(
 
 
 def simulate_on_cluster(
-    campaign: Campaign, tasks: Iterator[list[RunPlan]], expected: dict[str, str], scheduler: Any
+    campaign: Campaign, tasks: Iterator[list[RunPlan]], expected: dict[str, str], scheduler: str
 ) -> Generator[RunResult, None, None]:
     """Yield the results of tasks, as :func:`simulate_anywhere`, from a Dask scheduler's workers."""
     try:
@@ -538,19 +538,14 @@ def simulate_on_cluster(
     except ImportError:
         raise ImportError("a scheduler needs dask.distributed: pip install distributed") from None
     waiting: deque[Any] = deque()
-    with contextlib.ExitStack() as stack:
-        client = scheduler
-        if isinstance(scheduler, str):
-            try:
-                client = Client(scheduler, timeout=CONNECT_S, set_as_default=False)  # type: ignore[no-untyped-call]
-            except (OSError, ValueError) as error:
-                raise WorkerLost(
-                    f"no Dask scheduler answers at {scheduler!r} ({' '.join(str(error).split())}): give the "
-                    "address that 'dask scheduler' prints, like tcp://host:8786"
-                ) from None
-            stack.enter_context(client)
-        elif not isinstance(scheduler, Client):
-            raise TypeError(f"scheduler must be like 'tcp://host:8786', or a Client, got {scheduler!r}")
+    try:
+        client = Client(scheduler, timeout=CONNECT_S, set_as_default=False)  # type: ignore[no-untyped-call]
+    except (OSError, ValueError) as error:
+        raise WorkerLost(
+            f"no Dask scheduler answers at {scheduler!r} ({' '.join(str(error).split())}): give the address "
+            "that 'dask scheduler' prints, like tcp://host:8786"
+        ) from None
+    with client:
         try:
             ahead = _AHEAD * _count_threads(client)
             while True:
