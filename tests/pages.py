@@ -7,9 +7,12 @@ import re
 from html.parser import HTMLParser
 
 import numpy as np
+from sklearn.naive_bayes import GaussianNB
 
+from cyclofeat.counting import evaluate
 from cyclofeat.report._page import Section
 
+PICTURE = {"image": "data:,", "alt": "", "width": 1, "height": 1}  # in place of one that takes time
 VOID = {"meta", "img", "br", "link", "input", "hr", "source"}
 
 
@@ -81,3 +84,14 @@ def unpacked(column):
 
 def without_scripts(page):
     return re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
+
+
+def small_windows(n_assemblies=30):
+    """Features, counts and assemblies: two windows each, of three counts that overlap."""
+    y = np.repeat(np.arange(n_assemblies) % 3, 2)
+    X = y[:, np.newaxis] + np.random.default_rng(0).normal(0, 0.5, (y.size, 1))
+    return X, y, np.repeat([f"A<{k}>" for k in range(n_assemblies)], 2)
+
+
+def evaluated(n_assemblies=30):
+    return evaluate(GaussianNB(), *small_windows(n_assemblies))

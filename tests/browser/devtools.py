@@ -70,13 +70,8 @@ class Browser:
         self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
-        self.call(
-            "Network.emulateNetworkConditions",
-            offline=offline,
-            latency=0,
-            downloadThroughput=0 if offline else -1,
-            uploadThroughput=0 if offline else -1,
-        )
+        rates = dict.fromkeys(("downloadThroughput", "uploadThroughput"), 0 if offline else -1)
+        self.call("Network.emulateNetworkConditions", offline=offline, latency=0, **rates)
 
     def __enter__(self) -> Browser:
         return self
@@ -176,11 +171,7 @@ class Browser:
         self._events.clear()
         self.press(" ")
         dialog = self._heard("Page.fileChooserOpened")
-        self.call(
-            "DOM.setFileInputFiles",
-            backendNodeId=dialog["backendNodeId"],
-            files=[str(file) for file in files],
-        )
+        self.call("DOM.setFileInputFiles", backendNodeId=dialog["backendNodeId"], files=[*map(str, files)])
 
     def box(self, selector: str) -> tuple[float, float, float, float]:
         """Left, top, width and height of an element, which is scrolled into view."""
@@ -205,25 +196,18 @@ class Browser:
 
     def resize(self, width: int, height: int = 900) -> None:
         """Size of the page in pixels."""
-        self.call(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=False,
-        )
+        screen = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        self.call("Emulation.setDeviceMetricsOverride", **screen)
 
-    def screenshot(self, path: Path, *, whole: bool = True) -> Path:
-        """The page as PNG, all of it or what is seen."""
-        options: dict[str, Any] = {"format": "png", "captureBeyondViewport": whole}
-        if whole:
-            size = self.call("Page.getLayoutMetrics")["cssContentSize"]
-            options["clip"] = {"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1}
-        path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", **options)["data"]))
-        return path
-
-    def print(self, path: Path) -> Path:
+    def print(self) -> bytes:
         """The page on A4 paper, as PDF."""
         answer = self.call("Page.printToPDF", printBackground=False, paperWidth=8.27, paperHeight=11.69)
-        path.write_bytes(base64.b64decode(answer["data"]))
-        return path
+        return base64.b64decode(answer["data"])
+
+    def text(self, name: str) -> str:
+        """The text of an element, by its id."""
+        return str(self.run(f"document.getElementById('{name}').textContent"))
+
+    def click(self, name: str) -> None:
+        """Click an element, by its id."""
+        self.run(f"document.getElementById('{name}').click()")

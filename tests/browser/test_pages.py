@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 from devtools import Browser, find_chromium
 from gap_answers import answered
-from sklearn.naive_bayes import GaussianNB
+from pages import evaluated
 from small_model import recording, small_model, unlike_training
 
 from cyclofeat import Recording
-from cyclofeat.counting import evaluate
 from cyclofeat.report import (
     CountedRecording,
     Report,
@@ -55,47 +54,27 @@ def run():
     )
 
 
-def spoiled_recording():
-    one = recording((4, 5, 6), seed=100)
-    torque = one.torque.copy()
-    torque[400:600] = torque[400]
-    joined = Recording.concatenate([one.replace(torque=torque), one])
-    return joined.with_bad_spans([(1, 1.5)])
-
-
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory, compared_hum, run):
     folder = tmp_path_factory.mktemp("pages")
-    model = small_model()
-    counted = [
-        CountedRecording(name, one, model.count(one))
-        for name, one in (
-            ("worn.npz", recording((4, 5, 6), seed=100)),
-            (HOSTILE, recording((), seed=101)),
-            ("strange.npz", unlike_training()),
-        )
-    ]
-    y = np.repeat(np.arange(60) % 3, 2)
-    groups = np.repeat(np.arange(60), 2)
-    X = y[:, np.newaxis] + np.random.default_rng(0).normal(0, 0.5, (120, 1))
-    results = {"bayes": evaluate(GaussianNB(), X, y, groups)}
+    model, worn = small_model(), recording((4, 5, 6), seed=100)
+    given = {"worn.npz": worn, HOSTILE: recording((), seed=101), "strange.npz": unlike_training()}
+    counted = [CountedRecording(name, one, model.count(one)) for name, one in given.items()]
+    torque = worn.torque.copy()
+    torque[400:600] = torque[400]
+    spoiled = Recording.concatenate([worn.replace(torque=torque), worn]).with_bad_spans([(1, 1.5)])
+    report = Report("Recordings").add_heading(HOSTILE).add_text("clipped: 1 %").add_figure(spoiled)
+    gap, of_gap = (
+        answered(compared_hum["hum"]),
+        {"sources": ["surrogate"] * 12, "settings": {"model": HOSTILE}},
+    )
+    several = {"failures": {"bad.csv": "empty"}, "most_sections": 2}
     return {
         "count": write_count_report(model, counted[:1], folder / "count.html"),
-        "several": write_count_report(
-            model, counted, folder / "several.html", failures={"bad.csv": "empty"}, most_sections=2
-        ),
-        "evaluation": write_evaluation_report(results, folder / "evaluation.html"),
-        "gap": write_gap_report(
-            answered(compared_hum["hum"]),
-            folder / "gap.html",
-            sources=["surrogate"] * 12,
-            settings={"model": HOSTILE},
-        ),
-        "recording": Report("Recordings")
-        .add_heading(HOSTILE)
-        .add_text("clipped: 1 %")
-        .add_figure(spoiled_recording())
-        .write(folder / "recording.html"),
+        "several": write_count_report(model, counted, folder / "several.html", **several),
+        "evaluation": write_evaluation_report({"bayes": evaluated(60)}, folder / "evaluation.html"),
+        "gap": write_gap_report(gap, folder / "gap.html", **of_gap),
+        "recording": report.write(folder / "recording.html"),
         "animation": write_animation(run, folder / "animation.html", part=(0.25, None), frames=61),
     }
 
@@ -125,15 +104,13 @@ def test_a_page_opens_quietly_and_says_what_it_must(opened, pages, name):
         assert part in text, part
     assert browser.run("document.title") != "taken"
     assert browser.run("Array.from(document.images).every(i => i.complete && i.naturalWidth > 0)")
-    assert (
-        browser.run("document.querySelectorAll('img:not([alt]), svg[role=img]:not([aria-label])').length")
-        == 0
-    )
+    silent = "document.querySelectorAll('img:not([alt]), svg[role=img]:not([aria-label])').length"
+    assert browser.run(silent) == 0
     assert pages[name].stat().st_size < 5e6
 
 
 @pytest.mark.parametrize("name", SAYS)
-def test_a_page_is_dark_on_dark_screens_and_light_on_paper(opened, browser, name, tmp_path):
+def test_a_page_is_dark_on_dark_screens_and_light_on_paper(opened, browser, name):
     shade = "getComputedStyle(document.body).backgroundColor.match(/\\d+/g).slice(0, 3).map(Number)"
     seen = "Array.from(document.images).filter(i => i.offsetParent)"
     turned = f"{seen}.filter(i => getComputedStyle(i).filter !== 'none').length"
@@ -145,7 +122,7 @@ def test_a_page_is_dark_on_dark_screens_and_light_on_paper(opened, browser, name
     opened(name)
     assert max(browser.run(shade)) < 60
     assert browser.run(turned) == browser.run(drawn)
-    paper = browser.print(tmp_path / "page.pdf").read_bytes()
+    paper = browser.print()
     assert paper.startswith(b"%PDF")
     assert len(re.findall(rb"/Type\s*/Page\b", paper)) >= 1
     # what a printer is given: the light scheme, whatever the screen prefers
@@ -244,16 +221,18 @@ def test_still_pictures_stay_without_scripts_and_on_paper(opened, browser, name)
 # -- the animation
 
 
+PLAY = "document.getElementById('play').textContent"
+TIME = "parseFloat(document.getElementById('now-time').textContent)"
+
+
 def state(browser):
-    return browser.run(
-        "({time: parseFloat(document.getElementById('now-time').textContent),"
-        " turns: parseFloat(document.getElementById('now-turns').textContent),"
-        " lobe: Number(document.getElementById('now-lobe').textContent),"
-        " cursor: Number(document.querySelector('.cursor').getAttribute('x1')),"
+    found = browser.run(
+        "({cursor: Number(document.querySelector('.cursor').getAttribute('x1')),"
         " wheel: document.querySelector('#wheel-0 g g').getAttribute('transform'),"
-        " scrub: Number(document.getElementById('scrub').value),"
-        " button: document.getElementById('play').textContent})"
+        " scrub: Number(document.getElementById('scrub').value)})"
     )
+    now = {name: float(browser.text(f"now-{name}").split()[0]) for name in ("time", "turns", "lobe")}
+    return found | now | {"button": browser.text("play")}
 
 
 def scrub_to(browser, frame):
@@ -267,17 +246,15 @@ def test_it_turns_when_played_and_stands_when_stopped(opened):
     browser = opened("animation")
     before = state(browser)
     assert (before["time"], before["button"]) == (0, "Play")
-    browser.run("document.getElementById('play').click()")
-    now = "parseFloat(document.getElementById('now-time').textContent)"
-    browser.wait_for(now, lambda time: time > 0.002)
-    browser.run("document.getElementById('play').click()")
+    browser.click("play")
+    browser.wait_for(TIME, lambda time: time > 0.002)
+    browser.click("play")
     after = state(browser)
     assert after["button"] == "Play"
     assert after["wheel"] != before["wheel"]
     assert after["cursor"] > before["cursor"]
     assert state(browser) == after
-    said = browser.run("document.getElementById('said').textContent")
-    assert said.startswith(f"{after['time']:.4f} s: output torque")
+    assert browser.text("said").startswith(f"{after['time']:.4f} s: output torque")
 
 
 def test_it_can_be_scrubbed_to_any_frame(opened, run):
@@ -314,9 +291,9 @@ def test_arrows_point_to_where_the_simulated_sleeves_touch(opened, run):
 def test_the_keyboard_is_enough(opened):
     browser = opened("animation")
     browser.press(" ")
-    browser.wait_for("document.getElementById('play').textContent", lambda text: text == "Stop")
+    browser.wait_for(PLAY, lambda text: text == "Stop")
     browser.press(" ")
-    browser.wait_for("document.getElementById('play').textContent", lambda text: text == "Play")
+    browser.wait_for(PLAY, lambda text: text == "Play")
     scrub_to(browser, 30)
     browser.press("ArrowRight")
     assert state(browser)["scrub"] == 31
@@ -334,17 +311,17 @@ def test_the_keyboard_is_enough(opened):
 def test_it_goes_on_from_the_start_after_the_end(opened):
     browser = opened("animation")
     scrub_to(browser, 60)
-    browser.run("document.getElementById('speed').value = '0.05'; document.getElementById('play').click()")
-    now = "parseFloat(document.getElementById('now-time').textContent)"
-    browser.wait_for(now, lambda time: time < 0.2)
-    browser.run("document.getElementById('play').click()")
+    browser.run("document.getElementById('speed').value = '0.05'")
+    browser.click("play")
+    browser.wait_for(TIME, lambda time: time < 0.2)
+    browser.click("play")
 
 
 def test_forces_can_be_hidden(opened):
     browser = opened("animation")
     shown = "Array.from(document.querySelectorAll('g.external')).map(g => getComputedStyle(g).display)"
     assert browser.run(shown) == ["inline", "inline"]
-    browser.run("document.getElementById('show-external').click()")
+    browser.click("show-external")
     assert browser.run(shown) == ["none", "none"]
 
 

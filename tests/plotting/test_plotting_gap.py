@@ -254,6 +254,8 @@ def test_reduction_draws_every_finite_ratio_and_says_those_beyond_its_edge():
 
 def test_a_result_is_drawn_at_the_condition(compared_hum):
     result = answered(compared_hum["hum"])
+    for kind in ("spectrum", "orders", "distribution", "differences", "closed"):
+        assert result.plot(kind, condition=1).ax_.has_data()
     assert result.plot("differences", condition=1).where is result.where[1]
     assert result.plot("closed", condition=1).drawn_ == [("after", "all", 97.0)]
     for number, condition in enumerate((FIRST, SECOND)):

@@ -2,28 +2,21 @@
 
 import sys
 
-import numpy as np
 import pytest
-from sklearn.naive_bayes import GaussianNB
+from pages import PICTURE, evaluated
 
-from cyclofeat.counting import evaluate
 from cyclofeat.report import check_page_path, write_evaluation_report
 
 
 @pytest.fixture(scope="module")
 def content():
-    """Results of a small evaluation."""
-    y = np.repeat(np.arange(30) % 3, 2)
-    groups = np.repeat(np.arange(30), 2)
-    X = y[:, np.newaxis] + np.random.default_rng(0).normal(0, 0.5, (60, 1))
-    return {"bayes": evaluate(GaussianNB(), X, y, groups)}
+    return {"bayes": evaluated()}
 
 
 @pytest.fixture
 def _no_pictures(monkeypatch):
     """Pages without the time that their pictures take."""
-    drawn = {"image": "data:,", "alt": "", "width": 1, "height": 1}
-    monkeypatch.setattr("cyclofeat.report._figures.draw_picture", lambda *_, **__: drawn)
+    monkeypatch.setattr("cyclofeat.report._figures.draw_picture", lambda *_, **__: PICTURE)
 
 
 @pytest.mark.usefixtures("_no_pictures")

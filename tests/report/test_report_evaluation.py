@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from pages import assert_in_order, parse, read_words, summary_of, words
+from pages import assert_in_order, parse, read_words, small_windows, summary_of, words
 from sklearn.naive_bayes import GaussianNB
 
 from cyclofeat.counting import evaluate
@@ -14,12 +14,7 @@ from cyclofeat.report import write_evaluation_report
 
 @pytest.fixture(scope="module")
 def data():
-    """Sixty assemblies of two windows, three counts that overlap."""
-    random = np.random.default_rng(0)
-    y = np.repeat(np.arange(60) % 3, 2)
-    groups = np.repeat([f"A<{k}>" for k in range(60)], 2)
-    X = y[:, np.newaxis] + random.normal(0, 0.5, (120, 1))
-    return X, y, groups
+    return small_windows(60)
 
 
 @pytest.fixture(scope="module")

@@ -11,11 +11,9 @@ import pandas as pd
 import pytest
 from gap_answers import REMAINDER, answered
 from matplotlib.figure import Figure
-from pages import assert_in_order, parse, without_pictures, words
-from sklearn.naive_bayes import GaussianNB
+from pages import PICTURE, assert_in_order, evaluated, parse, without_pictures, words
 
 from cyclofeat import Recording
-from cyclofeat.counting import evaluate
 from cyclofeat.plotting import TorqueDisplay
 from cyclofeat.report import Report, write_evaluation_report, write_gap_report
 
@@ -90,17 +88,13 @@ def test_a_data_frame_keeps_its_named_index_and_marks_what_is_missing(tmp_path):
 
 @pytest.mark.slow
 def test_whole_pages_become_sections_whose_links_stay_apart(tmp_path, compared_hum, monkeypatch):
-    drawn = {"image": "data:,", "alt": "", "width": 1, "height": 1}
-    monkeypatch.setattr("cyclofeat.report._figures.draw_picture", lambda *_, **__: drawn)
-    y = np.repeat(np.arange(30) % 3, 2)
-    X = y[:, np.newaxis] + np.random.default_rng(0).normal(0, 0.5, (60, 1))
-    evaluation = evaluate(GaussianNB(), X, y, np.repeat(np.arange(30), 2))
+    monkeypatch.setattr("cyclofeat.report._figures.draw_picture", lambda *_, **__: PICTURE)
     result = answered(compared_hum["hum"], remainder=REMAINDER)
     report = (
         Report("Both")
         .add_page(write_gap_report, result)
         .add_page(write_gap_report, result, title="Again")
-        .add_page(write_evaluation_report, {"bayes": evaluation})
+        .add_page(write_evaluation_report, {"bayes": evaluated()})
     )
     parsed = parse(report.write(tmp_path / "both.html").read_text(encoding="utf-8"))
     ids = [value for _, name, value in parsed.attributes if name == "id"]
