@@ -539,7 +539,7 @@ def simulate_on_cluster(
         raise ImportError("a scheduler needs dask.distributed: pip install distributed") from None
     waiting: deque[Any] = deque()
     try:
-        client = Client(scheduler, timeout=CONNECT_S, set_as_default=False)  # type: ignore[no-untyped-call]
+        client: Any = Client(scheduler, timeout=CONNECT_S, set_as_default=False)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:
         raise WorkerLost(
             f"no Dask scheduler answers at {scheduler!r} ({' '.join(str(error).split())}): give the address "

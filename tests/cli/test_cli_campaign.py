@@ -121,7 +121,7 @@ def test_mistakes_in_the_work(capsys, design, tmp_path):
         file.seek(500)
         file.write(b"\x01\x02")
     _, err = call(capsys, "campaign", "--verify", out, code=2)
-    assert "shard-00001.npy was changed" in err
+    assert "shard-00001.npy: was changed" in err
 
 
 def test_failed_runs_are_told_and_none_that_ended_is_an_error(capsys, tmp_path):
