@@ -38,6 +38,9 @@ PACKAGED = "packaged"  # word for the posterior that comes with the package
 _RECORDINGS, _RIGS = 12, 240
 _MACHINES = 4000  # about an hour of two cores
 _COMPARISON_S = 150.0  # of one core
+_OF_GAP = (
+    "--hold-out", "--out", "--save-simulator", "--train", "--simulated", "--alpha", "--one-assembly",
+)  # fmt: skip
 
 
 def add_check(parser: argparse.ArgumentParser) -> None:
@@ -60,10 +63,7 @@ def add_check(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     add_idle(parser, "--recordings", beside=["MEASURED"])
     add_idle(parser, "--recordings", "--rigs", without=["--check"])
-    add_idle(
-        parser, "--hold-out", "--out", "--save-simulator", "--train", "--simulated", "--alpha",
-        "--one-assembly", "--cache", beside=["--check"],
-    )  # fmt: skip
+    add_idle(parser, *_OF_GAP, "--cache", beside=["--check"])
 
 
 def run_check(arguments: argparse.Namespace) -> Printed:
@@ -128,10 +128,7 @@ def add_preparation(parser: argparse.ArgumentParser) -> None:
         "cores); more of them can be added later with the same --cache",
     )  # fmt: skip
     add_idle(parser, "--machines", "--effects", without=["--prepare"])
-    add_idle(
-        parser, "--hold-out", "--out", "--save-simulator", "--train", "--simulated", "--alpha",
-        "--one-assembly", "--check", beside=["--prepare"],
-    )  # fmt: skip
+    add_idle(parser, *_OF_GAP, "--check", beside=["--prepare"])
 
 
 def prepare_posterior(arguments: argparse.Namespace) -> Printed:

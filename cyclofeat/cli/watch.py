@@ -9,12 +9,11 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Self
 
 from cyclofeat._base.files import check_parent
 from cyclofeat.cli._options import (
@@ -194,7 +193,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
         if folder.exists():
             raise NotADirectoryError(f"{folder} is a file: watch takes a folder")
         raise FileNotFoundError(f"no such folder: {folder}")
-    with _Stop() as stop:
+    with _stop_on_request() as stops:
         done = DoneList(None if arguments.done is None else Path(arguments.done))
         ignored = {MANIFEST} | ({Path(arguments.done).name} if arguments.done else set())
         watch = FolderWatch(folder, tuple(SOURCES), arguments.settle, done, ignored=ignored)
@@ -202,7 +201,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
             note(f"cyclofeat: watching {folder}, stop with Ctrl-C")
         counted = failed = 0
         with closing(RecordingCounter(arguments, folder.resolve().name)) as counter:
-            for arrival in _count_arrivals(arguments, watch, counter, stop):
+            for arrival in _count_arrivals(arguments, watch, counter, stops):
                 counted += not arrival.error
                 failed += bool(arrival.error)
                 yield arrival
@@ -212,39 +211,30 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     note(f"cyclofeat: {ended}: {counted} counted, {failed} could not be")
 
 
-class _Stop:
-    """Request to stop by Ctrl-C or SIGTERM, after which the file in hand is finished first.
+@contextmanager
+def _stop_on_request() -> Iterator[Callable[[], bool]]:
+    """Yield a function that tells whether Ctrl-C or SIGTERM asks to stop, once the file in hand is finished.
 
     A signal's handler must not take the lock of a threading.Event.
     """
+    asked: list[int] = []
 
-    def __init__(self) -> None:
-        self.asked = False
-        self._before: dict[signal.Signals, Any] = {}
-
-    def __enter__(self) -> Self:
-        if threading.current_thread() is threading.main_thread():  # Python allows handlers nowhere else
-            for name in (signal.SIGINT, signal.SIGTERM):
-                self._before[name] = signal.signal(name, self)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for name, handler in self._before.items():
-            signal.signal(name, handler)
-
-    def __call__(self, *_: object) -> None:
-        if self.asked:  # a second signal: do not wait for work that hangs
+    def ask(number: int, _: object) -> None:
+        if asked:  # a second signal: do not wait for work that hangs
             raise KeyboardInterrupt
-        self.asked = True
+        asked.append(number)
 
-    def wait(self, seconds: float) -> None:
-        end = time.monotonic() + seconds
-        while not self.asked and (rest := end - time.monotonic()) > 0:
-            time.sleep(min(rest, 0.1))
+    main = threading.current_thread() is threading.main_thread()  # Python allows handlers nowhere else
+    before = {name: signal.signal(name, ask) for name in (signal.SIGINT, signal.SIGTERM) if main}
+    try:
+        yield lambda: bool(asked)
+    finally:
+        for name, handler in before.items():
+            signal.signal(name, handler)
 
 
 def _count_arrivals(
-    arguments: argparse.Namespace, watch: FolderWatch, counter: RecordingCounter, stop: _Stop
+    arguments: argparse.Namespace, watch: FolderWatch, counter: RecordingCounter, stops: Callable[[], bool]
 ) -> Iterator[Printed]:
     """Look, count, wait."""
     from cyclofeat.datasets import read_recording
@@ -263,11 +253,11 @@ def _count_arrivals(
                 watch.done.write()
 
     began = now = time.monotonic()
-    while not stop.asked:
+    while not stops():
         ready: list[Path] = []
         with _retrying("folder cannot be read", troubles):
             ready = watch.poll(now)
-        for path in itertools.takewhile(lambda _: not stop.asked, ready):
+        for path in itertools.takewhile(lambda _: not stops(), ready):
             try:
                 counted = counter.count(path, read_recording(path, **options))
             except FileNotFoundError:
@@ -291,7 +281,9 @@ def _count_arrivals(
             yield Printed("", facts, message, failed=arguments.once)
         if last:
             break
-        stop.wait(min(arguments.interval, arguments.settle) if arguments.once else arguments.interval)
+        pause = min(arguments.interval, arguments.settle) if arguments.once else arguments.interval
+        while not stops() and (rest := now + pause - time.monotonic()) > 0:
+            time.sleep(min(rest, 0.1))
         now = time.monotonic()
 
 
