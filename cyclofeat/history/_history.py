@@ -54,6 +54,9 @@ CREATE TABLE recording (
 );
 CREATE INDEX recording_by_gearbox ON recording (gearbox, time, id);
 """
+# What a state needs of an answer: the others take long to read.
+_DEPTH = ("wear_um", "wear_um_low", "wear_um_high", "wear_um_coverage")
+_WEAR = ", ".join(f"'{name}', json_extract(answer, '$.{name}')" for name in _DEPTH)
 _ADD_MODEL = """
 INSERT INTO model (card_sha256, description, scores) VALUES (?, ?, ?) ON CONFLICT (card_sha256) DO NOTHING
 """
@@ -228,13 +231,7 @@ class History:
         -------
         list of HistoryRow
         """
-        columns = [column.name for column in fields(HistoryRow)]
-        rows = self._select_rows(
-            f"SELECT {', '.join(columns)} FROM recording WHERE gearbox = ? "
-            "ORDER BY time DESC, id DESC LIMIT ?",
-            (gearbox, -1 if last is None else last),
-        )
-        return [HistoryRow(*(*others, json.loads(answer))) for *others, answer in reversed(rows)]
+        return self._read_rows(gearbox, -1 if last is None else last)
 
     def to_frame(self, gearbox: str) -> pd.DataFrame:
         """Return the recordings of a gearbox as a table.
@@ -273,7 +270,7 @@ class History:
         -------
         GearboxState
         """
-        rows = self.rows(gearbox)
+        rows = self._read_rows(gearbox, answer=f"json_object({_WEAR})")
         if not rows:
             known = ", ".join(self.gearboxes()) or "none"
             raise ValueError(f"gearbox must be one of the history, {known}, got {gearbox!r}")
@@ -286,6 +283,15 @@ class History:
 
     def _is_new(self) -> bool:
         return not self._connection.execute("SELECT count(*) FROM sqlite_schema").fetchone()[0]
+
+    def _read_rows(self, gearbox: str, last: int = -1, answer: str = "answer") -> list[HistoryRow]:
+        *columns, _ = (column.name for column in fields(HistoryRow))
+        rows = self._select_rows(
+            f"SELECT {', '.join(columns)}, {answer} FROM recording WHERE gearbox = ? "
+            "ORDER BY time DESC, id DESC LIMIT ?",
+            (gearbox, last),
+        )
+        return [HistoryRow(*(*others, json.loads(answer))) for *others, answer in reversed(rows)]
 
     def _select_rows(self, statement: str, values: Sequence[Any] = ()) -> list[Any]:
         with self._name_errors():
