@@ -23,20 +23,10 @@ def find_chromium() -> str | None:
 
 
 class Browser:
-    """One page of one browser, without network.
+    """One page of one browser, which offline reaches nothing at all, otherwise only this machine.
 
-    Parameters
-    ----------
-    profile : pathlib.Path
-    offline : bool
-        Reach nothing at all; otherwise only addresses of this machine.
-
-    Attributes
-    ----------
-    said : list of str
-        What a page said to its console or the browser of it: errors, warnings, violated policies.
-    asked : list of str
-        Addresses that were asked for.
+    ``said`` is what a page said to its console or the browser of it: errors, warnings, violated policies;
+    ``asked`` are the addresses that were asked for.
     """
 
     def __init__(self, profile: Path, *, offline: bool = True) -> None:
@@ -114,8 +104,7 @@ class Browser:
     def _note(self, event: dict[str, Any]) -> None:
         name, what = event.get("method"), event.get("params", {})
         if name == "Runtime.exceptionThrown":
-            details = what["exceptionDetails"]
-            self.said.append(str(details.get("exception", details).get("description", details)))
+            self.said.append(json.dumps(what["exceptionDetails"]))
         elif name == "Runtime.consoleAPICalled":
             self.said.append(f"{what['type']}: {[argument.get('value') for argument in what['args']]}")
         elif name == "Log.entryAdded":
@@ -175,10 +164,10 @@ class Browser:
 
     def box(self, selector: str) -> tuple[float, float, float, float]:
         """Left, top, width and height of an element, which is scrolled into view."""
+        element = f"document.querySelector('{selector}')"
+        self.run(f"{element}.scrollIntoView({{block: 'center'}})")
         left, top, width, height = self.run(
-            f"(() => {{ const e = document.querySelector('{selector}');"
-            " e.scrollIntoView({block: 'center'}); const r = e.getBoundingClientRect();"
-            " return [r.x, r.y, r.width, r.height]; })()"
+            f"['x', 'y', 'width', 'height'].map(k => {element}.getBoundingClientRect()[k])"
         )
         return left, top, width, height
 

@@ -64,10 +64,7 @@ def pages(tmp_path_factory, compared_hum, run):
     torque[400:600] = torque[400]
     spoiled = Recording.concatenate([worn.replace(torque=torque), worn]).with_bad_spans([(1, 1.5)])
     report = Report("Recordings").add_heading(HOSTILE).add_text("clipped: 1 %").add_figure(spoiled)
-    gap, of_gap = (
-        answered(compared_hum["hum"]),
-        {"sources": ["surrogate"] * 12, "settings": {"model": HOSTILE}},
-    )
+    gap, of_gap = answered(compared_hum["hum"]), {"sources": ["surrogate"], "settings": {"model": HOSTILE}}
     several = {"failures": {"bad.csv": "empty"}, "most_sections": 2}
     return {
         "count": write_count_report(model, counted[:1], folder / "count.html"),
@@ -192,9 +189,9 @@ def test_the_keyboard_zooms_and_reads_the_recorded_values(opened):
 def test_plots_of_the_gap_can_hide_a_curve(opened):
     browser = opened("gap")
     toggle = "document.querySelector('.live .legend button')"
-    assert browser.run(f"{toggle}.getAttribute('aria-pressed')") == "true"
-    browser.run(f"{toggle}.click()")
-    assert browser.run(f"{toggle}.getAttribute('aria-pressed')") == "false"
+    pressed = f"{toggle}.getAttribute('aria-pressed')"
+    assert browser.run(pressed) == "true"
+    assert browser.run(f"{toggle}.click(); {pressed}") == "false"
     browser.run("document.querySelector('.zoom').focus()")
     browser.press("ArrowRight")
     assert "model" not in said(browser).split("corrected")[0]
@@ -236,10 +233,8 @@ def state(browser):
 
 
 def scrub_to(browser, frame):
-    browser.run(
-        f"(() => {{ const s = document.getElementById('scrub'); s.value = {frame};"
-        " s.dispatchEvent(new Event('input', {bubbles: true})); })()"
-    )
+    slider = "document.getElementById('scrub')"
+    browser.run(f"{slider}.value = {frame}; {slider}.dispatchEvent(new Event('input', {{bubbles: true}}))")
 
 
 def test_it_turns_when_played_and_stands_when_stopped(opened):
@@ -278,14 +273,11 @@ def test_arrows_point_to_where_the_simulated_sleeves_touch(opened, run):
         "[0, 1].map(w => Array.from(document.querySelectorAll(`#wheel-${w} g.external path`))"
         ".map(p => (p.getAttribute('d').match(/^M(\\S+) (\\S+)L/) || []).slice(1).map(Number)))"
     )
-    forces, points = run.external_forces[sample], run.external_points[sample]
-    drawn = 0
-    for wheel in range(2):
-        for pin in np.flatnonzero(forces[wheel] > 25):
-            tip = complex(*tips[wheel][pin])
-            assert abs(tip - 1e3 * points[wheel, pin]) < 0.3  # mm: forces are sent as whole N
-            drawn += 1
-    assert drawn > 0
+    loaded = np.argwhere(run.external_forces[sample] > 25)
+    assert loaded.size
+    for wheel, pin in loaded:
+        touching = 1e3 * run.external_points[sample, wheel, pin]
+        assert abs(complex(*tips[wheel][pin]) - touching) < 0.3  # mm: forces are sent as whole N
 
 
 def test_the_keyboard_is_enough(opened):

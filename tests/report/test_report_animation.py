@@ -34,11 +34,6 @@ def picked(run):
     return np.linspace(0.25 * 6400, run.torque_out.size - 1, 60).round().astype(int)
 
 
-def vectors(rows, n):
-    pairs = np.asarray(rows).reshape(len(rows), 2, n, 2)
-    return pairs[..., 0] + 1j * pairs[..., 1]
-
-
 def distance_to(outline, point):
     """From a point to a closed polyline."""
     ahead = np.roll(outline, -1)
@@ -48,10 +43,8 @@ def distance_to(outline, point):
 
 
 def test_arrows_have_the_size_of_the_simulated_forces(run, machine, picked):
-    for kind, n, forces in (
-        ("external", 16, run.external_forces), ("internal", 8, run.internal_forces)
-    ):  # fmt: skip
-        drawn = np.abs(vectors(machine[kind], n))
+    for kind, n, forces in (("external", 16, run.external_forces), ("internal", 8, run.internal_forces)):
+        drawn = np.abs(np.reshape(machine[kind], (60, 2, n, 2)) @ [1, 1j])
         np.testing.assert_allclose(drawn, forces[picked], atol=0.8)  # whole N along x and y
 
 
@@ -87,10 +80,7 @@ def test_the_shaded_times_are_the_passages_of_the_worn_lobes(run, machine):
     first = round(0.25 * 6400)
     passage = float(passage_of_lobe_zero(run.input_angle[first : first + 1])[0])
     turn = 15 / 16 * 2 * np.pi / run.gearbox.input_speed  # in which the cam passes all lobes once
-    middles = np.array([(begin + end) / 2 for begin, end in machine["bands"]])
-    whole = [
-        b for b, (begin, end) in zip(middles, machine["bands"], strict=True) if begin > 0 and end < 0.2499
-    ]
+    whole = [(begin + end) / 2 for begin, end in machine["bands"] if begin > 0 and end < 0.2499]
     expected = [turn * ((passage + lobe / 15) % 1 + k) for lobe in WORN for k in range(3)]
     assert len(whole) >= 3
     for middle in whole:
