@@ -21,7 +21,8 @@ from scipy.stats import norm
 
 from benchmarks._markdown import line, share, table
 from benchmarks._versions import kept_in
-from cyclofeat.counting import LobeCount, LobeModel, lobe_lines_nm, runs_of
+from cyclofeat.counting import LobeCount, LobeModel
+from cyclofeat.counting.model.radial_wear import lobe_lines_nm, runs_of
 from cyclofeat.datasets import make_rig_recordings, rig_preset
 from cyclofeat.recordings import Recording
 from cyclofeat.recordings.windower import lobe_windower

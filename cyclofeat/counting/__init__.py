@@ -30,16 +30,12 @@ from cyclofeat.counting.estimators.entropy_ladder import EntropyLadder
 from cyclofeat.counting.estimators.lobe_counter import LobeCounter
 from cyclofeat.counting.estimators.lobe_positions import passage_of_lobe_zero
 from cyclofeat.counting.estimators.pipelines import make_lobe_counter
-from cyclofeat.counting.evaluation.assembly_folds import grouped_folds as grouped_folds
 from cyclofeat.counting.evaluation.evaluate import Protocol, evaluate
 from cyclofeat.counting.evaluation.evaluation import Evaluation
 from cyclofeat.counting.evaluation.rank_features import rank_features
 from cyclofeat.counting.model._training import samples_per_turn_at as samples_per_turn_at
 from cyclofeat.counting.model.lobe_count import LobeCount, counts_frame
 from cyclofeat.counting.model.lobe_model import LobeModel
-from cyclofeat.counting.model.radial_wear import lobe_lines_nm as lobe_lines_nm
-from cyclofeat.counting.model.radial_wear import runs_of as runs_of
-from cyclofeat.counting.model.radial_wear import wear_features as wear_features
 
 if TYPE_CHECKING:
     from cyclofeat.counting.model.lobe_stream import LobeStream

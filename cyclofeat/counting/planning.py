@@ -40,19 +40,15 @@ _OF_TABLE = ("depth", "tabulated_noise_nm", "tabulated_depth", "largest_noise_nm
 
 @dataclass(frozen=True)
 class Trial:
-    """Simulated assemblies with ``worn`` lobes or one more, of which ``right`` were identified correctly.
-
-    ``depth`` is a share of the lobe's width, ``noise_nm`` the standard deviation of the white noise in Nm,
-    and ``turns`` the output turns recorded. An assembly counts in part if some of its recordings are right.
-    """
+    """Simulated assemblies with ``worn`` lobes or one more, of which ``right`` were identified correctly."""
 
     rig: str
-    depth: float
-    noise_nm: float
-    turns: int
+    depth: float  # share of the lobe's width
+    noise_nm: float  # standard deviation of the white noise
+    turns: int  # output turns recorded
     worn: int
     assemblies: int
-    right: float
+    right: float  # an assembly counts in part if some of its recordings are right
 
     @property
     def probability(self) -> float:
@@ -81,8 +77,7 @@ class MeasurementPlan:
         Length of the recording in output turns, and in s: the shortest that is enough, or with ``depths_um``
         the requested one; None where the table's longest is not enough.
     probability : float or tuple of float
-        Probability of the right answer with ``turns``, or with the table's longest recording where that is
-        None; with ``depths_um`` at each of them.
+        Probability of the right answer with ``turns``, or the table's longest; at each of ``depths_um``.
     assemblies : int
         Simulated assemblies on which that stands.
     depths_um : tuple of float or None
@@ -244,9 +239,8 @@ def plan_measurement(
     -----
     *Table.* Simulated assemblies of rig R1 (an assumption: brake rotor 0.02 kg m2 behind 10 kNm/rad, 3 Nm rms
     drift below 1.5 Hz), neighbouring worn lobes, a counter trained on the same rig at the same noise and all
-    depths. On a rig that was not trained on, expect less. The next worse entry in noise and depth answers,
-    without interpolation. The probability is (right + 1)/(assemblies + 2), Laplace's rule of succession: a
-    confidence above ``reachable`` cannot be shown with so few assemblies.
+    depths. On another rig, expect less. The next worse entry in noise and depth answers. The probability is
+    (right + 1)/(assemblies + 2), Laplace's rule of succession.
 
     *Simulation.* The same assemblies are simulated healthy and worn, without noise. Let h_k be the mean power
     of lobe line k over the healthy ones, d_k the change of its amplitude by the wear, and w = 6 noise_nm^2 /

@@ -97,15 +97,14 @@ def test_folds_fitted_in_processes_give_the_same_scores():
 
 
 def test_one_assembly_is_left_out_at_a_time_and_groups_are_handed_over():
-    result = evaluate(
-        Recorder(), held(COUNTS, GROUPS), COUNTS, GROUPS, protocol=Protocol("leave-one-assembly-out")
-    )
+    protocol = Protocol("leave-one-condition-out", conditions=GROUPS)
+    result = evaluate(Recorder(), held(COUNTS, GROUPS), COUNTS, GROUPS, protocol=protocol)
     assert len(Recorder.calls) == 24
     for k, (seen, asked, groups) in enumerate(Recorder.calls):
         assert asked == {2 * k, 2 * k + 1}
         assert not seen & asked
         assert groups == set(range(24)) - {k}
-    assert result.protocol == "leave-one-assembly-out"
+    assert result.protocol == "leave-one-condition-out"
     assert result.accuracy == 1
 
 

@@ -7,7 +7,8 @@ import pytest
 from command import call
 from scipy.stats import betabinom
 
-from cyclofeat.counting import MeasurementPlan, lobe_lines_nm, plan_measurement
+from cyclofeat.counting import MeasurementPlan, plan_measurement
+from cyclofeat.counting.model.radial_wear import lobe_lines_nm
 from cyclofeat.counting.planning import (
     _NOISE_IN_LINE,
     Trial,

@@ -10,9 +10,9 @@ import pytest
 from numpy.testing import assert_allclose
 from small_model import RATE, make_networks_small, recording, recordings_with_wear, shaft_model, wear_model
 
-from cyclofeat.counting import LobeModel, LobeStream, counts_frame, wear_features
+from cyclofeat.counting import LobeModel, LobeStream, counts_frame
 from cyclofeat.counting.calibration.conformal_regressor import ConformalRegressor
-from cyclofeat.counting.model.radial_wear import least_visible_depth, runs_of
+from cyclofeat.counting.model.radial_wear import least_visible_depth, runs_of, wear_features
 from cyclofeat.models import load_model, save_model
 from cyclofeat.models.card import read_card
 from cyclofeat.recordings.windower import SAMPLES_PER_TURN

@@ -30,42 +30,9 @@ class ConformalRegressor(RegressorMixin, BaseEstimator):
     disagree (Papadopoulos et al., Normalized nonconformity measures, 2008). The *assembly* is the unit. The
     coverage holds to good approximation, without a guarantee, and on average over all values, not for each.
 
-    Parameters
-    ----------
-    n_trees : int, default=300
-        Number of trees.
-    coverage : float, default=0.9
-        Share of new assemblies whose interval holds the true value.
-    n_splits : int, default=5
-        Folds by assembly; no more than there are assemblies.
-    random_state : int or None, default=0
-        Seed of the trees.
-
-    Attributes
-    ----------
-    trees_ : sklearn.ensemble.ExtraTreesRegressor
-        Fitted to all assemblies.
-    ratio_ : float
-        Half the interval in units of the trees' spread; infinite where assemblies are too few for the
-        coverage.
-    least_spread_ : float
-        Added to the trees' spread.
-    held_out_ : ndarray, shape (n_samples,)
-        Prediction of each training sample by trees that have not seen its assembly; NaN where there is one
-        assembly only.
-    values_ : ndarray, shape (n_samples,)
-        True value of each training sample.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> random = np.random.default_rng(0)
-    >>> X = random.uniform(size=(200, 1))
-    >>> y = 3 * X[:, 0] + random.normal(scale=0.1, size=200)
-    >>> regressor = ConformalRegressor(n_trees=50).fit(X[:100], y[:100])
-    >>> low, high = regressor.predict_interval(X[100:])
-    >>> round(float(np.mean((low <= y[100:]) & (y[100:] <= high))), 1) >= 0.9
-    True
+    Half the interval is ``ratio_`` times the trees' spread plus ``least_spread_``; infinite where assemblies
+    are too few. ``held_out_`` are predictions of the training's ``values_`` by trees that have not seen their
+    assembly, NaN where there is only one.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -76,8 +43,8 @@ class ConformalRegressor(RegressorMixin, BaseEstimator):
     }
 
     n_trees: int = 300
-    coverage: float = 0.9
-    n_splits: int = 5
+    coverage: float = 0.9  # share of new assemblies whose interval holds the true value
+    n_splits: int = 5  # folds by assembly, no more than there are assemblies
     random_state: int | None = 0
 
     @fit_context(prefer_skip_nested_validation=True)

@@ -70,8 +70,8 @@ class TrainingDomain(BaseEstimator):
     >>> import numpy as np
     >>> X = np.random.default_rng(0).normal(size=(100, 2))
     >>> domain = TrainingDomain().fit(X)
-    >>> domain.predict([[0.0, 0.5], [6.0, 0.0]])
-    array([ 1, -1])
+    >>> domain.distance([[0.0, 0.5], [6.0, 0.0]]) > 1
+    array([False,  True])
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -189,19 +189,6 @@ class TrainingDomain(BaseEstimator):
         ndarray, shape (n_windows,)
         """
         return np.asarray(self._class_distances(X).min(axis=1))
-
-    def predict(self, X: ArrayLike) -> NDArray[np.int64]:
-        """Return 1 for windows inside and -1 for those outside.
-
-        Parameters
-        ----------
-        X : array-like, shape (n_windows, n_features)
-
-        Returns
-        -------
-        ndarray of int, shape (n_windows,)
-        """
-        return np.where(self.distance(X) <= 1, 1, -1)
 
 
 def lowest_seen(counter: Any) -> Float | None:

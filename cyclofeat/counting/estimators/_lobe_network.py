@@ -99,15 +99,14 @@ def train_network(
 ) -> dict[str, NDArray[np.float16]]:
     """Train a network.
 
-    The probability of the true length, with a beginning at most half a lobe from the true one, is that of
-    all lengths and places together: the loss is its logarithm. In each epoch a window is another variant of
-    itself: turned at random, and with a gain and phase that change smoothly over the lobe lines, as behind
-    another rotor and torque meter. A fifth of the variants get noise, or impacts of a neighbouring machine
-    at the lobe rate, which look like a worn lobe.
+    The loss is the logarithm of the probability of the true length with a beginning at most half a lobe from
+    the true one. In each epoch a window is another variant of itself: turned at random, with a gain and phase
+    that change smoothly over the lobe lines, as behind another rotor and torque meter; a fifth get noise, or
+    impacts of a neighbouring machine at the lobe rate, which look like a worn lobe.
 
     For each window, ``length`` is the number of the length of the row, from 0 on, or -1 for a sound disc, and
-    ``begins`` where the row begins, in turns of the fold. The weights are in half precision: their errors are
-    far below those of the network, and files are half as large.
+    ``begins`` where the row begins, in turns of the fold. Weights in half precision err far less than the
+    network, and files are half as large.
     """
     jax, _, _ = import_jax()
     n, n_lines = lines.shape

@@ -43,7 +43,7 @@ from cyclofeat.recordings import Recording
 if TYPE_CHECKING:
     from cyclofeat.counting.model.lobe_count import LobeCount
 
-HOLD_OUT = ("stratified", "leave-one-assembly-out", "leave-one-condition-out", "nothing")
+HOLD_OUT = ("stratified", "leave-one-condition-out", "nothing")
 _LEAK = (
     "groups must name the assembly of every window, got None: windows of one recording look alike for "
     "reasons that have nothing to do with wear, so a split that puts them on both sides measures how well "
@@ -57,15 +57,14 @@ class Protocol:
 
     Parameters
     ----------
-    hold_out : {"stratified", "leave-one-assembly-out", "leave-one-condition-out", "nothing"}, \
-default="stratified"
+    hold_out : {"stratified", "leave-one-condition-out", "nothing"}, default="stratified"
         What is held out in turn: a share of the assemblies of every class
-        (``StratifiedGroupKFold(shuffle=True)``); one assembly; all windows of one condition (the training
-        windows are then those of other conditions *and* other assemblies). ``"nothing"``: the counter is
-        fitted already, to other assemblies, and only tested.
+        (``StratifiedGroupKFold(shuffle=True)``); all windows of one condition (the training windows are then
+        those of other conditions *and* other assemblies). ``"nothing"``: the counter is fitted already, to
+        other assemblies, and only tested.
     conditions : array-like, shape (n_windows,), optional
-        Load, speed, material or whatever the windows differ in besides the count. Required to leave one
-        condition out; otherwise the accuracy of each condition is reported.
+        Load, speed, material or whatever the windows differ in besides the count, or the assemblies to leave
+        out one by one. The accuracy of each condition is reported.
     n_splits : int, default=5
         Number of folds of ``"stratified"``.
     confidence : float, default=0.95
@@ -247,20 +246,13 @@ def folds_of(protocol: Protocol, data: LabelledData, conditions: NDArray[Any] | 
                 )
             folds.append((np.flatnonzero(train), np.flatnonzero(test)))
         return folds
-    stratified = protocol.hold_out == "stratified"
-    least = protocol.n_splits if stratified else 2
     for label in np.unique(data.y):
         n_assemblies = np.unique(data.groups[data.y == label]).size
-        if n_assemblies < least:
-            fewer = f"n_splits = {least}" if stratified else f"the 2 that {protocol.hold_out} needs"
-            lower = " or take fewer folds" if stratified and n_assemblies > 1 else ""
+        if n_assemblies < protocol.n_splits:
             raise ValueError(
-                f"class {label} has {number_of(n_assemblies, 'assembly')}, fewer than {fewer}: each fold "
-                f"holds out another; record more{lower}"
+                f"class {label} has {number_of(n_assemblies, 'assembly')}, fewer than n_splits = "
+                f"{protocol.n_splits}: each fold holds out another; record more or take fewer folds"
             )
-    if not stratified:
-        held_out = (data.groups == name for name in np.unique(data.groups))
-        return [(np.flatnonzero(~rows), np.flatnonzero(rows)) for rows in held_out]
     splitter = StratifiedGroupKFold(
         n_splits=protocol.n_splits, shuffle=True, random_state=protocol.random_state
     )

@@ -195,15 +195,13 @@ def counts_frame(counts: Mapping[str, LobeCount] | Sequence[LobeCount]) -> pd.Da
     """
     given = counts if isinstance(counts, Mapping) else dict(enumerate(counts))
     rows = []
-    for one in given.values():
-        of_counts = {f"probability_{count}": p for count, p in one.probability.items()}
-        row = one.to_dict() | {"probability": one.probability[one.defect_count], "lobes": one.lobes}
-        rows.append({name: row[name] for name in row if name != "lobe_probability"} | of_counts)
-    frame = data_frame(rows)
-    if rows:
-        frame = frame.astype({"defect_count": "Int64", "refused_defect_count": "Int64"})
-    frame.index = data_frame({"recording": [*given]}).set_index("recording").index
-    return frame
+    for recording, one in given.items():
+        row = {"recording": recording} | one.to_dict() | {"lobes": one.lobes}
+        del row["lobe_probability"]
+        row["probability"] = one.probability[one.defect_count]
+        rows.append(row | {f"probability_{count}": p for count, p in one.probability.items()})
+    frame: pd.DataFrame = data_frame(rows or {"recording": []}).set_index("recording")
+    return frame.astype(dict.fromkeys(frame.columns[:2], "Int64"))  # counts may be missing
 
 
 @dataclass(frozen=True)

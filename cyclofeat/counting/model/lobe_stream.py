@@ -103,11 +103,6 @@ class LobeStream:
         self._counted: list[WindowCount] = []  # and not returned yet
         self._run: list[Float] = []  # of windows without a fault
 
-    @property
-    def n_samples(self) -> int:
-        """Samples since the stream began or the last :meth:`result`."""
-        return self._n_samples
-
     def push(self, samples: ArrayLike, angle: ArrayLike | None = None) -> list[WindowCount]:
         """Take the next samples and count the windows that they complete.
 

@@ -76,40 +76,24 @@ class RadialWear:
 
     Early wear changes the torque by less than the noise in one window. The lobe lines of several windows in a
     row are narrower by as many times: they stand out of the noise, and apart from the lines of the shaft.
-
-    Attributes
-    ----------
-    counter : GroupCalibratedCounter or LobeCounter
-        Fitted to the features of runs, or to runs; classes are defect counts.
-    depth : ConformalRegressor
-        Fitted to the logarithm of the depth in um, by the features of runs and the probabilities of counts.
-    n_windows, n_lobes, samples_per_turn : int
-        Windows of a run; lobes of a disc; samples per input turn of the windows.
-    range_um : tuple of float
-        Least and largest depth of the training.
-    limit_um : float or None
-        Least depth at which 9 of 10 worn assemblies were not counted as healthy; None where not even the
-        deepest wear was seen so often, or no assembly was healthy.
-    accuracy : float or None
-        Share of runs counted right by counters that have not seen their assembly; None where assemblies are
-        too few.
-    false_alarms : float or None
-        Share of healthy runs that these count as worn; None also where none is healthy.
-    sound_odds : float
-        How many times as frequent a sound disc is taken to be as a disc of each other count: at least once,
-        and as often as it takes for about 5 % of the healthy runs to be counted as worn by counters that have
-        not seen their assembly. Faint wear is like none: with equal odds a third of them may be.
     """
 
-    counter: GroupCalibratedCounter | LobeCounter
-    depth: ConformalRegressor
-    n_windows: int
+    counter: GroupCalibratedCounter | LobeCounter  # of the features of runs, or of runs
+    depth: (
+        ConformalRegressor  # of the logarithm of the depth in um, from features and probabilities of counts
+    )
+    n_windows: int  # of a run
     n_lobes: int
-    range_um: tuple[float, float]
-    limit_um: float | None
+    range_um: tuple[float, float]  # least and largest depth of the training
+    limit_um: float | None  # see WearDepth
+    # Share of runs counted right, and of healthy ones counted as worn, by counters that have not seen their
+    # assembly; None where assemblies are too few, or none is healthy.
     accuracy: float | None
     false_alarms: float | None
     samples_per_turn: int = SAMPLES_PER_TURN
+    # How many times as frequent a sound disc is taken to be as a disc of each other count: at least once, and
+    # as often as it takes for such counters to count about 5 % of the healthy runs as worn. Faint wear is
+    # like none: with equal odds a third of them may be.
     sound_odds: float = 1.0
 
     @classmethod
