@@ -149,17 +149,15 @@ class Progress:
 class Steps:
     """Callable ``steps(text)`` that names the step that begins: a :class:`Progress` or, elsewhere, a line."""
 
-    def __init__(self, label: str = "", stream: TextIO | None = None) -> None:
-        self.label = label
+    def __init__(self, stream: TextIO | None = None) -> None:
         self.stream = sys.stderr if stream is None else stream
         self._step: Progress | None = None
 
     def __call__(self, text: str) -> None:
         self.__exit__(None)
-        line = f"{self.label}: {text}" if self.label else text
-        self._step = Progress(line, self.stream).__enter__()
+        self._step = Progress(text, self.stream).__enter__()
         if not (self.stream.isatty() or is_hidden()):
-            self.stream.write(line + "\n")
+            self.stream.write(f"{text}\n")
             self.stream.flush()
 
     def count(self, done: int, total: int) -> None:

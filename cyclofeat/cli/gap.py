@@ -75,7 +75,7 @@ def run_check(arguments: argparse.Namespace) -> Printed:
     model, posterior = _model_and_posterior(arguments)
     if posterior is None:
         world = world_of(arguments, model or Rig())
-        with Steps("cyclofeat gap") as steps:
+        with Steps() as steps:
             posterior = posterior_of_world(world, n_jobs=arguments.n_jobs, progress=steps)
 
     recordings: list[Recording] | list[Condition]
@@ -84,7 +84,7 @@ def run_check(arguments: argparse.Namespace) -> Printed:
     else:
         middle = Condition(sum(posterior.world.speeds_rpm) / 2, sum(posterior.world.loads_nm) / 2)
         recordings = [middle] * arguments.recordings
-    with Progress("cyclofeat gap: simulating rigs") as progress:
+    with Progress("simulating rigs") as progress:
         result = check_recordings(
             recordings, posterior=posterior, n_rigs=arguments.rigs, random_state=arguments.random_state,
             n_jobs=arguments.n_jobs, progress=progress,
@@ -147,11 +147,11 @@ def prepare_posterior(arguments: argparse.Namespace) -> Printed:
     start = None if arguments.posterior is None else read_posterior(arguments.posterior)
     if start is not None:  # before the simulations, which take an hour
         check_start(start, world.cells, world.defect_counts)
-    with Progress("cyclofeat gap: simulating machines, eight at a time") as progress:
+    with Progress("simulating machines, eight at a time") as progress:
         folder = Path(arguments.cache) / "world"
         rigs = prepare_world(world, folder, arguments.machines, n_jobs=arguments.n_jobs, progress=progress)
     posterior = EffectPosterior(random_state=arguments.random_state)
-    with Progress("cyclofeat gap: learning from them") as progress:
+    with Progress("learning from them") as progress:
         posterior.fit(rigs, start=start, progress=progress)
     path = posterior.save(arguments.prepare)
     facts = {
@@ -281,7 +281,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
         model, posterior = _model_and_posterior(arguments)
         fitted, held_out = _split_recordings(arguments, recordings)
         note_duration("the comparison", _COMPARISON_S, arguments.n_jobs)
-        with Steps("cyclofeat gap") as steps:
+        with Steps() as steps:
             result = find_gap(
                 fitted, held_out, model=model, posterior=posterior, settings=gap_settings, progress=steps
             )
@@ -294,7 +294,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
             settings["recordings held out"] = f"{len(held_out)}"
     else:
         simulated = read_all([arguments.simulated], arguments)
-        with Progress("cyclofeat gap: comparing recordings"):
+        with Progress("comparing recordings"):
             result = compare_recordings(recordings, simulated, settings=gap_settings)
         settings = {
             "recordings": f"{len(recordings)}",
@@ -320,7 +320,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
         from cyclofeat.report import write_gap_report
 
         sources = [recording.source for recording in recordings]
-        with Progress("cyclofeat gap: writing the report"):
+        with Progress("writing the report"):
             write_gap_report(result, arguments.out, sources=sources, settings=settings, counters=counters)
         yield Printed(f"report: {arguments.out}", {})
 

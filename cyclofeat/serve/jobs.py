@@ -180,7 +180,7 @@ class Job:
         """Keep what the command says while it works."""
         async for line in stream:
             if text := line.decode(errors="replace").strip():
-                self.messages.append(text.removeprefix("cyclofeat: ").removeprefix("cyclofeat gap: "))
+                self.messages.append(text.removeprefix("cyclofeat: "))
 
     def conclude(self, code: int, printed: bytes) -> None:
         """State how the job ended, from the command's exit code and what it printed."""

@@ -160,7 +160,7 @@ def test_a_long_line_does_not_wrap(clock, monkeypatch):
 def test_hidden_progress_writes_nothing(clock, capsys, is_terminal):
     stream = Stream(is_terminal)
     with progress_hidden():
-        with Progress("working", stream) as progress, Steps(stream=stream) as step:
+        with Progress("working", stream) as progress, Steps(stream) as step:
             step("training")
             report(progress, clock, 4, (99.0, 1))
             step("counting")
@@ -173,20 +173,20 @@ def test_hidden_progress_writes_nothing(clock, capsys, is_terminal):
 def test_steps_are_lines_of_a_log_or_a_line_of_progress_each(clock):
     log, terminal = Stream(False), Stream()
     for stream in (log, terminal):
-        with Steps("cyclofeat gap", stream) as step:
+        with Steps(stream) as step:
             step("comparing")
             clock.now += 5.0
             if stream.is_terminal:
                 step._step.show_time()
             step("confirming")
             clock.now += 1.0
-    assert log == ["cyclofeat gap: comparing\n", "cyclofeat gap: confirming\n"]
-    assert terminal == [f"{ERASE}cyclofeat gap: comparing: 5 s", f"{ERASE}cyclofeat gap: comparing: 5 s\n"]
+    assert log == ["comparing\n", "confirming\n"]
+    assert terminal == [f"{ERASE}comparing: 5 s", f"{ERASE}comparing: 5 s\n"]
 
 
 def test_a_step_of_many_parts_says_what_is_left(clock):
     stream = Stream(False)
-    with Steps(stream=stream) as step:
+    with Steps(stream) as step:
         step("simulating")
         for done in (0, 10, 20):
             step.count(done, 40)
