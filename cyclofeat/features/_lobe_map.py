@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from numbers import Integral
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat._base.sklearn_private import Interval, StrOptions
-from cyclofeat.features.base import SPEED_CONSTRAINTS, WindowTransformer, check_reach, half_turn
-from cyclofeat.features.registry import HALF_TURN, REGISTRY
+from cyclofeat._base.sklearn_private import StrOptions
+from cyclofeat.features.base import (
+    INPUT_SPEED_HZ,
+    N_LOBES,
+    SPEED_TOLERANCE,
+    WindowTransformer,
+    at_least,
+    check_reach,
+    half_output_turn,
+    parameter,
+)
+from cyclofeat.features.registry import REGISTRY
 from cyclofeat.signal import lobes
 from cyclofeat.signal.windows import Float
 
@@ -67,25 +75,15 @@ class LobeMap(WindowTransformer):
     3
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **WindowTransformer._parameter_constraints,
-        **SPEED_CONSTRAINTS,
-        "n_lines": [Interval(Integral, lobes.FEWEST_LINES, None, closed="left")],
-        "ar_order": [Interval(Integral, 0, None, closed="left")],
-        "align": [StrOptions({"energy", "start"})],
-    }
+    input_speed_hz: float = parameter(*INPUT_SPEED_HZ)
+    n_lobes: int = parameter(*N_LOBES)
+    n_lines: int = parameter(lobes.N_LINES, at_least(lobes.FEWEST_LINES))
+    ar_order: int = parameter(16, at_least(0))
+    speed_tolerance: float = parameter(*SPEED_TOLERANCE)
+    align: str = parameter("energy", StrOptions({"energy", "start"}))
 
-    needs: ClassVar[str] = HALF_TURN
-
-    input_speed_hz: float = 500 / 60
-    n_lobes: int = 15
-    n_lines: int = lobes.N_LINES
-    ar_order: int = 16
-    speed_tolerance: float = 0.015
-    align: str = "energy"
-
-    def needed_samples(self) -> int:
-        return half_turn(self.sampling_rate, self.input_speed_hz, self.n_lobes)
+    def _shortest_window(self) -> tuple[int, str]:
+        return half_output_turn(self.sampling_rate, self.input_speed_hz, self.n_lobes)
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         highest = lobes.highest_frequency(

@@ -25,11 +25,6 @@ POSITIVE = Interval(Real, 0, None, closed="neither")
 INPUT_SPEED_HZ = 500 / 60, POSITIVE
 N_LOBES = 15, Interval(Integral, 3, None, closed="left")
 SPEED_TOLERANCE = 0.015, Interval(Real, 0, 0.2, closed="left")
-SPEED_CONSTRAINTS: dict[str, list[Any]] = {
-    "input_speed_hz": [INPUT_SPEED_HZ[1]],
-    "n_lobes": [N_LOBES[1]],
-    "speed_tolerance": [SPEED_TOLERANCE[1]],
-}
 _MOST_REFERENCES = 8
 _CHUNK_SAMPLES = 2**20  # 8 MiB of float64 samples at one time
 _CHUNK_WINDOWS = 4096  # short windows have results that are larger than themselves
@@ -65,10 +60,6 @@ def check_reach(transformer: Any, highest: float, what: str, verb: str, advice: 
             f"{transformer.sampling_rate / 2:g}, but {what} at "
             f"input_speed_hz={transformer.input_speed_hz:g} {verb} {highest:g}: {advice}"
         )
-
-
-def half_turn(sampling_rate: float, input_speed_hz: float, n_lobes: int) -> int:
-    return half_output_turn(sampling_rate, input_speed_hz, n_lobes)[0]
 
 
 def half_output_turn(sampling_rate: float, input_speed_hz: float, n_lobes: int) -> tuple[int, str]:
@@ -123,12 +114,7 @@ class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
         cls._parameter_constraints = cls._parameter_constraints | own
 
     def needed_samples(self) -> int:
-        """Return the fewest samples of a window from which the features mean something.
-
-        Returns
-        -------
-        int
-        """
+        """Return the fewest samples of a window from which the features mean something."""
         return self._shortest_window()[0]
 
     def _shortest_window(self) -> tuple[int, str]:
@@ -137,8 +123,6 @@ class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
 
     def _warn_of_short_windows(self, X: NDArray[Any]) -> None:
         (n_windows, n_samples), (needed, what) = X.shape, self._shortest_window()
-        if hasattr(self, "needs"):
-            needed, what = self.needed_samples(), self.needs
         if n_samples < needed:
             turned = f"; is X, of shape {X.shape}, transposed?" if n_windows > n_samples else ""
             warnings.warn(

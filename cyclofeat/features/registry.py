@@ -18,8 +18,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-HALF_TURN = "half an output turn"
-
 
 @dataclass(frozen=True)
 class Feature:

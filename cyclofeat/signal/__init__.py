@@ -11,8 +11,7 @@ module               functions
 ``windows``          ``torque_statistics``, ``high_pass``, and checks of windows that the others share
 ``orders``           angle and order domain: ``estimate_input_speed``, ``order_lines``, ``resample_by_angle``
 ``lobes``            lobe domain: ``lobe_lines``, ``fold``, prominence and contrast of the lines
-``speed``            the angle of the input followed in the torque alone: ``follow_speed``
-``drive``            the same in a motor's current: ``follow_motor``
+``speed``            the angle of the input in torque or current alone: ``follow_speed``, ``follow_motor``
 ``tachometer``       the angle of a shaft from a tachometer's pulses or a wrapped angle
 ``faults``           samples that are clipped, lost or off, filtered torque, noise or speed that changes
 ``wavelets``         ``dwt``, ``scalogram``, levels and their statistics, the Morris family

@@ -218,11 +218,7 @@ def estimate_input_speed(
 
 
 def order_lines(
-    X: ArrayLike,
-    sampling_rate: float,
-    input_speed_hz: ArrayLike,
-    n_lines: int,
-    n_lobes: int = 15,
+    X: ArrayLike, sampling_rate: float, input_speed_hz: ArrayLike, n_lines: int, n_lobes: int = 15
 ) -> Complex:
     r"""Compute complex amplitudes of the torque at the lines of the output turn.
 

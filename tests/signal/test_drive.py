@@ -10,8 +10,7 @@ from scipy.signal import butter, sosfilt
 
 from cyclofeat.counting.model.turning import turning_of
 from cyclofeat.recordings import Recording
-from cyclofeat.signal.drive import controlled_lag, follow_motor
-from cyclofeat.signal.speed import follow_speed
+from cyclofeat.signal.speed import controlled_lag, follow_motor, follow_speed
 
 RATE, HERTZ = 4_000.0, 8.0
 WORN = tuple(16 / 15 * np.arange(1, 33))

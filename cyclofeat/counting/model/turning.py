@@ -9,11 +9,11 @@ import numpy as np
 from cyclofeat._base.quantities import in_words
 from cyclofeat.recordings import Recording
 from cyclofeat.recordings.windower import WINDOW_TURNS
-from cyclofeat.signal.drive import follow_motor
 from cyclofeat.signal.speed import (
     FOLLOWED_TOLERANCE,
     SEARCHED_HZ,
     FollowedSpeed,
+    follow_motor,
     follow_speed,
     search_speed,
 )
