@@ -149,8 +149,7 @@ class TorqueFeatures(WindowTransformer):
 
     def _compute_features(self, X: NDArray[Any]) -> Float:
         parts = self.parts_.values()
-        spectral = [part for part in parts if isinstance(part, _spectra.SpectralTransformer)]
-        density = welch_psd(X, self.sampling_rate, self.preset) if spectral else None
+        density = None
         # The lobe lines of LobeMap serve other parts too; windows of less than two lobe periods have none.
         lobe_map = self.parts_.get("LobeMap")
         period = self.sampling_rate / lobes.lobe_frequency(self.input_speed_hz, self.n_lobes)
@@ -160,7 +159,8 @@ class TorqueFeatures(WindowTransformer):
         coefficients = dwt(X, self.wavelet, depth) if depth else []
         results = []
         for part in parts:
-            if density is not None and isinstance(part, _spectra.SpectralTransformer):
+            if isinstance(part, _spectra.SpectralTransformer):
+                density = density or welch_psd(X, self.sampling_rate, self.preset)
                 results.append(part._from_psd(*density))
             elif isinstance(part, WaveletMinimaOverlap):
                 results.append(part._from_coefficients(X, coefficients, lines))

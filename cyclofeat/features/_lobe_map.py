@@ -9,16 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.sklearn_private import StrOptions
-from cyclofeat.features.base import (
-    INPUT_SPEED_HZ,
-    N_LOBES,
-    SPEED_TOLERANCE,
-    WindowTransformer,
-    at_least,
-    check_reach,
-    half_output_turn,
-    parameter,
-)
+from cyclofeat.features import base
 from cyclofeat.features.registry import REGISTRY
 from cyclofeat.signal import lobes
 from cyclofeat.signal.windows import Float
@@ -28,7 +19,7 @@ _NO_CONTRAST_DB = -5.0
 
 
 @dataclass(eq=False, repr=False)
-class LobeMap(WindowTransformer):
+class LobeMap(base.WindowTransformer):
     """Torque folded into one slot per lobe, and the lobe lines.
 
     The torque of each window is whitened and its lobe lines are fitted
@@ -75,22 +66,22 @@ class LobeMap(WindowTransformer):
     3
     """
 
-    input_speed_hz: float = parameter(*INPUT_SPEED_HZ)
-    n_lobes: int = parameter(*N_LOBES)
-    n_lines: int = parameter(lobes.N_LINES, at_least(lobes.FEWEST_LINES))
-    ar_order: int = parameter(16, at_least(0))
-    speed_tolerance: float = parameter(*SPEED_TOLERANCE)
-    align: str = parameter("energy", StrOptions({"energy", "start"}))
+    input_speed_hz: float = base.parameter(*base.INPUT_SPEED_HZ)
+    n_lobes: int = base.parameter(*base.N_LOBES)
+    n_lines: int = base.parameter(lobes.N_LINES, base.at_least(lobes.FEWEST_LINES))
+    ar_order: int = base.parameter(16, base.at_least(0))
+    speed_tolerance: float = base.parameter(*base.SPEED_TOLERANCE)
+    align: str = base.parameter("energy", StrOptions({"energy", "start"}))
 
     def _shortest_window(self) -> tuple[int, str]:
-        return half_output_turn(self.sampling_rate, self.input_speed_hz, self.n_lobes)
+        return base.half_output_turn(self.sampling_rate, self.input_speed_hz, self.n_lobes)
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         highest = lobes.highest_frequency(
             self.input_speed_hz, self.n_lobes, self.n_lines, self.speed_tolerance
         )
         what = f"n_lines={self.n_lines} lobe lines"
-        check_reach(self, highest, what, "reach", "use fewer lines or a higher rate")
+        base.check_reach(self, highest, what, "reach", "use fewer lines or a higher rate")
 
     def _feature_names(self) -> list[str]:
         names = [

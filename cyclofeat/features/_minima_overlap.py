@@ -13,16 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.sklearn_private import StrOptions
+from cyclofeat.features import base
 from cyclofeat.features._wavelets import COLOURS, LEVELS, WaveletTransformer
-from cyclofeat.features.base import (
-    INPUT_SPEED_HZ,
-    N_LOBES,
-    SPEED_TOLERANCE,
-    check_reach,
-    half_output_turn,
-    parameter,
-    reference_windows,
-)
 from cyclofeat.features.registry import REGISTRY, label_qualifier
 from cyclofeat.signal import lobes
 from cyclofeat.signal.wavelets import dwt, lowest_colour, visible, wavelet_qualifier
@@ -91,17 +83,17 @@ class WaveletMinimaOverlap(WaveletTransformer):
     array([0.5, 0.5, 0.8, 0.8, 0.9, 0.9])
     """
 
-    levels: int = parameter(*LEVELS)
-    colours: int = parameter(*COLOURS)
-    reference: float | str = parameter("worst", str, Real)
-    align: str = parameter("energy", StrOptions({"energy", "none"}))
-    input_speed_hz: float = parameter(*INPUT_SPEED_HZ)
-    n_lobes: int = parameter(*N_LOBES)
-    speed_tolerance: float = parameter(*SPEED_TOLERANCE)
+    levels: int = base.parameter(*LEVELS)
+    colours: int = base.parameter(*COLOURS)
+    reference: float | str = base.parameter("worst", str, Real)
+    align: str = base.parameter("energy", StrOptions({"energy", "none"}))
+    input_speed_hz: float = base.parameter(*base.INPUT_SPEED_HZ)
+    n_lobes: int = base.parameter(*base.N_LOBES)
+    speed_tolerance: float = base.parameter(*base.SPEED_TOLERANCE)
 
     def _shortest_window(self) -> tuple[int, str]:
         deepest, what = 1 << self.levels, "one coefficient of the deepest level"
-        turn, of_turn = half_output_turn(self.sampling_rate, self.input_speed_hz, self.n_lobes)
+        turn, of_turn = base.half_output_turn(self.sampling_rate, self.input_speed_hz, self.n_lobes)
         return max(deepest, turn if self.align == "energy" else 0), f"{what}; to be aligned, {of_turn}"
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
@@ -111,8 +103,8 @@ class WaveletMinimaOverlap(WaveletTransformer):
                 self.input_speed_hz, self.n_lobes, self.n_lobes, self.speed_tolerance
             )
             what = f"placing {self.n_lobes} lobes"
-            check_reach(self, highest, what, "takes", "use a higher rate or align='none'")
-        windows, self.reference_class_ = reference_windows(X, y, self.reference, ("worst", -1))
+            base.check_reach(self, highest, what, "takes", "use a higher rate or align='none'")
+        windows, self.reference_class_ = base.reference_windows(X, y, self.reference, ("worst", -1))
         windows = np.ascontiguousarray(windows, dtype=np.float64)
         self._digests = [_hash_window(window) for window in windows]
         coefficients = dwt(windows, self.wavelet, self.levels)

@@ -9,16 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.sklearn_private import StrOptions
-from cyclofeat.features.base import (
-    INPUT_SPEED_HZ,
-    N_LOBES,
-    SPEED_TOLERANCE,
-    WindowTransformer,
-    at_least,
-    check_reach,
-    half_output_turn,
-    parameter,
-)
+from cyclofeat.features import base
 from cyclofeat.features.registry import REGISTRY
 from cyclofeat.signal.orders import COMBS, comb_lines, estimate_input_speed, order_lines
 from cyclofeat.signal.windows import Float
@@ -28,7 +19,7 @@ _N_SIDEBANDS = 16
 
 
 @dataclass(eq=False, repr=False)
-class OrderSpectrum(WindowTransformer):
+class OrderSpectrum(base.WindowTransformer):
     """Amplitudes of the torque, in Nm, at the first order lines and around the mesh.
 
     The lines of each window (:func:`cyclofeat.signal.order_lines`) are read at its refined input speed
@@ -69,12 +60,12 @@ class OrderSpectrum(WindowTransformer):
     240 1.0
     """
 
-    input_speed_hz: float = parameter(*INPUT_SPEED_HZ)
-    n_lines: int = parameter(48, at_least(1))
-    n_mesh_lines: int = parameter(2, at_least(0))
-    n_lobes: int = parameter(*N_LOBES)
-    speed_tolerance: float = parameter(*SPEED_TOLERANCE)
-    comb: str = parameter("lobe", StrOptions(set(COMBS)))
+    input_speed_hz: float = base.parameter(*base.INPUT_SPEED_HZ)
+    n_lines: int = base.parameter(48, base.at_least(1))
+    n_mesh_lines: int = base.parameter(2, base.at_least(0))
+    n_lobes: int = base.parameter(*base.N_LOBES)
+    speed_tolerance: float = base.parameter(*base.SPEED_TOLERANCE)
+    comb: str = base.parameter("lobe", StrOptions(set(COMBS)))
 
     def _line_numbers(self) -> NDArray[np.intp]:
         """Numbers of the lines that are features."""
@@ -85,12 +76,12 @@ class OrderSpectrum(WindowTransformer):
         return lines[lines > 0]
 
     def _shortest_window(self) -> tuple[int, str]:
-        return half_output_turn(self.sampling_rate, self.input_speed_hz, self.n_lobes)
+        return base.half_output_turn(self.sampling_rate, self.input_speed_hz, self.n_lobes)
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         last = int(self._line_numbers()[-1])
         highest = last / self.n_lobes * self.input_speed_hz * (1 + self.speed_tolerance)
-        check_reach(self, highest, f"line {last}", "reaches", "use fewer lines or a higher rate")
+        base.check_reach(self, highest, f"line {last}", "reaches", "use fewer lines or a higher rate")
         if self.speed_tolerance > 0:  # raises where the rate is too low
             comb_lines(self.sampling_rate, self.input_speed_hz, self.speed_tolerance, self.comb, self.n_lobes)
 

@@ -355,12 +355,10 @@ class AmplitudeSpectrum(WindowTransformer):
 
     Parameters
     ----------
-    sampling_rate : float
-        Samples per second in Hz.
+    sampling_rate, band
+        See :class:`WelchPSD`.
     n_fft, window
         See :func:`cyclofeat.signal.amplitude_spectrum`.
-    band : tuple of float, default=None
-        Lower and upper limit in Hz of the lines kept, both included. ``None`` keeps all.
 
     Examples
     --------

@@ -55,8 +55,7 @@ def label_qualifier(label: object) -> str:
 
 def band_qualifier(band: tuple[float, float]) -> str:
     """Return a band in Hz as a qualifier, such as ``0..1500Hz``."""
-    low, high = band
-    return f"{low:.12g}..{high:.12g}Hz"
+    return "{:.12g}..{:.12g}Hz".format(*band)
 
 
 _ROWS: tuple[Any, ...] = (

@@ -159,7 +159,13 @@ class FollowedSpeed:
         return self.margin > 0
 
 
-def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes: int = 15) -> FollowedSpeed:
+def follow_speed(
+    torque: Float,
+    sampling_rate: float,
+    nominal_hz: float,
+    n_lobes: int = 15,
+    attempts: Sequence[_Attempt] = _ATTEMPTS,
+) -> FollowedSpeed:
     """Follow the speed of the input shaft by the lobe, mesh and shaft lines of the torque.
 
     Blocks of the record vote for the factor by which the speed differs from the nominal one; the course of
@@ -174,12 +180,6 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
     wander. ``ValueError`` if the record is shorter than six turns of the input, or the sampling rate in Hz
     does not hold the first line of the mesh.
     """
-    return _follow_attempts(torque, sampling_rate, nominal_hz, n_lobes, _ATTEMPTS)
-
-
-def _follow_attempts(
-    torque: Float, sampling_rate: float, nominal_hz: float, n_lobes: int, attempts: Sequence[_Attempt]
-) -> FollowedSpeed:
     record = _reduce_record(torque, sampling_rate, nominal_hz, n_lobes)
     return _at_samples(_follow_until_fit(record, attempts), record.rate, torque.size, sampling_rate)
 
@@ -238,7 +238,7 @@ def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list
     followed = []
     for nominal in np.geomspace(lowest, highest, n_steps + 1).tolist():
         middle = _cut_middle(torque, _SEARCHED_TURNS * n_lobes / nominal * sampling_rate)
-        followed.append(_follow_attempts(middle, sampling_rate, nominal, n_lobes, _ATTEMPTS[:1]))
+        followed.append(follow_speed(middle, sampling_rate, nominal, n_lobes, _ATTEMPTS[:1]))
     clear = sorted((one for one in followed if one.evidence >= _LEAST), key=lambda one: -one.evidence)
     best = next((one for one in clear if one.fits), None)
     if best is None or clear[0].evidence > _MORE * best.evidence:
@@ -503,10 +503,10 @@ def follow_motor(current: Float, sampling_rate: float, nominal_hz: float, n_lobe
     """Follow the input shaft in the current of the motor that turns it.
 
     Worn lobes brake a motor by some per cent of its speed for a part of a turn, too briefly for
-    :func:`follow_speed`, whose arguments and errors it has. The current tells these
-    changes, because the control of the speed sets it in answer to them (:func:`controlled_lag`). Gain and
-    integral time are those with which the lines have the most evidence; where none makes them clearly more
-    evident, there is no control. What is slow is then followed as in a torque, in longer blocks.
+    :func:`follow_speed`, whose arguments and errors it has. The current tells these changes, because the
+    control of the speed sets it in answer to them (:func:`controlled_lag`). Gain and integral time are those
+    with which the lines have the most evidence; where none makes them clearly more evident, there is no
+    control. What is slow is then followed as in a torque, in longer blocks.
 
     Where the lobe lines do not reach beyond those of a sound disc (``reaches``), multiples of the speed are
     followed as well, and the lines do not fit (``fits``) if they are more evident there: a motor's strongest
@@ -542,9 +542,7 @@ def _follow_current(
     control = _likeliest_control(replace(record, torque=middle), unit)
     steady: Float = nominal_hz / rate * np.arange(thinned.size, dtype=float)
     best, start = _followed_from(steady, record, attempts[:1]), steady
-    turned = None
-    if control is not None:
-        turned = _controlled_turns((thinned - middle.mean()) / unit, rate, nominal_hz, *control)
+    turned = control and _controlled_turns((thinned - middle.mean()) / unit, rate, nominal_hz, *control)
     if turned is not None:
         controlled = _followed_from(turned, record, attempts[:1])
         if controlled.evidence > best.evidence + _GAINED:
@@ -564,9 +562,8 @@ def _followed_from(turned: Float, record: _Record, attempts: Sequence[_Attempt])
     # Beyond the grid it goes on at its mean rate.
     slope = (slow[-1] - slow[0]) / (grid[-1] - grid[0])
     before, behind = min(angle[0], grid[0]), max(angle[-1], grid[-1])
-    ends = [slow[0] - slope * (grid[0] - before)], [slow[-1] + slope * (behind - grid[-1])]
-    at, values = np.r_[before, grid, behind], np.concatenate([ends[0], slow, ends[1]])
-    return replace(followed, angle=np.asarray(np.interp(angle, at, values)))
+    values = np.r_[slow[0] - slope * (grid[0] - before), slow, slow[-1] + slope * (behind - grid[-1])]
+    return replace(followed, angle=np.asarray(np.interp(angle, np.r_[before, grid, behind], values)))
 
 
 def _controlled_turns(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy.fft
@@ -13,20 +13,9 @@ from scipy import signal
 from cyclofeat._base.checks import one_of, whole
 from cyclofeat.signal.windows import Complex, Float, as_windows, check_sampling_rate, chunks, ratio
 
-
-class WelchPreset(NamedTuple):
-    """Window of :mod:`scipy.signal.windows`, periodic unless symmetric, and what becomes of the mean."""
-
-    window: str
-    symmetric: bool
-    remove_mean: bool
-
-
-PRESETS = {
-    "matlab_pwelch": WelchPreset("hamming", symmetric=True, remove_mean=False),
-    # Periodic: the Hann window for spectra. It also never vanishes, as the symmetric one of two samples does.
-    "ripple": WelchPreset("hann", symmetric=False, remove_mean=True),
-}
+# SciPy's window, whether it is symmetric, whether each segment's mean is removed. The Hann window of spectra
+# is periodic; it also never vanishes, as the symmetric one of two samples does.
+PRESETS = {"matlab_pwelch": ("hamming", True, False), "ripple": ("hann", False, True)}
 """Definitions of Welch's power spectral density by name, all with MATLAB's segments.
 
 ``"matlab_pwelch"``
@@ -35,7 +24,6 @@ PRESETS = {
 ``"ripple"``
     The torque ripple alone: mean of each segment removed, periodic Hann window.
 """
-
 
 #: Samples of the shortest window whose density means something, in words too.
 EIGHT_SEGMENTS = 288, "eight half-overlapping segments of 64 samples"
