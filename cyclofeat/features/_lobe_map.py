@@ -103,8 +103,7 @@ class LobeMap(base.WindowTransformer):
         ndarray, shape (n_features,)
             0 dB of prominence, -5 dB of contrast (*assumption*), and minus infinity for slots.
         """
-        slots = np.full(2 * self.n_lobes, -np.inf)
-        return np.concatenate([slots, np.full(self.n_lines, 0.0), np.full(self.n_lines, _NO_CONTRAST_DB)])
+        return np.repeat([-np.inf, 0.0, _NO_CONTRAST_DB], [2 * self.n_lobes, self.n_lines, self.n_lines])
 
     def _compute_features(self, X: NDArray[Any]) -> Float:
         return self.from_lines(self.lines(X))

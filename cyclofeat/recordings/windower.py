@@ -40,8 +40,8 @@ ROUNDING = 1e-9
 _DENSE = 2.5
 # Grid points by which a record is continued at either end, where the filters settle.
 _MARGIN = 44.8
-# Of a stream: grid points beside a window that decide about it, more than the filters reach; most pieces.
-_BESIDE, _MOST_PIECES = 64, 1024
+# Grid points beside a window of a stream that decide about it: more than the filters reach.
+_BESIDE = 64
 _RELATIVE = "give up absolute lobe positions with angle_is_absolute=False"
 
 
@@ -416,14 +416,12 @@ class Windower:
         first = math.ceil(max(origin, grid.first_point(angle[skipped])) / period) * period
         available = origin + torque.size - first
         if available < length:
-            start_rule = remedy = ""
+            turns = f"{max(available, 0) / per_turn / self._input_turns:.4g} output turns"
             if aligned:
-                start_rule = " from the first whole one of its absolute angle on"
-                remedy = "; record one output turn more, or " + _RELATIVE
+                turns += f" from the first whole one of its absolute angle (record one more, or {_RELATIVE})"
             raise ValueError(
-                f"the recording is too short: it lasts {recording.duration:.4g} s and holds "
-                f"{max(available, 0) / per_turn / self._input_turns:.4g} output turns{start_rule}, "
-                f"too few for {self._length_text()}{remedy}"
+                f"the recording is too short: it lasts {recording.duration:.4g} s and holds {turns}, too few "
+                f"for {self._length_text()}"
             )
         starts = first - origin + self._window_starts(available, length, grid=period)
         windows = np.lib.stride_tricks.sliding_window_view(torque, length)[starts]
@@ -687,8 +685,6 @@ class WindowStream:
             if self._first_point is None:
                 self._first_point = self._grid.first_point(angle[0])
             self._pieces.append((torque, angle))
-            if len(self._pieces) > _MOST_PIECES:
-                self._join_pieces()
         beside = _BESIDE * self._grid.step
         while self._pieces and self._last_angle() >= (last := self._end_of_window() + beside):
             angles = self._join_pieces()[1]

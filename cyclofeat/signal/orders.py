@@ -156,9 +156,7 @@ def resample_by_angle(
 def _order_filter(fine: int) -> Float:
     """Return the low-pass of a grid that is so many times finer than its result, read-only."""
     window = ("kaiser", kaiser_beta(_STOPBAND_DB))
-    taps: Float = firwin(2 * _HALF_WIDTH * fine + 1, _CUTOFF / fine, window=window)
-    taps.flags.writeable = False
-    return taps
+    return lobes._make_read_only(firwin(2 * _HALF_WIDTH * fine + 1, _CUTOFF / fine, window=window))
 
 
 COMBS = ("lobe", "mesh")
