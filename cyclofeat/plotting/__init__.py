@@ -25,8 +25,7 @@ from typing import Any
 
 from cyclofeat._base import register_plots
 from cyclofeat._base.quantities import number_of
-from cyclofeat.plotting._gap import GapDisplay
-from cyclofeat.plotting._gap_correction import GapOverlayDisplay, GapReductionDisplay
+from cyclofeat.plotting._gap import GapDisplay, GapOverlayDisplay, GapReductionDisplay
 from cyclofeat.plotting._lobe_map import LobeMapDisplay
 from cyclofeat.plotting._recording import OrderDisplay, SpectrumDisplay, TorqueDisplay
 from cyclofeat.plotting._results import CountDisplay, EvaluationDisplay

@@ -95,11 +95,7 @@ class EvaluationDisplay(Display):
 
     def __init__(self, result: Evaluation) -> None:
         self.result = result
-
-    @property
-    def side(self) -> float:
-        """Side of the confusion matrix in inches."""
-        return 1.6 + 0.45 * self.result.classes.size
+        self.side = 1.6 + 0.45 * result.classes.size  # of the confusion matrix, in inches
 
     def plot(self, kind: Literal["confusion", "calibration"] = "confusion", ax: Axes | None = None) -> Self:
         """Draw.

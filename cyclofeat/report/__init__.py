@@ -20,12 +20,12 @@ before any work is done.
 from cyclofeat.report._animation import write_animation
 from cyclofeat.report._count import CountedRecording, write_count_report
 from cyclofeat.report._evaluation import write_evaluation_report
-from cyclofeat.report._features import write_features_report as write_features_report
 from cyclofeat.report._gap import write_gap_report
 from cyclofeat.report._history import write_history_report
 from cyclofeat.report._page import check_page_path as check_page_path
 from cyclofeat.report._page import template_environment as template_environment
 from cyclofeat.report._report import Report
+from cyclofeat.report._report import write_features_report as write_features_report
 
 __all__ = [
     "CountedRecording",

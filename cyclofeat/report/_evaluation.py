@@ -20,11 +20,9 @@ if TYPE_CHECKING:
     from cyclofeat.counting import Evaluation
 
 _MOST_WRONG = 20
-_SCORES = (
-    "accuracy", "accuracy_interval", "accepted_accuracy", "accepted_accuracy_interval", "refused",
-    "mean_absolute_error", "mean_absolute_error_interval", "exact_lobes", "exact_lobes_interval",
-    "calibration_error", "calibration_error_interval", "macro_f1",
-)  # fmt: skip
+# What not every evaluation has.
+_OPTIONAL = ("accepted_accuracy", "refused", "exact_lobes", "calibration_error")
+_ABSENT = dict.fromkeys(["windows", *_OPTIONAL, *(f"{name}_interval" for name in _OPTIONAL)])
 
 
 def write_evaluation_report(
@@ -95,14 +93,7 @@ def write_evaluation_report(
         "confidence": f"{100 * first.confidence:.3g}",
         "n_rows": int(labels.size),
         "n_assemblies": int(first.groups.size),
-        "methods": [
-            {
-                "method": str(name),
-                "windows": None if result.windows is None else _plain_scores(result.windows),
-            }
-            | _plain_scores(result)
-            for name, result in results.items()
-        ],
+        "methods": [_ABSENT | result.to_dict() | {"method": str(name)} for name, result in results.items()],
         "guess": float(np.max(np.unique(labels, return_counts=True)[1]) / labels.size),
         "classes": classes,
         "parts": [_summarise_part(unit, first)]
@@ -132,20 +123,15 @@ def _wrong_assemblies(result: Evaluation) -> list[dict[str, Any]]:
     return wrong
 
 
-def _plain_scores(result: Evaluation) -> dict[str, Any]:
-    return {name: getattr(result, name) for name in _SCORES}
-
-
 def _summarise_part(unit: str, result: Evaluation) -> dict[str, Any]:
     """Return scores and pictures of recordings or of their windows."""
     display = EvaluationDisplay(result)
-    confusion = _figures.draw_picture(
-        partial(display.plot, "confusion"), (display.side, display.side),
-        "Confusion matrix: windows by true and predicted number of worn lobes",
-    )  # fmt: skip
+    alt = "Confusion matrix: windows by true and predicted number of worn lobes"
+    confusion = _figures.draw_picture(partial(display.plot, "confusion"), (display.side, display.side), alt)
     calibration = None
     if result.certainty is not None:
         alt = "Calibration: share of right answers by probability said, beside the diagonal"
         calibration = _figures.draw_picture(partial(display.plot, "calibration"), (5.2, 5.2), alt)
-    counts = {"unit": unit, "n": int(result.labels.size), "confusion": confusion, "calibration": calibration}
-    return _plain_scores(result) | counts
+    n = int(result.labels.size)
+    drawn = {"unit": unit, "n": n, "confusion": confusion, "calibration": calibration}
+    return _ABSENT | result.to_dict() | drawn

@@ -12,7 +12,7 @@ LONG = {
     "cyclofeat.counting.planning",
     "cyclofeat.gap._workflow",
     "cyclofeat.history.alarm",
-    "cyclofeat.plotting._gap_correction",
+    "cyclofeat.plotting._gap",
     "cyclofeat.report._gap",
     "cyclofeat.simulators._jit",
     "cyclofeat.simulators.effects._drive",
