@@ -24,7 +24,7 @@ CARD_SUFFIX = ".card.json"
 # nothing from one release to the next, the others keep their arrays from one bug fix to the next.
 _COMPARED = {"cyclofeat": 3, "scikit-learn": 3, "python": 2, "numpy": 2, "scipy": 2}
 FEATURES = "features"
-ALLOWED = (*_COMPARED, "joblib", "sklearn", FEATURES)
+ALLOWED = (*_COMPARED, "joblib", FEATURES)
 # Entries of a model's own card that are repeated.
 _OF_TRAINING = (
     "n_recordings", "n_windows", "sources", "quantity", "speeds_rpm", "loads_nm", "wear", "domain",

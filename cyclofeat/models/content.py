@@ -129,8 +129,6 @@ class _Builder:
                 return [self.build(item) for item in content]
             case "TupleNode", "builtins.tuple":
                 return tuple(self.build(item) for item in content)
-            case "SetNode", "builtins.set":
-                return {self.build(item) for item in content}
             case "BytesNode", "builtins.bytes":
                 return self._archive.read(node["file"])
             case "NdArrayNode", _ if node["type"] == "numpy":

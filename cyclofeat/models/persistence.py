@@ -91,14 +91,11 @@ def save_model(
 
     Raises
     ------
-    FileNotFoundError
-        Where the folder does not exist.
-    ImportError
-        Where a ``.skops`` file is asked for and skops is not installed.
-    TypeError
-        For anything but a LobeModel or a fitted classifier with ``predict_proba``.
-    ValueError
-        Where the name ends otherwise, the sampling rate is not known, or a ``.skops`` file cannot hold it.
+    FileNotFoundError, ImportError
+        Where the folder does not exist, or skops is needed and not installed.
+    TypeError, ValueError
+        For anything but a LobeModel or a fitted classifier with ``predict_proba``; where the name ends
+        otherwise, the sampling rate is not known, or a ``.skops`` file cannot hold it.
 
     Examples
     --------
@@ -142,9 +139,8 @@ def load_model(
         Whether the file comes from a trusted source; needed for ``.joblib``, which can run any code when
         loaded.
     allow : collection of str
-        What may differ from when the file was written: ``"cyclofeat"``, ``"scikit-learn"`` (or
-        ``"sklearn"``), ``"python"``, ``"numpy"``, ``"scipy"``, ``"joblib"``, ``"features"``
-        (their definitions).
+        What may differ from when the file was written: ``"cyclofeat"``, ``"scikit-learn"``, ``"python"``,
+        ``"numpy"``, ``"scipy"``, ``"joblib"``, ``"features"`` (their definitions).
 
     Returns
     -------
@@ -158,15 +154,11 @@ def load_model(
     ModelFileError
         Where the file is not trusted, has no readable card, is not the one that the card belongs to, was
         written by other versions, is damaged or holds something else.
-    ValueError
-        Where ``allow`` names something unknown.
     """
     source = Path(path)
     allowed = {allow} if isinstance(allow, str) else {*allow}
     if unknown := allowed - {*ALLOWED}:
         raise ValueError(f"allow must name any of {', '.join(ALLOWED)}, got {min(unknown, key=str)!r}")
-    if "sklearn" in allowed:
-        allowed.add("scikit-learn")
     if not source.exists():
         raise FileNotFoundError(f"model file {source} does not exist")
     if source.suffix not in SUFFIXES or source.is_dir():

@@ -171,7 +171,7 @@ def test_turning_the_disc_by_a_lobe_turns_the_answer(counter, judged):
     """What is learned at one lobe holds for all: the passage only renumbers the lobes."""
     windows, _, passage = windows_of(judged)
     found = counter.lobe_map_.lines(windows.X)
-    here, there = (counter.lobe_proba_of_lines(found, passage + turn) for turn in (0, 1 / 15))
+    here, there = (counter._lobe_proba_of_lines(found, passage + turn) for turn in (0, 1 / 15))
     np.testing.assert_allclose(there, np.roll(here, -1, axis=1), atol=1e-4)
 
 
@@ -179,8 +179,8 @@ def test_turning_the_disc_by_a_lobe_turns_the_answer(counter, judged):
 def test_expected_count_is_the_sum_over_the_lobes(counter, judged):
     windows, _, passage = windows_of(judged)
     found = counter.lobe_map_.lines(windows.X)
-    expected = counter.proba_of_lines(found) @ np.array(COUNTS)
-    np.testing.assert_allclose(counter.lobe_proba_of_lines(found, passage).sum(axis=1), expected, atol=1e-6)
+    expected = counter._proba_of_lines(found) @ np.array(COUNTS)
+    np.testing.assert_allclose(counter._lobe_proba_of_lines(found, passage).sum(axis=1), expected, atol=1e-6)
 
 
 @pytest.mark.slow

@@ -368,7 +368,7 @@ def test_names_of_allowed_differences(stored):
     change_card(stored["joblib"], versions=versions | {"scikit-learn": "0.1", "python": "3.1.0"})
     with pytest.raises(ModelFileError, match="--allow scikit-learn --allow python"):
         load_model(stored["joblib"], trusted=True)
-    load_model(stored["joblib"], trusted=True, allow=("sklearn", "python"))
+    load_model(stored["joblib"], trusted=True, allow=("scikit-learn", "python"))
     with pytest.raises(ValueError, match="allow must name any of cyclofeat, .* got 'numba'"):
         load_model(stored["joblib"], trusted=True, allow=("numba",))
     # Bug fixes of these are no difference.

@@ -215,11 +215,9 @@ class LobeCounter(Counter):
 
         Raises
         ------
-        ImportError
-            For networks if JAX or Optax is not installed.
-        ValueError
-            If there is one class only, shapes do not match, ``worn`` is given without ``passage`` or
-            disagrees with ``y``, or, for networks, marks lobes that are no row of neighbours.
+        ImportError, ValueError
+            If JAX or Optax is missing for networks; if there is one class only, shapes do not match, ``worn``
+            is given without ``passage``, disagrees with ``y``, or marks no rows of neighbours for networks.
         """
         self._fit_cross_val_proba(X, y, groups, worn, passage)
         return self
@@ -278,7 +276,7 @@ class LobeCounter(Counter):
         return proba
 
     def _proba(self, windows: NDArray[Any]) -> Float:
-        return self.proba_of_lines(self.lobe_map_.lines(windows))
+        return self._proba_of_lines(self.lobe_map_.lines(windows))
 
     def predict_lobe_proba(self, X: ArrayLike, passage: ArrayLike | None = None) -> Float:
         """Return the probability that each lobe is worn.
@@ -296,7 +294,7 @@ class LobeCounter(Counter):
         ndarray, shape (n_windows, n_lobes)
             Those of a network add up to the expected count. ``ValueError`` unless the counter ``locates``.
         """
-        return self.lobe_proba_of_lines(self._lines(X), passage)
+        return self._lobe_proba_of_lines(self._lines(X), passage)
 
     def predict_lobes(self, X: ArrayLike, passage: ArrayLike | None = None) -> Bool:
         """Return the most probable set of as many worn lobes as :meth:`predict` counts.
@@ -311,8 +309,8 @@ class LobeCounter(Counter):
         ndarray of bool, shape (n_windows, n_lobes)
         """
         lines = self._lines(X)
-        proba = self.proba_of_lines(lines)
-        share = np.clip(self.lobe_proba_of_lines(lines, passage, proba), expit(-_SURE), expit(_SURE))
+        proba = self._proba_of_lines(lines)
+        share = np.clip(self._lobe_proba_of_lines(lines, passage, proba), expit(-_SURE), expit(_SURE))
         return best_sets(logit(share), self.classes_.astype(int)[np.argmax(proba, axis=1)], self.pattern_)
 
     @property
@@ -321,19 +319,8 @@ class LobeCounter(Counter):
         is_count = self.classes_.dtype.kind in "iuf"
         return is_count and (self.lobe_trees_ is not None or bool(self.networks_))
 
-    def proba_of_lines(self, lines: lobes.LobeLines, features: Float | None = None) -> Float:
-        """Return what :meth:`predict_proba` does, of windows whose lobe lines are at hand.
-
-        Parameters
-        ----------
-        lines : LobeLines
-        features : ndarray, shape (n_windows, n_features), optional
-            Those of the lobe map, where they are at hand too.
-
-        Returns
-        -------
-        ndarray, shape (n_windows, n_classes)
-        """
+    def _proba_of_lines(self, lines: lobes.LobeLines, features: Float | None = None) -> Float:
+        """Return what :meth:`predict_proba` does, of windows whose lobe lines, and features, are at hand."""
         if self.kind == "network":
             opinions = self._row_opinions(self._log_counts(self._single_precision, lines.lines))
             return pool_opinions(opinions, self.weights_)
@@ -341,26 +328,16 @@ class LobeCounter(Counter):
             features = self.lobe_map_.from_lines(lines)
         opinions = safe_log(aligned_proba(self.count_trees_, features, self.classes_))[np.newaxis]
         if self.pattern_ == "any":
-            by_lobe = self._log_counts_by_lobe(self.lobe_proba_of_lines(lines))
+            by_lobe = self._log_counts_by_lobe(self._lobe_proba_of_lines(lines))
             opinions = np.concatenate([opinions, by_lobe[np.newaxis]])
         return pool_opinions(opinions, self.weights_)
 
-    def lobe_proba_of_lines(
+    def _lobe_proba_of_lines(
         self, lines: lobes.LobeLines, passage: ArrayLike | None = None, proba: Float | None = None
     ) -> Float:
         """Return what :meth:`predict_lobe_proba` does, of windows whose lobe lines are at hand.
 
-        Parameters
-        ----------
-        lines : LobeLines
-        passage : array-like, shape (n_windows,), optional
-            See :meth:`predict_lobe_proba`.
-        proba : ndarray, shape (n_windows, n_classes), optional
-            Probabilities of counts, where they are at hand too.
-
-        Returns
-        -------
-        ndarray, shape (n_windows, n_lobes)
+        ``proba`` are the probabilities of counts, where they are at hand too.
         """
         if not self.locates:
             raise ValueError(
@@ -368,7 +345,7 @@ class LobeCounter(Counter):
                 f"got the classes {self.classes_.tolist()}"
             )
         if self.kind == "network" and proba is None:
-            proba = self.proba_of_lines(lines)
+            proba = self._proba_of_lines(lines)
         n_windows = len(lines.lines)
         if passage is None and self.pattern_ == "any":
             assert self.lobe_trees_ is not None

@@ -131,8 +131,8 @@ def evaluate(
     ------
     ValueError
         Without groups; where a class has fewer assemblies than folds, or a condition holds a count that no
-        other has; where counts are not numbers; where windows are not finite, all constant, shorter than a
-        feature needs, or of different lengths than labels or groups.
+        other has; where counts are not numbers; where windows are not finite, constant, too short for a
+        feature, or not as many as labels or groups.
 
     Examples
     --------

@@ -182,13 +182,11 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
 
         Raises
         ------
-        ImportError
-            For ``"rows"`` if JAX or Optax is not installed.
-        TypeError, ValueError
-            Where recordings lack a defect count, hold one class only, differ in quantity or number of lobes,
-            are shorter than a window, state neither angle nor speed, or hold too few samples per turn for
-            lobe lines up to half the number of lobes; with ``wear_um`` also where one with worn lobes states
-            no depth within the range; where ``y`` contradicts what ``defect_count`` states.
+        ImportError, TypeError, ValueError
+            If JAX or Optax is missing for ``"rows"``; where recordings lack a defect count, hold one class
+            only, differ in quantity or number of lobes, are shorter than a window, state neither angle nor
+            speed, or hold too few samples per turn for lobe lines up to half the number of lobes; where one
+            with worn lobes states no depth within ``wear_um``, or ``y`` contradicts ``defect_count``.
         """
         kind = self.counter
         if isinstance(kind, str) and kind not in ("trees", "rows"):
@@ -702,7 +700,7 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         if isinstance(counter, LobeCounter):
             lines = counter.lobe_map_.lines(X)
             features = counter.lobe_map_.from_lines(lines)
-            proba = counter.proba_of_lines(lines, features)
+            proba = counter._proba_of_lines(lines, features)
         elif isinstance(counter, Pipeline) and len(counter) > 1:
             transformed = counter[:-1].transform(X)
             proba, features = np.asarray(counter[-1].predict_proba(transformed)), np.asarray(transformed)
@@ -780,7 +778,7 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         ]
         passages = np.concatenate([places.ravel() for places in begins])
         row_of = np.concatenate(repeated)
-        proba = locator.lobe_proba_of_lines(lines.part(row_of), passages, of_counts[row_of])
+        proba = locator._lobe_proba_of_lines(lines.part(row_of), passages, of_counts[row_of])
         parts = np.split(proba, np.cumsum([places.size for places in begins])[:-1])
         return [part.reshape(*places.shape, -1) for part, places in zip(parts, begins, strict=True)]
 

@@ -125,7 +125,7 @@ class LobeStream:
         ValueError
             If samples are not finite, or the angle is missing, superfluous, of another length, does not
             increase or leaps an output turn (the piece is then not taken); if a window or block is constant
-            or its rate too low (it is left out, and the stream goes on with the next piece).
+            or its rate too low (it is left out).
         """
         torque = checks.number_series("samples", samples, least=0)
         if self.block_turns is not None:
