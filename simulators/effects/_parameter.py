@@ -218,14 +218,12 @@ def settings_to_file(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 def settings_of_file(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return settings that a file holds as Python takes them; raise ValueError for wheels not from 1."""
-    given = dict(settings)
-    if "wheels" in given:
+    if "wheels" in settings:
         raise ValueError(f"unknown key 'wheels': name it {_WHEELS!r} and count wheels from 1")
-    if _WHEELS in given:
-        value = given.pop(_WHEELS)
-        if not isinstance(value, str):
-            if value not in ([1], [2], [1, 2]):
-                raise ValueError(f"{_WHEELS} must be [1], [2] or [1, 2], got {repr_of(value)}")
-            value = tuple(wheel - 1 for wheel in value)
-        given["wheels"] = value
+    given = {"wheels" if name == _WHEELS else name: value for name, value in settings.items()}
+    wheels = given.get("wheels", "")
+    if not isinstance(wheels, str):
+        if wheels not in ([1], [2], [1, 2]):
+            raise ValueError(f"{_WHEELS} must be [1], [2] or [1, 2], got {repr_of(wheels)}")
+        given["wheels"] = tuple(wheel - 1 for wheel in wheels)
     return given

@@ -70,14 +70,6 @@ def record_model() -> None:
     save_model(cases.MODEL, model.fit(made))
 
 
-def record_counts() -> None:
-    _write("counts.json", _in_a_folder(cases.counted))
-
-
-def record_features() -> None:
-    np.savez_compressed(cases.HERE / "features.npz", **cases.feature_values())
-
-
 def record_simulation() -> None:
     torques = {name: values.astype(np.float32) for name, values in cases.simulated().items()}
     np.savez_compressed(cases.HERE / "simulation.npz", **torques)
@@ -86,14 +78,6 @@ def record_simulation() -> None:
 def record_campaign() -> None:
     said, columns = _in_a_folder(cases.campaign)
     _write("campaign.json", {"said": said, "columns": {k: cases.described(v) for k, v in columns.items()}})
-
-
-def record_training() -> None:
-    _write("training.json", _in_a_folder(cases.trained))
-
-
-def record_demo() -> None:
-    _write("demo.json", _in_a_folder(cases.demo))
 
 
 def _in_a_folder(compute: Callable[[Path], Any]) -> Any:
@@ -128,7 +112,16 @@ def print_digests() -> None:
             show(f"campaign: {path.name}", path.read_bytes())
 
 
-PARTS = {name.removeprefix("record_"): part for name, part in globals().items() if name.startswith("record_")}
+PARTS: dict[str, Callable[[], None]] = {
+    "recordings": record_recordings,
+    "model": record_model,
+    "counts": lambda: _write("counts.json", _in_a_folder(cases.counted)),
+    "features": lambda: np.savez_compressed(cases.HERE / "features.npz", **cases.feature_values()),
+    "simulation": record_simulation,
+    "campaign": record_campaign,
+    "training": lambda: _write("training.json", _in_a_folder(cases.trained)),
+    "demo": lambda: _write("demo.json", _in_a_folder(cases.demo)),
+}
 
 
 def run() -> None:
