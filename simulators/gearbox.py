@@ -45,12 +45,6 @@ class CycloidalProfile:
 
     The wheel has ``n_pins - 1`` lobes (z_s); the pins of radius q sit on a circle of radius e z_k / m, with
     the eccentricity e of the cams, the number of pins z_k and the ``shortening`` m, between 0 and 1.
-
-    Examples
-    --------
-    >>> profile = CycloidalProfile(2.8e-3, 16, 0.7, 6e-3)
-    >>> round(float(abs(profile.point(0.0))) * 1e3, 3)  # tip of a lobe, mm
-    60.8
     """
 
     eccentricity: float

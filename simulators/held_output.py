@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -145,7 +144,7 @@ def torque_deflection(
         new_memory(state), ABSURD_TORQUE, every, angle, held,
     )  # fmt: skip
     if finished < n_steps:
-        raise SimulationDiverged(finished * dt, "a contact with the output held", math.nan, dt)
+        raise SimulationDiverged(f"simulation diverged at t = {finished * dt:.6f} s; try dt {dt / 4:g} s")
     kept = np.arange(n_kept) * every
     return TorqueDeflection(
         gearbox=gearbox,

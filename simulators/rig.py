@@ -385,12 +385,6 @@ class Rig(Replaceable, WithCard):
         -------
         Machine
             The machine that :meth:`simulate` runs with the same ``random_state``.
-
-        Examples
-        --------
-        >>> machine = Rig(effects=[BrakeRotor(inertia=(0.01, 0.03))]).draw(3)
-        >>> machine.gearbox.brake_inertia == machine.effects[0].inertia
-        True
         """
         seed, sets = seed_sequence(random_state), self.effect_sets()
         variant = library.stream(seed, _VARIANT).integers(len(sets))
@@ -488,16 +482,6 @@ class Rig(Replaceable, WithCard):
         -------
         PlannedRun
             Its ``simulate`` makes it; :func:`cyclofeat.simulators.sampling.sample_runs` makes many at once.
-
-        Examples
-        --------
-        One simulation, recorded by two chains of measurement:
-
-        >>> from cyclofeat.simulators import Offset
-        >>> run = Rig().plan_run(duration=0.1, random_state=0).simulate()
-        >>> shifted = run.record([Offset(0.5)])
-        >>> float((shifted.torque_out - run.record().torque_out).mean().round(6))
-        0.5
         """
         duration = positive("duration", duration, "a number of s")
         sampling_rate = positive("sampling_rate", sampling_rate, "a number of Hz")

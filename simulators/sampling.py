@@ -239,11 +239,6 @@ def vary_errors(rig: Rig, random: np.random.Generator, sampling_rate: float) -> 
     it spoils a count (all *assumptions*).
 
     ``sampling_rate`` in Hz limits the cut-off of the low-pass.
-
-    Examples
-    --------
-    >>> vary_errors(Rig.r1(), np.random.default_rng(0), 25_600).effects[0]
-    PinErrors(rms=9.554425309821816e-06)
     """
     geometry, drift = random.uniform(*_ERRORS, 2).tolist()
     noise = log_uniform(_NOISE, random.random())
