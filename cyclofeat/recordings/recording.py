@@ -25,7 +25,6 @@ from cyclofeat._base.quantities import (
     lobes_text,
     source_in_words,
 )
-from cyclofeat.signal.orders import input_angle_from_disc
 from cyclofeat.signal.windows import LARGEST, Float, high_pass
 
 if TYPE_CHECKING:
@@ -299,7 +298,8 @@ class Recording(checks.Replaceable, WithCard):
             return self.angle
         falls = self.angle[-1] < self.angle[0]
         turns = self.n_lobes if reduction is None else reduction
-        return input_angle_from_disc(self.angle if falls else -self.angle, turns)
+        # The rest position theta_1 = -(phi + pi) / turns, solved for phi.
+        return np.asarray(-turns * (self.angle if falls else -self.angle) - math.pi)
 
     def mean_input_speed(self, reduction: int | None = None) -> float | None:
         """Return the mean speed of the input shaft in turns per second; None without an angle.

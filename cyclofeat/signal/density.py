@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import entr
 
-from cyclofeat.signal.windows import Bool, Float, check_sampling_rate, ratio
+from cyclofeat._base.checks import not_negative, number_pair, positive, whole
+from cyclofeat.signal.windows import Bool, Float, ratio
 
 Band = tuple[float, float]  # lower and upper limit in Hz
 _EPSILON = float(np.finfo(np.float64).eps)  # assumed in paper A eq. 5: MATLAB's eps
@@ -20,10 +21,7 @@ def band_slice(frequencies: ArrayLike, band: Band | None) -> slice:
     if band is None:
         return slice(None)
     frequencies = np.asarray(frequencies, dtype=np.float64)
-    try:
-        low, high = (float(limit) for limit in band)
-    except (TypeError, ValueError):
-        raise ValueError(f"band must be two frequencies (low, high) in Hz, got {band!r}") from None
+    low, high = number_pair("band", band, "two frequencies (low, high) in Hz")
     if not 0 <= low < high:
         raise ValueError(f"band must be (low, high) in Hz with 0 <= low < high, got {band!r}")
     if high > frequencies[-1]:
@@ -254,7 +252,7 @@ def octave_bands(sampling_rate: float) -> tuple[Band, ...]:
     >>> octave_bands(25_600)[:3]
     ((0.0, 100.0), (100.0, 200.0), (200.0, 400.0))
     """
-    check_sampling_rate(sampling_rate)
+    positive("sampling_rate", sampling_rate)
     limits = [0.0, *(float(sampling_rate) / 2**power for power in range(8, 0, -1))]
     return tuple(pairwise(limits))
 
@@ -308,13 +306,9 @@ def narrowband_mask(
 ) -> Bool:
     """Mark the spectral lines around the harmonics of a frequency; arguments of :func:`narrowband_ratio`."""
     frequencies = np.asarray(frequencies, dtype=np.float64)
-    if not fundamental_hz > 0:
-        raise ValueError(f"fundamental_hz must be positive, in Hz; got {fundamental_hz!r}")
-    if not half_width_hz >= 0:
-        raise ValueError(f"half_width_hz must not be negative, in Hz; got {half_width_hz!r}")
-    if n_harmonics is not None and n_harmonics < 1:
-        raise ValueError(f"n_harmonics must be at least 1 or None, got {n_harmonics!r}")
-    highest = fundamental_hz * (n_harmonics or 1)
+    positive("fundamental_hz", fundamental_hz)
+    not_negative("half_width_hz", half_width_hz)
+    highest = fundamental_hz * whole("n_harmonics", 1 if n_harmonics is None else n_harmonics, 1)
     if highest > frequencies[-1]:
         raise ValueError(
             f"harmonic {n_harmonics or 1} of fundamental_hz={fundamental_hz:g} Hz lies at {highest:g} Hz, "

@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import firwin, kaiser_beta, kaiserord, upfirdn, zoom_fft
 
-from cyclofeat._base.checks import number_series, one_of, whole
+from cyclofeat._base.checks import number_series, one_of, positive, whole
 from cyclofeat.signal import lobes
-from cyclofeat.signal.windows import Complex, Float, as_windows, check_sampling_rate
+from cyclofeat.signal.windows import Complex, Float, as_windows
 
 # Anti-alias filter: flat up to 0.8 of the new Nyquist order, 80 dB down from that order on. By Kaiser's
 # formula this takes (80 - 7.95) / (2.285 * 0.2 pi) = 50.2 samples of the result, hence 26 on either side.
@@ -40,15 +40,6 @@ def mean_speed(angle: ArrayLike, sampling_rate: float) -> Float:
     angles = np.asarray(angle, dtype=float)
     turned = angles[..., -1] - angles[..., 0]
     return np.asarray(turned / (2 * np.pi * (angles.shape[-1] - 1)) * sampling_rate)
-
-
-def input_angle_from_disc(angle: ArrayLike, reduction: int = 15) -> Float:
-    """Convert the angle of the disc (wheel 0), in rad, to that of the input shaft.
-
-    Solves the rest position theta_1 = -(phi + pi) / z_s for phi, z_s being the ``reduction``. Both angles
-    count counter-clockwise, so the disc's angle falls while the input's rises.
-    """
-    return np.asarray(-reduction * np.asarray(angle, dtype=np.float64) - math.pi, dtype=np.float64)
 
 
 def samples_at(angles: Float, angle: Float) -> Float:
@@ -105,7 +96,7 @@ def resample_by_angle(
             f"and {angle[where + 1]:.6g} at sample {where + 1}"
         )
     step = 2 * math.pi / whole("samples_per_turn", samples_per_turn, least=2)
-    check_sampling_rate(sampling_rate)
+    positive("sampling_rate", sampling_rate)
     # Return how many times finer than the result the grid must be to hold the whole record.
     turns = (angle[-1] - angle[0]) / (2 * math.pi)
     # Speed over eighths of a turn: from sample to sample a noisy angle would give any speed.
@@ -202,8 +193,7 @@ def estimate_input_speed(
     """
     if not 0 <= tolerance <= 0.2:
         raise ValueError(f"tolerance must be from 0 to 0.2 (a share of the speed), got {tolerance!r}")
-    if not 0 < nominal_hz < math.inf:
-        raise ValueError(f"nominal_hz must be positive and finite, got {nominal_hz!r}")
+    positive("nominal_hz", nominal_hz)
     X = as_windows(X)
     if X.ndim != 2:
         raise ValueError(f"X must have the shape (n_windows, n_samples), got {X.shape}")
@@ -272,8 +262,7 @@ def order_lines(
     first = speeds * (1 / n_lobes)
     if not (speeds > 0).all():
         raise ValueError(f"input_speed_hz must be positive, got {speeds[~(speeds > 0)][0]}")
-    if not n_lines >= 1:
-        raise ValueError(f"n_lines must be at least 1, got {n_lines!r}")
+    whole("n_lines", n_lines, 1)
     highest = float(first.max(initial=0.0)) * n_lines
     if highest > sampling_rate / 2:
         raise ValueError(
@@ -285,10 +274,10 @@ def order_lines(
     reducer = _Reducer(sampling_rate, highest)
     for row, (x, line) in enumerate(zip(X, first, strict=True)):
         turns = round(x.size * line / sampling_rate)
-        whole = x[: min(x.size, round(turns * sampling_rate / line)) or x.size].astype(np.float64)
-        whole -= whole[0]  # a constant then leaves no rounding
-        whole -= whole.mean()
-        lines[row] = 2 / whole.size * reducer.lines(whole, 2 * math.pi * line / sampling_rate, n_lines)
+        turned = x[: min(x.size, round(turns * sampling_rate / line)) or x.size].astype(np.float64)
+        turned -= turned[0]  # a constant then leaves no rounding
+        turned -= turned.mean()
+        lines[row] = 2 / turned.size * reducer.lines(turned, 2 * math.pi * line / sampling_rate, n_lines)
     return lines
 
 
@@ -325,6 +314,5 @@ def synchronous_average(lines: Complex, n_points: int) -> Float:
     ``lines`` are those of :func:`order_lines`. The result, shape (n_windows, n_points), is the torque in Nm
     without its mean, band-limited to the lines; the first point is the window's first sample.
     """
-    if n_points < 1:
-        raise ValueError(f"n_points must be at least 1, got {n_points!r}")
+    whole("n_points", n_points, 1)
     return lobes.fold(lines, n_lobes=1, points=n_points, lowest_line=1)[:, 0]

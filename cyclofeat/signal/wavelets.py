@@ -103,8 +103,7 @@ def wavelet_qualifier(wavelet: AnyWavelet) -> str:
 
 def level_band(level: int, sampling_rate: float) -> tuple[float, float]:
     """Band in Hz of a detail level: fs/2^(j+1) <= f < fs/2^j (paper A section 5.1)."""
-    if level < 1:
-        raise ValueError(f"level must be at least 1, got {level!r}")
+    whole("level", level, 1)
     return sampling_rate / 2 ** (level + 1), sampling_rate / 2**level
 
 

@@ -10,8 +10,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 
-from cyclofeat._base.checks import one_of, whole
-from cyclofeat.signal.windows import Complex, Float, as_windows, check_sampling_rate, chunks, ratio
+from cyclofeat._base.checks import one_of, positive, whole
+from cyclofeat.signal.windows import Complex, Float, as_windows, chunks, ratio
 
 # SciPy's window, whether it is symmetric, whether each segment's mean is removed. The Hann window of spectra
 # is periodic; it also never vanishes, as the symmetric one of two samples does.
@@ -40,7 +40,7 @@ def segment_lengths(n_samples: int) -> tuple[int, int]:
 
 def welch_frequencies(n_samples: int, sampling_rate: float) -> Float:
     """Frequencies in Hz of the lines of :func:`welch_psd`, shape (n_bins,), to half of the sampling rate."""
-    check_sampling_rate(sampling_rate)
+    positive("sampling_rate", sampling_rate)
     _, n_fft = segment_lengths(n_samples)
     return np.arange(n_fft // 2 + 1) * float(sampling_rate) / n_fft
 
@@ -212,7 +212,7 @@ def amplitude_spectrum(
     >>> print(amplitudes[[0, line]].round(3))
     [22.  3.]
     """
-    check_sampling_rate(sampling_rate)
+    positive("sampling_rate", sampling_rate)
     if whole("n_fft", n_fft, least=2) % 2:
         raise ValueError(f"n_fft must be even, got {n_fft!r}")
     one_of("window", window, AMPLITUDE_WINDOWS)

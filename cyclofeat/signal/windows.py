@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 
+from cyclofeat._base.checks import positive, whole
+
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
@@ -46,12 +48,6 @@ def chunks(n_windows: int, numbers_per_window: int) -> Iterator[slice]:
     step = max(1, _CHUNK // numbers_per_window)
     for start in range(0, n_windows, step):
         yield slice(start, min(start + step, n_windows))
-
-
-def check_sampling_rate(sampling_rate: float) -> None:
-    """Raise ``ValueError`` unless the sampling rate is positive and finite."""
-    if not 0 < sampling_rate < np.inf:
-        raise ValueError(f"sampling_rate must be positive and finite, in Hz; got {sampling_rate!r}")
 
 
 def ratio(numerator: Float, denominator: Float) -> Float:
@@ -175,14 +171,13 @@ def high_pass(X: ArrayLike, sampling_rate: float, cutoff_hz: float = 10.0, order
     >>> bool(np.abs(filtered - mesh)[5000:-5000].max() < 1e-3)
     True
     """
-    check_sampling_rate(sampling_rate)
+    positive("sampling_rate", sampling_rate)
     if not 0 < cutoff_hz < sampling_rate / 2:
         raise ValueError(
             f"cutoff_hz must lie between 0 and half of the sampling rate ({sampling_rate / 2:g} Hz), "
             f"got {cutoff_hz!r}"
         )
-    if order < 1:
-        raise ValueError(f"order must be at least 1, got {order!r}")
+    whole("order", order, 1)
     X = as_windows(X)
     n_samples = X.shape[-1]
     sections = signal.butter(order, cutoff_hz, "highpass", fs=sampling_rate, output="sos")

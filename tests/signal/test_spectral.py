@@ -248,16 +248,16 @@ def test_unknown_preset():
         ((500, 100), r"0 <= low < high, got \(500, 100\)"),
         ((100, 100), r"0 <= low < high"),
         ((-1, 100), r"0 <= low < high"),
-        ((np.nan, 100), r"0 <= low < high"),
+        ((np.nan, 100), "band must be finite, got nan"),
         ((1, 2), r"\(1, 2\) Hz holds none of the 129 spectral lines, which are 100 Hz apart"),
-        ((1, 2, 3), r"two frequencies \(low, high\) in Hz, got \(1, 2, 3\)"),
+        ((1, 2, 3), r"two frequencies \(low, high\) in Hz, got 3 values \(1, 2, 3\)"),
         (100, "got 100"),
         (("low", "high"), "got .*low"),
     ],
 )
 def test_bad_bands(band, message):
     frequencies = welch_frequencies(100, SAMPLING_RATE)
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((TypeError, ValueError), match=message):
         shannon_entropy(np.ones(129), frequencies, band)
 
 
@@ -445,15 +445,18 @@ def test_bands_by_default_are_octaves_and_hold_lines_however_short_the_window():
         (lambda f, p: band_power(p, f, (100, 200)), r"got \(100, 200\)"),
         (lambda f, p: band_power(p, f, [(0, 13_000)]), "beyond the highest frequency, 12800 Hz"),
         (lambda f, p: band_power(p, f, "ab"), "got 'a'"),
-        (lambda f, p: narrowband_ratio(p, f, 0), "fundamental_hz must be positive, in Hz; got 0"),
-        (lambda f, p: narrowband_ratio(p, f, 100, -1), "half_width_hz must not be negative, in Hz; got -1"),
-        (lambda f, p: narrowband_ratio(p, f, 100, 5, 0), "n_harmonics must be at least 1 or None, got 0"),
+        (lambda f, p: narrowband_ratio(p, f, 0), "fundamental_hz must be positive and finite, got 0"),
+        (
+            lambda f, p: narrowband_ratio(p, f, 100, -1),
+            "half_width_hz must be .* not negative, got -1",
+        ),
+        (lambda f, p: narrowband_ratio(p, f, 100, 5, 0), "n_harmonics must be at least 1, got 0"),
         (lambda f, p: narrowband_ratio(p, f, 100, 5, 129), "harmonic 129 .* 12900 Hz, beyond .* 12800 Hz"),
         (lambda f, p: narrowband_ratio(p, f, 13_000), "harmonic 1 .* 13000 Hz"),
     ],
 )
 def test_bad_arguments_of_shapes(call, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((TypeError, ValueError), match=message):
         call(*welch_psd(np.ones(100), SAMPLING_RATE))
 
 
