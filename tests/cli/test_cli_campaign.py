@@ -7,10 +7,9 @@ import subprocess
 import sys
 import time
 
-import keyboard
 import numpy as np
 import pytest
-from command import call, run
+from command import call, run, start
 
 from cyclofeat.cli.campaign import example
 from cyclofeat.datasets import read_folder, rig_preset
@@ -139,7 +138,7 @@ def test_interrupted_from_the_keyboard_goes_on(design, tmp_path):
     SMALL.replace(repeats=200).to_json(design)
     out = tmp_path / "out"
     command = [sys.executable, "-m", "cyclofeat", "campaign", design, "--out", out, "--jobs", "1"]
-    child = keyboard.start(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    child = start(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     while not (out / "shard-00002.sha256").exists():
         assert child.poll() is None
         time.sleep(0.01)

@@ -11,9 +11,9 @@ import sys
 import time
 from urllib.parse import quote
 
-import keyboard
 import numpy as np
 import pytest
+from command import start
 from live_server import Live, wait_for
 from small_model import recording, small_model
 
@@ -502,7 +502,7 @@ def test_a_taken_port_and_a_wrong_one_are_errors_of_one_line(capsys):
 def test_ctrl_c_ends_quietly_and_deletes_the_uploads(tmp_path):
     command = [sys.executable, "-m", "cyclofeat", "serve", "--no-browser", "--port", "0", "--json"]
     environment = os.environ | {"TMPDIR": str(tmp_path)}
-    server = keyboard.start(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    server = start(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     url = json.loads(server.stdout.readline())["url"]
     assert url.startswith("http://127.0.0.1:")
     wait_for(lambda: list(tmp_path.iterdir()), 60)
