@@ -111,13 +111,6 @@ def shaft_options(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     return ["--model", str(file), "--trust"]
 
 
-@pytest.fixture
-def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Reports whose pictures, which take seconds and have tests of their own, are empty."""
-    drawn = {"image": "data:,", "alt": "", "width": 1, "height": 1}
-    monkeypatch.setattr("cyclofeat.report._figures.draw_picture", lambda *_, **__: drawn)
-
-
 @pytest.fixture(scope="session")
 def compared_hum(made_once: MadeOnce) -> dict[str, LocatedGap]:
     """Six recordings with strong hum, and six with nothing, compared with a small bank of a rig."""

@@ -1,5 +1,6 @@
 """The command line: the way from nothing to a count, and every mistake on it."""
 
+import argparse
 import csv
 import dataclasses
 import io
@@ -20,14 +21,14 @@ import small_model
 from command import call, run
 
 from cyclofeat import __version__
-from cyclofeat.cli import COMMANDS, main, make_parser
+from cyclofeat.cli import COMMANDS, demo, main, make_parser
 from cyclofeat.cli._options import note_duration
 from cyclofeat.cli.inspect import _speed_text
 from cyclofeat.counting import LobeModel, Protocol, evaluate
 from cyclofeat.datasets import read_folder, read_recording, write_recording
 from cyclofeat.datasets.readers import Entry, folder_entries
 from cyclofeat.datasets.readers._read import ReadingOptions
-from cyclofeat.models import save_model
+from cyclofeat.models import load_model, save_model
 from cyclofeat.simulators import (
     Offset,
     Quantisation,
@@ -56,6 +57,13 @@ def folder(tmp_path_factory, surrogates):
 def model(folder):
     """Options that name the folder's model."""
     return ["--model", folder / "model.joblib", "--trust"]
+
+
+@pytest.fixture
+def no_pictures(monkeypatch):
+    """Reports whose pictures, which take seconds and have tests of their own, are empty."""
+    drawn = {"image": "data:,", "alt": "", "width": 1, "height": 1}
+    monkeypatch.setattr("cyclofeat.report._figures.draw_picture", lambda *_, **__: drawn)
 
 
 def test_version_and_help_need_neither_numba_nor_scikit_learn():
@@ -889,3 +897,29 @@ def test_an_error_of_usage_is_json_too_where_json_is_asked_for(command, error, c
     out, err = call(capsys, *command.split(), code=2)
     error += f"; see cyclofeat {command.split()[0]} --help"
     assert (json.loads(out), err) == ({"error": error}, f"cyclofeat: error: {error}\n")
+
+
+@pytest.mark.slow
+def test_the_demonstration_goes_from_recordings_to_pages(no_pictures, tmp_path):
+    arguments = argparse.Namespace(out=tmp_path, n_jobs=1, force=False)
+    results = list(demo.run(arguments, assemblies=2, recordings=8))
+    text = "\n".join(printed.text for printed in results)
+    assert [line.split()[2] for line in text.splitlines() if line.startswith("$ cyclofeat ")] == [
+        "train", "simulate", "count", "evaluate",
+    ]  # fmt: skip
+    assert "trained on: 16 simulated assemblies of rig R1" in text
+    assert text.count("(probability ") == 8
+    assert "8 recordings, assemblies: 8, tested as stored" in text
+    assert json.loads(json.dumps(results[0].json))["command"].startswith("cyclofeat train --rig r1 ")
+    assert len(list((tmp_path / "recordings").glob("*.npz"))) == 8
+    # safe to load: no word of trust
+    assert load_model(tmp_path / "model.skops").card_["classes"] == list(range(8))
+    for page in (tmp_path / "count.html", tmp_path / "evaluation.html"):
+        assert str(page) in results[-1].text
+        assert "SIMULATED" in page.read_text(encoding="utf-8")
+
+
+def test_a_model_that_cannot_be_written_is_told_before_anything_is_simulated(capsys, monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "skops.io", None)
+    monkeypatch.setattr("cyclofeat.datasets.make_rig_recordings", None)
+    assert "pip install skops" in call(capsys, "demo", "--out", tmp_path / "demo", code=2)[1]
