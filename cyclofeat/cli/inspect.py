@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 from collections.abc import Iterator
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cyclofeat.cli._options import (
     FILES,
@@ -18,9 +17,6 @@ from cyclofeat.cli._options import (
     process_files,
     reading_arguments,
 )
-
-if TYPE_CHECKING:
-    from cyclofeat.recordings import Recording
 
 _MOST_DRAWN, _SIZE = 12, (9.0, 3.6)  # inches
 
@@ -41,12 +37,8 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
         from cyclofeat.report import Report
 
         report = Report("Recordings")
-    options, drawn = reading_arguments(arguments), 0
-
-    def describe_file(path: Path, recording: Recording) -> tuple[dict[str, Any], Recording]:
-        return describe(recording), recording
-
-    for result in process_files("inspecting", list_entries(arguments.files), arguments, describe_file):
+    options, drawn, entries = reading_arguments(arguments), 0, list_entries(arguments.files)
+    for result in process_files("inspecting", entries, arguments, lambda _, one: (describe(one), one)):
         channels: dict[str, str | None] = {}  # none where the file cannot be opened
         with contextlib.suppress(Exception):
             channels = list_channels(result.path, **options)
