@@ -63,47 +63,40 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Printed:
     """Write one recording, or a folder of many."""
-    from cyclofeat.datasets import write_recording
+    from cyclofeat.datasets import make_rig_recording, write_recording
     from cyclofeat.datasets.readers import one_line, write_folder
+    from cyclofeat.recordings import Recording
+    from cyclofeat.simulators import Rig, simulate
+    from cyclofeat.simulators.sampling import draw_conditions
 
-    file = arguments.out
+    file, (speed, *speeds), (load, *loads) = arguments.out, arguments.speeds, arguments.loads
     if (Path(file).suffix.lower() in (".csv", ".npz")) is (arguments.count is not None):
         raise ValueError(f"--out must end in .csv or .npz, or be a folder for --count N, got {file}")
     if arguments.count is not None:
         files = write_folder(file, _simulate_many(arguments))
         text = f"{file}: {number_of(len(files), 'recording')}, each of another assembly, and their manifest"
         return Printed(text, {"folder": file, "files": list(map(str, files))})
+    if speeds or loads:
+        raise ValueError("--speeds and --loads must be one number each without --count")
     with Progress(f"simulating {arguments.duration:g} s"):
-        recording = _simulate_one(arguments)
+        defects, named = defects_of(arguments), rig_of_machine(arguments)
+        rig = named or Rig(gearbox_of(arguments), name="nominal")
+        rig = draw_conditions(rig, speed, load, np.random.SeedSequence(arguments.random_state))
+        length = {"duration": arguments.duration, "sampling_rate": arguments.sampling_rate}
+        if named is None:
+            recording = Recording.from_run(
+                simulate(rig.gearbox, defects, **length), quantity=arguments.quantity, assembly="nominal",
+                run="simulated",
+            )  # fmt: skip
+        else:
+            recording = make_rig_recording(
+                rig, defects, **length, quantity=arguments.quantity, random_state=arguments.random_state,
+                with_angle=True,
+            )  # fmt: skip
+    if arguments.no_angle:
+        recording = recording.replace(angle=None, angle_is_absolute=False)
     write_recording(file, recording)
     return Printed(f"{file}: {one_line(recording)}", {"file": file, "defect_count": recording.defect_count})
-
-
-def _simulate_one(arguments: argparse.Namespace) -> Recording:
-    from cyclofeat.datasets import make_rig_recording
-    from cyclofeat.recordings import Recording
-    from cyclofeat.simulators import Rig, simulate
-    from cyclofeat.simulators.sampling import draw_conditions
-
-    if max(len(arguments.speeds), len(arguments.loads)) > 1:
-        raise ValueError("--speeds and --loads must be one number each without --count")
-    defects, named = defects_of(arguments), rig_of_machine(arguments)
-    rig = draw_conditions(
-        named or Rig(gearbox_of(arguments), name="nominal"), arguments.speeds[0], arguments.loads[0],
-        np.random.SeedSequence(arguments.random_state),
-    )  # fmt: skip
-    length = {"duration": arguments.duration, "sampling_rate": arguments.sampling_rate}
-    if named is None:
-        recording = Recording.from_run(
-            simulate(rig.gearbox, defects, **length), quantity=arguments.quantity, assembly="nominal",
-            run="simulated",
-        )  # fmt: skip
-    else:
-        recording = make_rig_recording(
-            rig, defects, **length, quantity=arguments.quantity, random_state=arguments.random_state,
-            with_angle=True,
-        )  # fmt: skip
-    return recording.replace(angle=None, angle_is_absolute=False) if arguments.no_angle else recording
 
 
 def _simulate_many(arguments: argparse.Namespace) -> Iterator[Recording]:
