@@ -202,7 +202,15 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
                     row["worn_lobes_from_1"] = " ".join(map(str, row["worn_lobes_from_1"]))
                     row["warnings"] = "; ".join(count.warnings)
                 _write_row(arguments.csv, "a", row)
-            yield _print_count(result, strict=arguments.strict)
+            if result.value is None:
+                yield result.format_result()
+                continue
+            (answer, *lines), facts = result.value.describe()
+            name, _, description = result.title.partition(": ")
+            yield replace(result, title=f"{name}: {answer}").format_result(
+                [*lines, f"recording: {description}"], facts,
+                refused=result.value.count.refused and arguments.strict,
+            )  # fmt: skip
     if arguments.csv:
         note(f"table: {arguments.csv}")
     if arguments.report:
@@ -241,13 +249,3 @@ def _write_row(path: str, mode: str, row: dict[str, Any]) -> None:
     # that the file is UTF-8.
     with name_in_errors(path), open(path, mode, encoding="utf-8-sig", newline="") as stream:
         csv.DictWriter(stream, COLUMNS, extrasaction="ignore").writerow(row)
-
-
-def _print_count(result: FileResult[Counted], *, strict: bool) -> Printed:
-    if result.value is None:
-        return result.format_result()
-    (answer, *lines), facts = result.value.describe()
-    name, _, description = result.title.partition(": ")
-    answered = replace(result, title=f"{name}: {answer}")
-    refused = result.value.count.refused and strict
-    return answered.format_result([*lines, f"recording: {description}"], facts, refused=refused)

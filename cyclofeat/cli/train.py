@@ -205,24 +205,19 @@ def run(arguments: argparse.Namespace) -> Printed:
     if coarser is not None:
         model = model.with_coarser(coarser)
         save_model(arguments.out, model)
-    return _print_training(arguments.out, model)
-
-
-def _print_training(file: str, model: LobeModel) -> Printed:
-    card, lines = model.card_, [f"{file}: {model}"]
+    card, lines = model.card_, [f"{arguments.out}: {model}"]
     if model.locator_ is None:
         lines.append("note: lobes are located if all recordings state worn_lobes and an absolute angle")
     if card["cross_validation"] is None:
         lines.append("note: too few assemblies per count to cross-validate, 5 needed")
-    if model.wear_ is not None:
-        learned = model.wear_.summary()
-        if (error := learned["median_relative_error"]) is not None:
-            lines.append(f"median error of depths that show, on assemblies held out: {100 * error:.0f} %")
-        if (accuracy := learned["accuracy"]) is not None:
-            lines.append(f"counts right with all windows at once, of all depths: {accuracy:.3f}")
+    learned = {} if model.wear_ is None else model.wear_.summary()
+    if (error := learned.get("median_relative_error")) is not None:
+        lines.append(f"median error of depths that show, on assemblies held out: {100 * error:.0f} %")
+    if (accuracy := learned.get("accuracy")) is not None:
+        lines.append(f"counts right with all windows at once, of all depths: {accuracy:.3f}")
     if "domain" in card:
         lines.append(f"domain learned from {card['domain']}")
-    return Printed("\n  ".join(lines), {"file": file, **card})
+    return Printed("\n  ".join(lines), {"file": arguments.out, **card})
 
 
 def _simulated_recordings(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
