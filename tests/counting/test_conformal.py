@@ -13,23 +13,12 @@ from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.features import LobeMap
 
 
-def points(n=600, seed=0, n_classes=4, spread=0.5):
-    random = np.random.default_rng(seed)
-    y = np.arange(n) % n_classes
-    return y[:, np.newaxis] + random.normal(scale=spread, size=(n, 2)), y
-
-
 def assemblies(n=400, windows=3, seed=0, shared=0.5, own=0.15):
     random = np.random.default_rng(seed)
     group = np.repeat(np.arange(n), windows)
     y = group % 4
     common = random.normal(scale=shared, size=(n, 2))[group]
     return y[:, np.newaxis] + common + random.normal(scale=own, size=(group.size, 2)), y, group
-
-
-def folds_of(y, n_splits, random_state):
-    seed = int(np.random.RandomState(random_state).randint(2**31 - 1))
-    return grouped_folds(y, np.arange(len(y)), n_splits, seed)
 
 
 # Thresholds
@@ -50,7 +39,7 @@ def test_thresholds_by_hand():
 
 
 def test_distances_and_thresholds_of_the_domain_by_hand():
-    X, y = points(80)
+    X, y, groups = assemblies(n=80, windows=1)
 
     def by_hand(X, y, of):
         location, scale = X.mean(axis=0), X.std(axis=0)
@@ -62,7 +51,8 @@ def test_distances_and_thresholds_of_the_domain_by_hand():
 
     domain = TrainingDomain(false_refusal=0.1).fit(X, y)
     held_out = np.empty((80, 4))
-    for train, test in folds_of(y, 5, 0):
+    seed = int(np.random.RandomState(0).randint(2**31 - 1))
+    for train, test in grouped_folds(y, groups, 5, seed):
         held_out[test] = by_hand(X[train], y[train], X[test])
     spreads = np.array([np.sqrt(np.mean(held_out[y == c, c] ** 2)) for c in range(4)])
     largest = np.sort((held_out / spreads).min(axis=1))[int(np.ceil(0.9 * 81)) - 1]

@@ -93,14 +93,14 @@ def test_a_count_less_probable_than_all_others_together_is_refused():
 
 def test_bad_recordings_are_named(some):
     model = shaft_model()
-    with pytest.raises(ValueError, match="recording 1: the recording is too short"):
-        model.predict([some[0], some[0].crop(0.0, 0.5)])
-    with pytest.raises(TypeError, match="recordings must be Recording objects, got list at 0"):
-        model.predict([[1.0, 2.0]])
-    with pytest.raises(TypeError, match="recording must be a Recording object, got str"):
-        model.count("rig.csv")
-    with pytest.raises(TypeError, match="got one: use count"):
-        model.predict(some[0])
+    for ask, given, error, message in (
+        (model.predict, [some[0], some[0].crop(0.0, 0.5)], ValueError, "recording 1: the .* is too short"),
+        (model.predict, [[1.0, 2.0]], TypeError, "recordings must be Recording objects, got list at 0"),
+        (model.predict, some[0], TypeError, "got one: use count"),
+        (model.count, "rig.csv", TypeError, "recording must be a Recording object, got str"),
+    ):
+        with pytest.raises(error, match=message):
+            ask(given)
 
 
 def test_a_model_is_an_estimator_of_recordings(some):

@@ -106,31 +106,34 @@ def test_what_is_wrong_with_a_stream_is_said():
     model, record = shaft_model(), recording((), turns=2)
     with pytest.raises(TypeError, match="model must be of type LobeModel, got 'model.skops'"):
         LobeStream("model.skops", RATE)
-    with pytest.raises(ValueError, match="speed_rpm must be given"):
-        LobeStream(model, RATE, block_turns=1)
-    with pytest.raises(ValueError, match="angle_is_absolute must be False with block_turns"):
-        LobeStream(model, RATE, block_turns=1, speed_rpm=500, angle_is_absolute=True)
-    stream = LobeStream(model, RATE)
-    with pytest.raises(ValueError, match="angle must be given .input shaft, rad."):
-        stream.push(record.torque)
-    with pytest.raises(ValueError, match="angle must have the length of samples, 3600, got 7"):
-        stream.push(record.torque[:3600], record.angle[:7])
-    stream.push(record.torque[:100], record.angle[:100])
-    for bad in (record.angle[50:90], record.angle[140:100:-1]):
-        with pytest.raises(ValueError, match="angle must increase strictly"):
-            stream.push(record.torque[100:140], bad)
-    with pytest.raises(ValueError, match="samples must be finite, got nan"):
-        stream.push([np.nan], [1e3])
-    with pytest.raises(
-        ValueError, match="the stream holds no complete window: 0.05 s have .* takes 1 output"
+    for options, message in (
+        ({}, "speed_rpm must be given"),
+        ({"speed_rpm": 500, "angle_is_absolute": True}, "angle_is_absolute must be False with block_turns"),
     ):
+        with pytest.raises(ValueError, match=message):
+            LobeStream(model, RATE, block_turns=1, **options)
+    stream, (torque, angle) = LobeStream(model, RATE), (record.torque, record.angle)
+    stream.push(torque[:100], angle[:100])
+    for samples, at, error, message in (
+        (torque, None, ValueError, "angle must be given .input shaft, rad."),
+        (torque[:3600], angle[:7], ValueError, "angle must have the length of samples, 3600, got 7"),
+        (torque[100:140], angle[50:90], ValueError, "angle must increase strictly"),
+        (torque[100:140], angle[140:100:-1], ValueError, "angle must increase strictly"),
+        ([np.nan], [1e3], ValueError, "samples must be finite, got nan"),
+        (
+            torque[100:],
+            1e3 + angle[100:],
+            ValueError,
+            "less than an output turn .15 of .* got 1.+ call result",
+        ),
+        (torque[100:] * 1j, angle[100:], TypeError, "samples must be an array of real numbers"),
+        (["a"] * 8, angle[100:], TypeError, "samples must be an array of real numbers"),
+    ):
+        with pytest.raises(error, match=message):
+            stream.push(samples, at)
+    with pytest.raises(ValueError, match="holds no complete window: 0.05 s have .* takes 1 output"):
         stream.result()
-    with pytest.raises(ValueError, match="less than an output turn .15 of the input. .* got 1.+ call result"):
-        stream.push(record.torque[100:], 1e3 + record.angle[100:])
-    for bad in (record.torque[100:] * 1j, ["a"] * 8):
-        with pytest.raises(TypeError, match="samples must be an array of real numbers"):
-            stream.push(bad, record.angle[100:])
-    stream.push(record.torque[100:], record.angle[100:])  # none of it has harmed the stream
+    stream.push(torque[100:], angle[100:])  # none of it has harmed the stream
     assert len(stream.result().windows) == 2
     with pytest.raises(ValueError, match="angle has no effect with block_turns"):
         LobeStream(model, RATE, block_turns=1, speed_rpm=500).push([22.0], [0.0])

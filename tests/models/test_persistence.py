@@ -396,16 +396,16 @@ def test_a_counter_of_windows_is_no_model_of_recordings(stored):
 
 
 def test_writing_says_what_is_wrong(counters, tmp_path):
-    with pytest.raises(ValueError, match="must end in .skops .safe. or .joblib .a pickle., got 'm.pkl'"):
-        save_model(tmp_path / "m.pkl", counters["plain"])
-    with pytest.raises(TypeError, match="counter must be fitted, got Pipeline that is not"):
-        save_model(tmp_path / "m.joblib", make_lobe_counter(RATE))
-    with pytest.raises(ValueError, match="sampling_rate must be given"):
-        save_model(tmp_path / "m.joblib", GaussianNB().fit([[0.0], [1.0]], [0, 1]))
-    with pytest.raises(FileNotFoundError, match="folder .* does not exist: make it first"):
-        save_model(tmp_path / "absent" / "m.joblib", counters["plain"])
-    with pytest.raises(TypeError, match="must be a LobeModel or a classifier with predict_proba, got dict"):
-        save_model(tmp_path / "m.joblib", {})
+    fitted, bayes = counters["plain"], GaussianNB().fit([[0.0], [1.0]], [0, 1])
+    for name, counter, error, message in (
+        ("m.pkl", fitted, ValueError, "must end in .skops .safe. or .joblib .a pickle., got 'm.pkl'"),
+        ("m.joblib", make_lobe_counter(RATE), TypeError, "counter must be fitted, got Pipeline that is not"),
+        ("m.joblib", bayes, ValueError, "sampling_rate must be given"),
+        ("absent/m.joblib", fitted, FileNotFoundError, "folder .* does not exist: make it first"),
+        ("m.joblib", {}, TypeError, "must be a LobeModel or a classifier with predict_proba, got dict"),
+    ):
+        with pytest.raises(error, match=message):
+            save_model(tmp_path / name, counter)
     with pytest.raises(FileNotFoundError, match=r"model file .*absent\.joblib does not exist"):
         load_model(tmp_path / "absent.joblib", trusted=True)
     assert not list(tmp_path.iterdir())
