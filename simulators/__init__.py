@@ -9,7 +9,7 @@ module           responsibility
 ``motor``        the motor on the input shaft with control of its speed; runs as it would have made them
 ``rig``          a gearbox with effects: draws machines, simulates records, reads and writes files
 ``simulation``   runs of one gearbox, and the time until they are steady
-``courses``      input speed and load over time, and straight lines between points
+``courses``      input speed and load over time
 ``tables``       parameters as the compiled kernel takes them, those of contacts included
 ``held_output``  torque against deflection with the output held
 ``many``         many runs at once, on several cores

@@ -1,4 +1,4 @@
-"""Angle, speed and acceleration of the input, and load, over time; straight lines between points."""
+"""Angle, speed and acceleration of the input, and load, over time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.checks import number, repr_of
-from cyclofeat.simulators._jit import njit
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
 Float = NDArray[np.float64]
@@ -184,32 +183,3 @@ def interpolate_rows(values: NDArray[Any], instants: NDArray[Any]) -> NDArray[An
     after = np.minimum(before + 1, len(values) - 1)
     share = (instants - before).reshape(-1, *[1] * (values.ndim - 1))
     return np.asarray(values[before] + share * (values[after] - values[before]))
-
-
-@njit(fastmath=False)
-def on_lines(at, knots, values):  # type: ignore[no-untyped-def]
-    """``numpy.interp(at, knots, values)`` to the last bit, several times as fast for increasing ``at``."""
-    joined = np.empty(at.size)
-    last = knots.size - 1
-    i, k = 0, 0
-    if at.size > 0 and at[0] > knots[0]:
-        k = np.searchsorted(knots, at[0], side="right") - 1
-    while i < at.size:
-        x = at[i]
-        while k < last and knots[k + 1] <= x:
-            k += 1
-        while k > 0 and x < knots[k]:
-            k -= 1
-        if k == last or x <= knots[k]:
-            joined[i] = values[k]
-            i += 1
-            continue
-        # One quotient for all numbers in turn between two knots: it takes longer than all the rest.
-        low, high, value = knots[k], knots[k + 1], values[k]
-        slope = (values[k + 1] - value) / (high - low)
-        joined[i] = slope * (x - low) + value
-        i += 1
-        while i < at.size and low < at[i] < high:
-            joined[i] = slope * (at[i] - low) + value
-            i += 1
-    return joined

@@ -16,7 +16,7 @@ from scipy.signal import firwin, resample_poly
 from cyclofeat._base.checks import check_type, number, one_of, positive
 from cyclofeat.simulators import _kernels
 from cyclofeat.simulators._simulator import Simulator
-from cyclofeat.simulators.courses import MARGIN, Courses, DriveAndLoad, on_lines
+from cyclofeat.simulators.courses import MARGIN, Courses, DriveAndLoad
 from cyclofeat.simulators.defects import LobeDefects, check_machine
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.tables import (
@@ -278,7 +278,7 @@ def simulate(
         nearby = np.stack([course[:, 2 * step : 2 * step + 3] for step in watched])
         check_friction(gearbox, integration.constants, solver, nearby, states)
     phi, omega = course[:2]
-    input_angle = on_lines(sampling.time, np.arange(phi.size) * (dt / 2), phi)
+    input_angle = np.interp(sampling.time, np.arange(phi.size) * (dt / 2), phi)
     z, external, internal = gearbox.n_lobes, done.external, done.internal
     external_points, internal_points = None, None
     if points:

@@ -17,7 +17,7 @@ from cyclofeat.simulators.batch import _tables as rows
 from cyclofeat.simulators.batch._kernel import decimate_lanes, fill_drive, integrate_batch
 from cyclofeat.simulators.batch._tables import aligned_zeros, batch_tables, read_states, write_states
 from cyclofeat.simulators.batch._vectors import lane_tuple
-from cyclofeat.simulators.courses import Courses, DriveAndLoad, on_lines
+from cyclofeat.simulators.courses import Courses, DriveAndLoad
 from cyclofeat.simulators.defects import LobeDefects, check_machine
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.simulation import STAGES, Sampling, SimulationRun, Solver
@@ -142,7 +142,7 @@ class SampledCourse:
         """Return what :class:`DriveAndLoad` does."""
         piece = self._whole.piece(first, last, out)
         inside = slice(*np.searchsorted(self._time, [first * self._step, last * self._step]))
-        self.angle[inside] = on_lines(self._time[inside], np.arange(first, last + 1) * self._step, piece[0])
+        self.angle[inside] = np.interp(self._time[inside], np.arange(first, last + 1) * self._step, piece[0])
         inside = slice(*np.searchsorted(self._evaluations, [first, last]))
         self.speed[inside] = piece[1, self._evaluations[inside] - first]
         return piece

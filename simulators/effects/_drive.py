@@ -14,7 +14,6 @@ from scipy.signal import butter, sosfilt
 from scipy.stats import loguniform, norm, uniform
 
 from cyclofeat._base.checks import is_number, whole
-from cyclofeat.simulators.courses import on_lines
 from cyclofeat.simulators.effects._parameter import EffectParameter
 from cyclofeat.simulators.effects.effect import Added, Effect, Float, Of, TorqueContext
 from cyclofeat.simulators.gearbox import CycloidalGearbox
@@ -243,7 +242,7 @@ class SpeedWander(Effect):
 
         def fluctuation(time: Float) -> Float:
             time = check_time(time, end)
-            slow = on_lines(time, times, wander)
+            slow = np.interp(time, times, wander)
             if ripple == 0:
                 return np.asarray(speed * slow)
             k = np.clip(np.searchsorted(times, time, side="right") - 1, 0, slope.size - 1)
@@ -285,7 +284,7 @@ class StickSlip(_AddedTorque):
         first = last - cycles
         times = np.column_stack([first, last - 0.1 * cycles]).ravel() / self.frequency_hz
         values = np.column_stack([np.full(cycles.size, -size / 2), size * (cycles - 0.5)]).ravel()
-        return lambda time: np.asarray(on_lines(check_time(time, end), times, values))
+        return lambda time: np.interp(check_time(time, end), times, values)
 
 
 class Rattle(_AddedTorque):
@@ -317,7 +316,7 @@ class Rattle(_AddedTorque):
         nothing = np.zeros(last.size)
         times = np.column_stack([last - length, last - length / 2, last]).ravel()
         values = np.column_stack([nothing, self.blow_nm * signs * heights, nothing]).ravel()
-        return lambda time: np.asarray(on_lines(check_time(time, end), times, values))
+        return lambda time: np.interp(check_time(time, end), times, values)
 
 
 class ServoMotor(Effect):
@@ -496,7 +495,7 @@ class LowPassed:
 
     def __call__(self, time: Float) -> Float:
         """Return the values at increasing times in s; raise ValueError for times outside 0 to the end."""
-        return np.asarray(on_lines(check_time(time, self.end), *self.knots))
+        return np.interp(check_time(time, self.end), *self.knots)
 
 
 @functools.lru_cache(maxsize=64)

@@ -9,7 +9,7 @@ import pytest
 from reference_tools import SPEED, simulate_with
 
 from cyclofeat.simulators import Courses, CycloidalGearbox, LobeDefects, SimulationRun, simulate
-from cyclofeat.simulators.courses import DriveAndLoad, on_lines
+from cyclofeat.simulators.courses import DriveAndLoad
 from cyclofeat.simulators.many import simulate_each
 
 STEEL = CycloidalGearbox.steel()
@@ -49,15 +49,6 @@ def test_numbers_are_reached_over_the_ramp() -> None:
     own = raw(STEEL.replace(input_speed=40.0, load_torque=10.0))
     for name in ("input_angle", "torque_out", "torque_in", "output_speed"):
         assert np.array_equal(getattr(given, name), getattr(own, name))
-
-
-def test_lines_are_those_of_numpy_to_the_last_bit() -> None:
-    rng = np.random.default_rng(8)
-    knots, values = np.cumsum(rng.exponential(size=200)), rng.normal(size=200)
-    within = rng.uniform(knots[0] - 5, knots[-1] + 5, 3000)
-    for at in (np.sort(within), within, knots, knots[:1], knots[-1:], np.array([-np.inf, np.inf])):
-        np.testing.assert_array_equal(on_lines(at, knots, values), np.interp(at, knots, values))
-    np.testing.assert_array_equal(on_lines(within, knots[:1], values[:1]), np.full(3000, values[0]))
 
 
 @pytest.mark.parametrize(
