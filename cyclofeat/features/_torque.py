@@ -37,8 +37,7 @@ class TorqueStatistics(WindowTransformer):
         return [REGISTRY[f"torque_{name}"].column() for name in STATISTICS]
 
     def _compute_features(self, X: NDArray[Any]) -> Float:
-        statistics = torque_statistics(X)
-        return np.column_stack([statistics[name] for name in STATISTICS])
+        return np.column_stack([*torque_statistics(X).values()])
 
 
 @dataclass(eq=False, repr=False)

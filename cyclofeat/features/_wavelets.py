@@ -115,8 +115,7 @@ class WaveletLevelStatistics(WaveletTransformer):
 
     def _from_coefficients(self, X: NDArray[Any], coefficients: Sequence[Float]) -> Float:
         details = coefficients[: self.levels + 1]  # the last one is not used
-        statistics = wavelets.level_statistics(details, X.shape[1], self.colours)
-        return np.hstack([statistics[name] for name in _STATISTICS])
+        return np.hstack([*wavelets.level_statistics(details, X.shape[1], self.colours).values()])
 
 
 @dataclass(eq=False, repr=False)

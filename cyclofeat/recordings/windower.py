@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import resample_poly
 
-from cyclofeat._base.checks import number, positive, truth_value, whole
+from cyclofeat._base.checks import not_negative, number, positive, truth_value, whole
 from cyclofeat._base.quantities import number_of
 from cyclofeat.recordings.recording import Recording, common_n_lobes, common_quantity, list_recordings
 from cyclofeat.signal.lobes import anti_alias
@@ -195,8 +195,7 @@ class Windower:
         for name in ("duration", "input_speed_hz"):
             if getattr(self, name) is not None:
                 positive(name, getattr(self, name))
-        if number("skip_s", self.skip_s) < 0:
-            raise ValueError(f"skip_s must not be negative (s), got {self.skip_s!r}")
+        not_negative("skip_s", self.skip_s)
         if not 0 <= number("overlap", self.overlap) < 1:
             raise ValueError(f"overlap must lie in [0, 1), got {self.overlap!r}")
         truth_value("remove_mean", self.remove_mean)

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 from scipy.signal import hilbert
 from scipy.signal.windows import hann
 
-from cyclofeat._base.checks import whole
+from cyclofeat._base.checks import number_series, whole
 from cyclofeat.signal.windows import Bool, Float, Int, as_windows, chunks, ratio
 
 AnyWavelet: TypeAlias = str | pywt.Wavelet | Sequence[Sequence[float]]
@@ -78,14 +78,12 @@ def as_wavelet(wavelet: AnyWavelet) -> pywt.Wavelet:
                 f"got {wavelet!r}"
             )
         return pywt.Wavelet(wavelet)
-    filters = [np.asarray(taps, dtype=float) for taps in wavelet]
-    if len(filters) != 4 or any(f.ndim != 1 or f.size != filters[0].size or f.size < 2 for f in filters):
+    filters = [number_series("wavelet", taps) for taps in wavelet]
+    if len(filters) != 4 or any(f.size != filters[0].size or f.size < 2 for f in filters):
         raise ValueError(
             "wavelet as a filter bank must hold four filters of equal length of at least 2 "
             f"(dec_lo, dec_hi, rec_lo, rec_hi), got lengths {[f.size for f in filters]}"
         )
-    if not all(np.isfinite(f).all() for f in filters):
-        raise ValueError("wavelet as a filter bank must be finite, got NaN or infinity")
     return pywt.Wavelet("custom", filter_bank=filters)
 
 

@@ -461,7 +461,7 @@ def test_what_is_no_recording_is_named():
         ({"duration": 0.6, "output_turns": 2}, ValueError, "exclude each other"),
         ({"duration": 0.6, "samples_per_turn": 64}, ValueError, "exclude each other"),
         ({"reduction": 1}, ValueError, "reduction must be at least 2"),
-        ({"skip_s": -0.1}, ValueError, "skip_s must not be negative"),
+        ({"skip_s": -0.1}, ValueError, "skip_s must be finite and not negative, got -0.1"),
         ({"overlap": 1.0}, ValueError, r"overlap must lie in \[0, 1\), got 1.0"),
         ({"overlap": "half"}, TypeError, "overlap must be a number"),
         ({"samples_per_turn": 1}, ValueError, "samples_per_turn must be at least 2"),
