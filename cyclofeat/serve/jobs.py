@@ -16,8 +16,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 from cyclofeat._base.quantities import number_of
 from cyclofeat.datasets.readers import MANIFEST, folder_entries
@@ -38,33 +37,20 @@ _COMMANDS: dict[str, tuple[str, dict[str, str], tuple[str, ...]]] = {
 }
 
 
-class Order(NamedTuple):
-    """One command to run, with its arguments but ``--json``.
-
-    It reads ``recordings``, and writes ``outputs`` into its folder, which can be downloaded by these names.
-    With ``rows`` it reads links to the recordings and a manifest of these rows.
-    """
-
-    command: str
-    title: str  # on the page
-    arguments: list[str]
-    recordings: tuple[str, ...] = ()
-    outputs: tuple[str, ...] = ()
-    rows: Mapping[str, Mapping[str, str]] = MappingProxyType({})
-
-
-def make_order(asked: Mapping[str, Any], store: Store, model: Sequence[str], folder: Path) -> Order:
-    """Return the command for a request of the page, or raise Refused if the page may not ask this.
+def make_job(asked: Mapping[str, Any], store: Store, model: Sequence[str], number: int) -> Job:
+    """Return the job for a request of the page, or raise Refused if the page may not ask this.
 
     The page asks for ``command``, ``recordings`` (names) and ``options`` (name to text). ``model`` holds the
-    options that name the model, none for the packaged ones; the command writes its files into ``folder``.
+    options that name the model, none for the packaged ones.
     """
+    folder = store.root / f"job-{number}"
     command = asked.get("command")
     if command == "simulate":
         name = store.claim_name("example.csv")
         worn = ["--worn-count", "3", "--rig", "r2", "--duration", "9"]
         arguments = [*worn, "--out", name, "--force"]
-        return Order("simulate", "Simulation of an example with 3 worn lobes", arguments, (name,))
+        title = "Simulation of an example with 3 worn lobes"
+        return Job(number, folder, "simulate", title, arguments, (name,))
     if not isinstance(command, str) or command not in _COMMANDS:
         raise Refused(400, f"command must be one of simulate, inspect, count, gap, got {command!r}")
     title, targets, more = _COMMANDS[command]
@@ -98,7 +84,7 @@ def make_order(asked: Mapping[str, Any], store: Store, model: Sequence[str], fol
     title += f" of {names[0] if len(names) == 1 else number_of(len(names), 'recording')}"
     read = [".", *(name for name in names if store.items[name])] if rows else names
     arguments = [*(model if command == "count" else ()), *words, *read]
-    return Order(command, title, arguments, names, tuple(targets.values()), rows)
+    return Job(number, folder, command, title, arguments, names, tuple(targets.values()), rows)
 
 
 def _manifest_rows(names: Sequence[str], options: dict[str, str], store: Store) -> dict[str, dict[str, str]]:
@@ -153,12 +139,18 @@ State = Literal["running", "done", "failed", "cancelled", "ended unexpectedly"]
 class Job:
     """One run of a command: its messages so far, the documents that it printed, and why it failed or died.
 
-    A command that has failed says why; one that died could not.
+    The command reads ``recordings``, or links to them beside a manifest of ``rows``, and writes ``targets``
+    into its folder. One that has failed says why; one that died could not.
     """
 
     number: int
-    order: Order
     folder: Path
+    command: str
+    title: str  # on the page
+    arguments: list[str]
+    recordings: tuple[str, ...] = ()
+    targets: tuple[str, ...] = ()
+    rows: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     state: State = "running"
     messages: deque[str] = field(default_factory=lambda: deque(maxlen=_N_MESSAGES))
     result: list[dict[str, Any]] = field(default_factory=list)
@@ -174,7 +166,7 @@ class Job:
     @property
     def outputs(self) -> list[str]:
         """Names of the files that can be downloaded."""
-        return [name for name in self.order.outputs if self.output_path(name) is not None]
+        return [name for name in self.targets if self.output_path(name) is not None]
 
     async def read_messages(self, stream: asyncio.StreamReader) -> None:
         """Keep what the command says while it works."""
@@ -203,7 +195,7 @@ class Job:
         """Return the path of a file that the job has written, by its name."""
         path = self.folder / name
         ended = self.state in ("done", "failed")  # a page may list nothing but failures
-        return path if ended and name in self.order.outputs and path.is_file() else None
+        return path if ended and name in self.targets and path.is_file() else None
 
 
 class Session:
@@ -223,7 +215,7 @@ class Session:
         """Forget the results of jobs that have ended, but for what was found in recordings."""
         ended = [job for job in self.jobs.values() if job.state != "running"]
         for job in ended:
-            if job.order.command != "inspect":
+            if job.command != "inspect":
                 del self.jobs[job.number]
 
     @property
@@ -243,13 +235,12 @@ class Session:
         if len(self.running_jobs) >= most:
             raise Refused(429, f"{most} jobs are running: wait until one ends, or cancel one")
         number = next(self._numbers)
-        folder = self.store.root / f"job-{number}"
         uploaded = self.store.others.get("model")
         model = self.given if uploaded is None else ("--model", str(uploaded))
-        job = Job(number, make_order(asked, self.store, model, folder), folder)
-        folder.mkdir()
-        if job.order.rows:
-            self.store.link_recordings(job.order.recordings, folder / _LINKS, job.order.rows)
+        job = make_job(asked, self.store, model, number)
+        job.folder.mkdir()
+        if job.rows:
+            self.store.link_recordings(job.recordings, job.folder / _LINKS, job.rows)
         self.jobs[number] = job
         job.task = asyncio.create_task(self._run_job(job))
         for old in [ended for ended in self.jobs.values() if ended.state != "running"][:-_N_KEPT]:
@@ -269,14 +260,14 @@ class Session:
 
     async def _run_job(self, job: Job) -> None:
         """Run the process of a job and keep what it prints."""
-        words = [*self.program, job.order.command, "--json", *job.order.arguments]
+        words = [*self.program, job.command, "--json", *job.arguments]
         alone: dict[str, Any] = {"start_new_session": True}  # with its own workers, so that all can be ended
         if sys.platform == "win32":
             alone = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
         # No module is imported from the folder of uploads.
         environment = os.environ | {"PYTHONSAFEPATH": "1", "PYTHONIOENCODING": "utf-8"}
         process: asyncio.subprocess.Process | None = None
-        place = job.folder / _LINKS if job.order.rows else self.store.recordings
+        place = job.folder / _LINKS if job.rows else self.store.recordings
         try:
             process = await asyncio.create_subprocess_exec(
                 *words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,

@@ -27,7 +27,7 @@ def render_parts(session: Session) -> dict[str, Any]:
     """Return what changes on the page: HTML by the id of its element, and what the script needs to know."""
     # A command may still be writing a recording. Of each file, what was last found in it.
     present = [name for name in session.store.items if (session.store.recordings / name).exists()]
-    inspections = [job for job in session.jobs.values() if job.order.command == "inspect"]
+    inspections = [job for job in session.jobs.values() if job.command == "inspect"]
     facts = {row["file"]: row for job in inspections for row in job.result if "file" in row}
     recordings: list[dict[str, Any]] = [
         {
@@ -38,7 +38,7 @@ def render_parts(session: Session) -> dict[str, Any]:
         }
         for name in present
     ]
-    jobs = [_describe_job(job) for job in reversed(session.jobs.values()) if job.order.command != "inspect"]
+    jobs = [_describe_job(job) for job in reversed(session.jobs.values()) if job.command != "inspect"]
     channels = {name: unit for row in facts.values() for name, unit in (row.get("channels") or {}).items()}
     html = {
         "model": {"model": _describe_model(session)},
@@ -102,9 +102,9 @@ def _describe_file(row: Mapping[str, Any]) -> dict[str, Any]:
 
 def _describe_job(job: Job) -> dict[str, Any]:
     """Describe a job and what came out of it."""
-    command_line = shlex.join(["cyclofeat", job.order.command, *job.order.arguments])
+    command_line = shlex.join(["cyclofeat", job.command, *job.arguments])
     # A terminal needs the manifest, too, that the page has written.
-    rows = [f"{MANIFEST}: {', '.join((name, *row.values()))}" for name, row in job.order.rows.items()]
+    rows = [f"{MANIFEST}: {', '.join((name, *row.values()))}" for name, row in job.rows.items()]
     counted = re.search(r"(\d+) of (\d+)", job.message)
     return {
         "job": job,
@@ -115,13 +115,13 @@ def _describe_job(job: Job) -> dict[str, Any]:
             text.replace(f"{job.folder}{os.sep}", "") for text in (command_line, *rows, *job.messages)
         ],
         "counts": _describe_counts(job),
-        "gap": job.result[0]["text"] if job.order.command == "gap" and job.state == "done" else [],
+        "gap": job.result[0]["text"] if job.command == "gap" and job.state == "done" else [],
     }
 
 
 def _describe_counts(job: Job) -> list[dict[str, Any]]:
     """Describe the answers of ``count``; none of other commands."""
-    rows = [{"error": "", **row} for row in job.result if "file" in row and job.order.command == "count"]
+    rows = [{"error": "", **row} for row in job.result if "file" in row and job.command == "count"]
     for row in rows:
         if row["error"]:
             continue
@@ -139,7 +139,7 @@ def _status_text(session: Session, recordings: list[dict[str, Any]]) -> str:
     running = session.running_jobs
     if running:
         job = running[-1]
-        return f"{job.order.title}: {job.message}."
+        return f"{job.title}: {job.message}."
     jobs = list(session.jobs.values())
     ended = ""
     if jobs:
@@ -150,10 +150,10 @@ def _status_text(session: Session, recordings: list[dict[str, Any]]) -> str:
             for row in rows
             if not row["error"]
         ]
-        ended = f"{counts[0] if counts else f'{job.order.title}: done'}. "
+        ended = f"{counts[0] if counts else f'{job.title}: done'}. "
         if job.state != "done":
             error = (job.error or job.state).rstrip(".")
-            ended = f"{'' if error.startswith(job.order.recordings) else f'{job.order.title}: '}{error}. "
+            ended = f"{'' if error.startswith(job.recordings) else f'{job.title}: '}{error}. "
         elif len(rows) > 1:
             ended = f"{len(counts)} of {number_of(len(rows), 'recording')} counted. "
     files = [file for recording in recordings for file in recording["files"]]
