@@ -213,10 +213,9 @@ class Session:
 
     def clear_jobs(self) -> None:
         """Forget the results of jobs that have ended, but for what was found in recordings."""
-        ended = [job for job in self.jobs.values() if job.state != "running"]
-        for job in ended:
-            if job.command != "inspect":
-                del self.jobs[job.number]
+        for number, job in [*self.jobs.items()]:
+            if job.state != "running" and job.command != "inspect":
+                del self.jobs[number]
 
     @property
     def running_jobs(self) -> list[Job]:
