@@ -17,6 +17,7 @@ from cyclofeat.plotting.drawing import words_of
 from cyclofeat.recordings.recording import facts_in_words
 from cyclofeat.report import _figures
 from cyclofeat.report._page import check_page_path, count_text, describe_origin, write_page
+from cyclofeat.signal.lobes import SPEED_TOLERANCE
 
 if TYPE_CHECKING:
     import os
@@ -167,11 +168,15 @@ def _answer_row(item: CountedRecording) -> dict[str, Any]:
 
 
 def _recording_section(model: LobeModel, item: CountedRecording, most_samples: int) -> dict[str, Any]:
+    from cyclofeat.counting.model.turning import turning_of
     from cyclofeat.datasets import describe
     from cyclofeat.datasets.readers import record_warnings
 
     count, recording = item.count, item.recording
-    speed_hz = model.speed_of(recording)
+    speed_hz, turned_hz = recording.input_speed_hz, turning_of(recording, model.n_lobes_).speed_hz
+    if speed_hz is None or abs(turned_hz / speed_hz - 1) > SPEED_TOLERANCE:
+        # At least so fast that the recording holds one output turn.
+        speed_hz = max(turned_hz, model.n_lobes_ / recording.duration)
     described = describe(recording.replace(speed_rpm=60 * speed_hz, n_lobes=model.n_lobes_))
     # The speed is known by a tachometer, or if the torque is like that of training.
     speed_known = recording.angle is not None or not count.refused

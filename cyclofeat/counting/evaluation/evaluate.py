@@ -220,7 +220,7 @@ class LabelledData:
         begins = of_windows("passage", passage, len(given)).astype(float)
         return cls(given, labels, assemblies, marks, begins)
 
-    def fit_metadata(self, rows: Int) -> dict[str, Any]:
+    def fit_metadata(self, rows: Int | slice) -> dict[str, Any]:
         """Return what ``fit`` may take beside ``X`` and ``y``, for some windows."""
         columns = {"groups": self.groups, "worn": self.worn, "passage": self.passage}
         return {name: values[rows] for name, values in columns.items() if values is not None}

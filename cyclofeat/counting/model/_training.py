@@ -131,57 +131,49 @@ def make_counter(
 def fit_counter(
     counter: BaseEstimator, windows: WindowSet, n_lobes: int, protocol: Protocol | None
 ) -> tuple[Any, dict[str, Any] | None, Float]:
-    """Fit a counter to windows; return it, its cross-validated scores, and the features that it sees."""
+    """Fit a counter to windows; return it, its cross-validated scores, and the features that it sees.
+
+    Scores are of whole assemblies held out, None if these are too few. A counter whose calibration is left
+    out, which never changes the count, has no calibration error.
+    """
     assert windows.y is not None
-    X, y, worn = windows.X, windows.y, windows.worn_table(n_lobes)
-    metadata = {"groups": windows.recording if windows.groups is None else windows.groups}
-    lobes = None if worn is None else (worn, passage_of_lobe_zero(windows.start_angle, n_lobes))
-    if lobes is not None:
-        metadata |= dict(zip(("worn", "passage"), lobes, strict=True))
+    groups, worn = windows.groups, windows.worn_table(n_lobes)
+    passage = None if worn is None else passage_of_lobe_zero(windows.start_angle, n_lobes)
+    data = LabelledData(windows.X, windows.y, windows.recording if groups is None else groups, worn, passage)
+    metadata = data.fit_metadata(slice(None))
+    fitted: Any = counter
+    seen, calibrates = windows.X, True
     if isinstance(counter, LobeCounter):
-        proba = counter._fit_cross_val_proba(X, y, **metadata)
-        features = np.asarray(counter.lobe_map_.transform(X))
-        scores = None
-        if not is_network(counter):
-            of_lobes = counter.pattern_ == "any"
-            scored, seen = (counter, X) if of_lobes else (counter.count_trees_, features)
-            scores = _cross_validated_scores(scored, seen, windows, protocol, lobes, calibrates=of_lobes)
-        elif protocol is not None and windows.groups is not None and np.isfinite(proba).all():
-            answers = Answers.empty(LabelledData.from_arrays(X, y, windows.groups))
+        proba = counter._fit_cross_val_proba(data.X, data.y, **metadata)
+        features = np.asarray(counter.lobe_map_.transform(data.X))
+        if is_network(counter):
+            if protocol is None or groups is None or not np.isfinite(proba).all():
+                return counter, None, features
+            answers = Answers.empty(data)
             predictions = answers.classes[proba.argmax(axis=1)]
             answers = replace(answers, proba=proba, certainty=proba.max(axis=1), predictions=predictions)
-            scores = score_answers(answers, protocol).to_dict()
-        return counter, scores, features
-    shared, seen = 0, X
-    if isinstance(counter, Pipeline) and isinstance(counter[0], LobeMap):
+            return counter, score_answers(answers, protocol).to_dict(), features
+        calibrates = counter.pattern_ == "any"
+        scored, seen = (counter, seen) if calibrates else (counter.count_trees_, features)
+    else:
         # A lobe map learns nothing from other windows, so that all folds can share it.
-        shared, seen = 1, np.asarray(counter[0].fit_transform(X))
-    behind = counter[1:] if shared else counter
-    scored = behind[0] if shared and len(behind) == 1 else behind
-    calibrates = not isinstance(scored, GroupCalibratedCounter)
-    scored = scored if calibrates else scored.counter
-    scores = _cross_validated_scores(scored, seen, windows, protocol, lobes, calibrates=calibrates)
-    fitted = fit_clone(behind, seen, y, **metadata)
-    features = features_seen(fitted, seen)
-    return Pipeline([counter.steps[0], *fitted.steps]) if shared else fitted, scores, features
+        shared = isinstance(counter, Pipeline) and isinstance(counter[0], LobeMap)
+        seen = np.asarray(counter[0].fit_transform(seen)) if shared else seen
+        behind = counter[1:] if shared else counter
+        scored = behind[0] if shared and len(behind) == 1 else behind
+        if isinstance(scored, GroupCalibratedCounter):
+            scored, calibrates = scored.counter, False
+        fitted = fit_clone(behind, seen, data.y, **metadata)
+        features = features_seen(fitted, seen)
+        fitted = Pipeline([counter.steps[0], *fitted.steps]) if shared else fitted
+    if protocol is None or groups is None or fewest_assemblies(groups, data.y) < protocol.n_splits:
+        return fitted, None, features
+    lobes = None if worn is None or passage is None else (worn, passage)
+    scores = evaluate(scored, seen, data.y, groups, lobes=lobes, protocol=protocol).to_dict()
+    kept = {name: value for name, value in scores.items() if calibrates or "calibration_error" not in name}
+    return fitted, kept, features
 
 
 def is_network(counter: Any) -> bool:
     """Return True for a counter of rows by networks."""
     return isinstance(counter, LobeCounter) and counter.kind == "network"
-
-
-def _cross_validated_scores(
-    counter: BaseEstimator, X: Float, windows: WindowSet, protocol: Protocol | None, lobes: Any, *,
-    calibrates: bool,
-) -> dict[str, Any] | None:  # fmt: skip
-    """Return scores with whole assemblies held out; None if there are too few assemblies.
-
-    A counter whose calibration is left out, which never changes the count, has no calibration error.
-    """
-    if protocol is None or windows.y is None or windows.groups is None:
-        return None
-    if fewest_assemblies(windows.groups, windows.y) < protocol.n_splits:
-        return None
-    scores = evaluate(counter, X, windows.y, windows.groups, lobes=lobes, protocol=protocol).to_dict()
-    return {name: value for name, value in scores.items() if calibrates or "calibration_error" not in name}

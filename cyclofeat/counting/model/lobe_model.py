@@ -55,7 +55,7 @@ from cyclofeat.features.base import reject_short_windows
 from cyclofeat.recordings import Recording, WindowSet
 from cyclofeat.recordings.recording import common_n_lobes, common_quantity
 from cyclofeat.recordings.windower import SAMPLES_PER_TURN, Windower, ends_by_angle, lobe_windower
-from cyclofeat.signal.lobes import N_LINES, SPEED_TOLERANCE, LobeLines, lobe_frequency
+from cyclofeat.signal.lobes import N_LINES, LobeLines, lobe_frequency
 from cyclofeat.signal.speed import FOLLOWED_TOLERANCE
 from cyclofeat.signal.windows import Float
 
@@ -505,25 +505,6 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         self._check_recording(recording)
         model = self.suited_to(recording)
         return model.windower_.windows([recording], [turning_of(recording, self.n_lobes_).angle])
-
-    def speed_of(self, recording: Recording) -> float:
-        """Return the input speed at which a recording is drawn.
-
-        Parameters
-        ----------
-        recording : Recording
-
-        Returns
-        -------
-        float
-            In turns per second: the stated one; where that is not close to the shaft's or not known, the
-            shaft's, but at least so fast that the recording holds one output turn.
-        """
-        stated = recording.input_speed_hz
-        measured = turning_of(recording, self.n_lobes_).speed_hz
-        if stated is not None and abs(measured / stated - 1) <= SPEED_TOLERANCE:
-            return stated
-        return max(measured, self.n_lobes_ / recording.duration)
 
     def count(self, recording: Recording) -> LobeCount:
         """Count and locate the worn lobes of one recording.
