@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.checks import is_whole, repr_of
+from cyclofeat._base.checks import whole
 from cyclofeat._base.quantities import CHANNELS, TORQUES, factor_to_output
 from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.courses import Courses
@@ -34,11 +34,7 @@ def seed_sequence(random_state: Any, name: str = "random_state") -> np.random.Se
         return np.random.SeedSequence()
     if isinstance(random_state, np.random.SeedSequence):
         return random_state
-    if not is_whole(random_state):
-        raise TypeError(f"{name} must be a whole number or a SeedSequence, got {repr_of(random_state)}")
-    if random_state < 0:
-        raise ValueError(f"{name} must not be negative, got {random_state!r}")
-    return np.random.SeedSequence(int(random_state))
+    return np.random.SeedSequence(whole(name, random_state, 0))
 
 
 @dataclasses.dataclass(frozen=True)

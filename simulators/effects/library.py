@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from cyclofeat._base.checks import repr_of
+from cyclofeat._base.checks import list_members, repr_of
 from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.effects import _drive, _gearbox, _meter
 from cyclofeat.simulators.effects._parameter import (
@@ -193,12 +193,9 @@ def unregister_effect(effect_id: str) -> None:
 
 def checked_effects(effects: Any) -> tuple[Effect, ...]:
     """Return checked copies of the effects, in the order given."""
-    if isinstance(effects, Effect) or not isinstance(effects, Iterable):
-        raise TypeError(f"effects must be a sequence of effects, got {effects!r}")
-    given = tuple(effects)
-    for effect in given:
-        if not isinstance(effect, Effect):
-            raise TypeError(f"effects must hold effects like Hum(amplitude_nm=0.2), got {effect!r}")
+    given = list_members(effects)
+    if given is None or not all(isinstance(effect, Effect) for effect in given):
+        raise TypeError(f"effects must be several effects like Hum(amplitude_nm=0.2), got {repr_of(effects)}")
     return tuple(effect.with_parameters() for effect in given)
 
 

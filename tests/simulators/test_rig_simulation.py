@@ -233,7 +233,7 @@ def test_effects_are_replaced_added_and_taken_away():
         (STEEL, (), {"duration": -1.0}, "duration must be positive and finite, got -1.0"),
         (STEEL, (), {"duration": 1e-6}, "duration 1e-06 s is shorter than one sample at 12800 Hz"),
         (STEEL, (), {"sampling_rate": math.inf}, "sampling_rate must be positive and finite, got inf"),
-        (STEEL, (), {"random_state": -1}, "random_state must not be negative, got -1"),
+        (STEEL, (), {"random_state": -1}, "random_state must be at least 0, got -1"),
         (STEEL, (), {"courses": 1.0}, "courses is not taken here"),
         (STEEL, (), {"zzz": 1.0}, "zzz"),
         (STEEL, [TorqueMeterLowPass(6400.0)], {}, "below the Nyquist frequency 6400 Hz, got 6400"),
