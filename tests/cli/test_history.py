@@ -45,11 +45,15 @@ def history(tmp_path_factory, shaft_options, files):
     return file
 
 
+def lines_of(capsys, *arguments):
+    """Lines of JSON that a command prints."""
+    return [json.loads(line) for line in call(capsys, *arguments)[0].splitlines()]
+
+
 @pytest.mark.slow
 def test_count_keeps_each_recording_and_prints_a_line(history, shaft_options, files, capsys):
     again = [*shaft_options, "--history", str(history), "--gearbox", "press 4"]
-    assert main(["count", *files[-2:], *again, *RATES, "--jsonl"]) == 0
-    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    lines = lines_of(capsys, "count", *files[-2:], *again, *RATES, "--jsonl")
     assert [line["file"] for line in lines] == files[-2:]
     assert [line["defect_count"] for line in lines] == [3, 3]
     assert [line["alarm"] for line in lines] == [True, True]
@@ -62,10 +66,10 @@ def test_count_keeps_each_recording_and_prints_a_line(history, shaft_options, fi
 
 def test_the_gearbox_has_a_name(shaft_options, files, tmp_path, capsys):
     to = [*shaft_options, "--history", str(tmp_path / "a.sqlite")]
-    assert main(["count", files[0], *to]) == 2
-    assert "00.npz: the file states no assembly: give --gearbox NAME" in capsys.readouterr().err
+    _, err = call(capsys, "count", files[0], *to, code=2)
+    assert "00.npz: the file states no assembly: give --gearbox NAME" in err
     write_recording(tmp_path / "b.npz", recording((), seed=300, assembly="lathe"))
-    assert main(["count", str(tmp_path / "b.npz"), *to]) == 0
+    call(capsys, "count", tmp_path / "b.npz", *to)
     with History(tmp_path / "a.sqlite") as read:
         assert read.gearboxes() == ["lathe"]
 
@@ -76,8 +80,8 @@ def test_a_recording_has_the_time_that_its_file_states(shaft_options, tmp_path, 
     times = ["2026-03-01T12:30:00", "2026-03-01T14:30:00+01:00", "2026-03-01T14:30:00.000000"]
     for k, time in enumerate([*times, "yesterday"]):
         write_recording(tmp_path / f"{k}.npz", disc.replace(meta={"start_time": time}))
-        assert main(["count", str(tmp_path / f"{k}.npz"), *to]) == (2 if k == 3 else 0)
-    assert "start_time must be a time as 2026-03-01T14:30:00 (UTC, unless" in capsys.readouterr().err
+        _, err = call(capsys, "count", tmp_path / f"{k}.npz", *to, code=2 if k == 3 else 0)
+    assert "start_time must be a time as 2026-03-01T14:30:00 (UTC, unless" in err
     with History(tmp_path / "a.sqlite") as read:
         assert [(row.time - 1_772_368_200) / HOUR for row in read.rows("x")] == [0, 1, 2]
 
@@ -97,12 +101,8 @@ def test_a_wrong_option_is_an_error_before_anything_is_counted(
     file = tmp_path / "a.sqlite"
     what = [files[0]] if command == "count" else [os.path.dirname(files[0]), "--once"]
     words = [*shaft_options, "--history", str(file), option, value]
-    assert main([command, *what, *words]) == 2
-    output = capsys.readouterr()
-    assert message in output.err
-    assert option in output.err
-    assert not output.out
-    assert not file.exists()
+    out, err = call(capsys, command, *what, *words, code=2)
+    assert (out, message in err, option in err, file.exists()) == ("", True, True, False)
 
 
 @pytest.mark.slow
@@ -110,8 +110,7 @@ def test_watch_keeps_what_arrives(shaft_options, files, tmp_path, capsys):
     file = tmp_path / "a.sqlite"
     folder = os.path.dirname(files[0])
     to = [*WATCH, *shaft_options, "--history", str(file)]
-    assert main(["watch", folder, *to, *RATES, "--json"]) == 0
-    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    lines = lines_of(capsys, "watch", folder, *to, *RATES, "--json")
     assert [line["defect_count"] for line in lines] == COUNTS
     name = os.path.basename(folder)
     assert {line["gearbox"] for line in lines} == {name}
@@ -119,8 +118,8 @@ def test_watch_keeps_what_arrives(shaft_options, files, tmp_path, capsys):
     assert alarms == sorted(alarms)
     assert alarms[-1]
     assert not alarms[11]
-    assert main(["watch", folder, *to, *RATES]) == 0  # without --done all are counted again
-    assert f"; {name}: ALARM since " in capsys.readouterr().out
+    # Without --done all are counted again.
+    assert f"; {name}: ALARM since " in call(capsys, "watch", folder, *to, *RATES)[0]
     with History(file) as read:
         assert len(read.rows(name)) == 18
 
@@ -132,10 +131,8 @@ def test_watch_goes_on_where_the_history_cannot_be_written(shaft_options, files,
     connection.execute("ALTER TABLE recording RENAME TO away")
     connection.close()
     to = [*WATCH, *shaft_options, "--history", str(file)]
-    assert main(["watch", os.path.dirname(files[0]), *to, "--done", str(done)]) == 0
-    printed = capsys.readouterr()
-    assert len(printed.out.splitlines()) == 18
-    assert printed.err.count("cannot be written, retrying") == 1
+    out, err = call(capsys, "watch", os.path.dirname(files[0]), *to, "--done", done)
+    assert (len(out.splitlines()), err.count("cannot be written, retrying")) == (18, 1)
     # What is not in the history is not done.
     assert done.read_text(encoding="utf-8") == ""
 
@@ -156,6 +153,6 @@ def test_history_states_the_alarm_and_writes_the_page(history, tmp_path, capsys)
         "press 4: 3 worn lobes", "Alarm 1 of 1", "All recordings are SIMULATED", "refused", "17.npz 3",
     ):  # fmt: skip
         assert part in said
-    assert main(["history", str(history), *RATES, "--gearbox", "lathe"]) == 2
-    assert "gearbox must be one of the history, press 4, got 'lathe'" in capsys.readouterr().err
+    _, err = call(capsys, "history", history, *RATES, "--gearbox", "lathe", code=2)
+    assert "gearbox must be one of the history, press 4, got 'lathe'" in err
     assert "no such history" in call(capsys, "history", tmp_path / "no.sqlite", code=2)[1]
