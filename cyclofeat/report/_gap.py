@@ -258,10 +258,7 @@ def _effect_rows(result: GapResult, *states: State) -> list[dict[str, Any]]:
             "name": row.name,
             "state": row.state,
             "probability": row.probability,
-            "sizes": [
-                {"name": size.label} | dict(zip(("value", "range", "unit"), size.parts, strict=True))
-                for size in row.sizes
-            ],
+            "sizes": [[size.label, *size.parts] for size in row.sizes],
             "ties": [tie.name for tie in ties],
             "together": min(row.probability + sum(tie.probability for tie in ties), 1.0),
             "seen": "" if row.visible_from is None else str(row.visible_from),
