@@ -5,12 +5,13 @@ to get around a check. The first instance of a class passes every check; the oth
 look at results (``FOR_VARIANTS``), since validation and tags do not depend on their parameters.
 """
 
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import pytest
 from sklearn.base import BaseEstimator, clone
 from sklearn.linear_model import LogisticRegression
+from sklearn.pipeline import Pipeline
 from sklearn.utils import estimator_checks, get_tags
 from sklearn.utils.estimator_checks import parametrize_with_checks
 from transformers import RATE, SPECTRAL, STATISTICS, WAVELET
@@ -48,14 +49,16 @@ def estimators() -> list[BaseEstimator]:
     ]
 
 
-# Class name -> check -> reason. Empty for transformers.
 _STEPS_ARE_FITTED = "Pipeline.fit fits the steps that it was given: every plain scikit-learn Pipeline fails"
-_CHECKS_OF_STEPS = ("check_estimators_overwrite_params", "check_dont_overwrite_parameters")
-EXPECTED_FAILURES = {"Pipeline": dict.fromkeys(_CHECKS_OF_STEPS, _STEPS_ARE_FITTED)}
+#: Of pipelines: check -> reason. No other estimator fails any.
+EXPECTED_FAILURES = {
+    "check_estimators_overwrite_params": _STEPS_ARE_FITTED,
+    "check_dont_overwrite_parameters": _STEPS_ARE_FITTED,
+}
 
 
 def expected_failures(estimator: BaseEstimator) -> dict[str, str]:
-    return EXPECTED_FAILURES.get(type(estimator).__name__, {})
+    return EXPECTED_FAILURES if isinstance(estimator, Pipeline) else {}
 
 
 # Checks that scikit-learn runs on its own estimators but never yields to those of others.
@@ -132,14 +135,11 @@ def yielded_checks() -> pytest.MarkDecorator:
         )
         for case in checks
         for estimator, check in [getattr(case, "values", case)]
-        if in_words(estimator) not in others or (is_plain(check) and check.func.__name__ in FOR_VARIANTS)
+        # Of variants, only checks with data as they are, not with memory maps that cannot be written.
+        if in_words(estimator) not in others
+        or (check.func.__name__ in FOR_VARIANTS and not check.keywords.get("readonly_memmap"))
     ]
     return pytest.mark.parametrize(names, chosen)
-
-
-def is_plain(check: partial[None]) -> bool:
-    """Tell whether a check takes its data as they are, not as a memory map that cannot be written."""
-    return not check.keywords.get("readonly_memmap")
 
 
 def checks_by_name() -> list[Any]:
@@ -149,10 +149,8 @@ def checks_by_name() -> list[Any]:
         for name in FOR_ALL + (FOR_TRANSFORMERS if hasattr(estimator, "transform") else ()):
             if in_words(estimator) in others and name not in FOR_VARIANTS:
                 continue
-            reason = expected_failures(estimator).get(name)
-            expected = [] if reason is None else [pytest.mark.xfail(reason=reason)]
-            marked = [*expected, *marks(estimator, name)]
-            params.append(pytest.param(estimator, name, id=f"{in_words(estimator)}-{name}", marks=marked))
+            label = f"{in_words(estimator)}-{name}"
+            params.append(pytest.param(estimator, name, id=label, marks=marks(estimator, name)))
     return params
 
 
@@ -175,16 +173,9 @@ def test_checks_that_are_never_yielded(estimator, name):
 def test_no_tag_gets_around_a_check(estimator):
     tags = get_tags(estimator)
     assert tags.requires_fit
-    assert not tags.no_validation
-    assert not tags.non_deterministic
-    assert not tags._skip_test
-    assert tags.input_tags.two_d_array
-    assert not tags.input_tags.three_d_array
-    assert not tags.input_tags.allow_nan
-    assert not tags.input_tags.positive_only
+    given = tags.input_tags
+    assert given.two_d_array
+    around = (tags.no_validation, tags.non_deterministic, tags._skip_test)
+    assert not any((*around, given.three_d_array, given.allow_nan, given.positive_only))
     if tags.transformer_tags is not None:
         assert tags.transformer_tags.preserves_dtype == ["float64"]
-
-
-def test_expected_failures_name_estimators_that_exist():
-    assert set(EXPECTED_FAILURES) <= {type(estimator).__name__ for estimator in estimators()}

@@ -101,20 +101,12 @@ def test_defect_count_follows_from_the_lobes():
         ({"worn_lobes": (-1,)}, ValueError, ["worn_lobes", "at least 0", "-1"]),
         ({"worn_lobes": 3}, TypeError, ["worn_lobes", "sequence", "3"]),
         ({"worn_lobes": (3, 15)}, ValueError, ["worn_lobes must lie between 0 and 14", "got (3, 15)"]),
-        (
-            {"defect_count": 14, "n_lobes": 13},
-            ValueError,
-            ["defect_count must be at most n_lobes = 13, got 14"],
-        ),
+        ({"defect_count": 14, "n_lobes": 13}, ValueError, ["defect_count", "at most n_lobes = 13, got 14"]),
         ({"worn_lobes": "04"}, TypeError, ["worn_lobes", "sequence", "'04'"]),
         ({"worn_lobes": (0, 1), "defect_count": 3}, ValueError, ["defect_count", "got 3 and 2 lobes (0, 1)"]),
         ({"speed_rpm": -500}, ValueError, ["speed_rpm", "positive", "-500"]),
         ({"load_nm": np.nan}, ValueError, ["load_nm", "finite", "nan"]),
-        (
-            {"quantity": "torque"},
-            ValueError,
-            ["quantity must be one of 'output_torque', 'input_torque', 'motor_current', got 'torque'"],
-        ),
+        ({"quantity": "torque"}, ValueError, ["quantity must be one of 'output_torque', ", "got 'torque'"]),
         ({"meta": [1]}, TypeError, ["meta", "mapping", "[1]"]),
         ({"meta": {1: 2}}, TypeError, ["meta", "text as keys", "1"]),
     ],
@@ -352,9 +344,7 @@ def test_windows_need_no_labels_but_transform_does():
     assert found.groups is None
     assert found.worn_lobes == (None,)
     assert np.isnan(found.start_angle).all()
-    with pytest.raises(
-        ValueError, match=r"recording 0 has no assembly: windows of one assembly resemble.*folds"
-    ):
+    with pytest.raises(ValueError, match=r"recording 0 has no assembly: windows of one .*folds"):
         Windower().transform(bare)
     with pytest.raises(ValueError, match=r"recording 0 \(assembly 'A'\) has no defect_count.*worn_lobes"):
         Windower().transform(bare.replace(assembly="A"))
@@ -396,13 +386,9 @@ def test_unknown_speed_names_both_remedies():
 
 def test_mixed_rates_and_speeds_are_errors():
     slow = Recording(noise(51_200), 12_800, assembly="B", defect_count=0, speed_rpm=500)
-    with pytest.raises(
-        ValueError, match=r"sampling_rate, got 25600 Hz in recording 0.* 12800 Hz in recording 1.*samples_per"
-    ):
+    with pytest.raises(ValueError, match=r"got 25600 Hz in .* 12800 Hz in recording 1.*samples_per"):
         Windower().windows([record(), slow])
-    with pytest.raises(
-        ValueError, match=r"recording 1 .*speed_rpm = 400, windows are meant for 500 RPM.*samples_per_turn"
-    ):
+    with pytest.raises(ValueError, match=r"recording 1 .*rpm = 400, windows are meant for 500 RPM.*samples"):
         Windower().windows([record(3.0), record(3.0, speed_rpm=400)])
     with pytest.raises(ValueError, match=r"speed_rpm = 400, windows are meant for 500 RPM"):
         Windower(input_speed_hz=500 / 60).windows(record(3.0, speed_rpm=400))
@@ -429,9 +415,7 @@ def test_a_constant_window_is_an_error_wherever_it_lies():
     torque = noise(100_000)
     torque[46_080:] = 3.5
     broken = Recording(torque, RATE, assembly="A", defect_count=0, speed_rpm=500)
-    with pytest.raises(
-        ValueError, match=r"recording 1 \(assembly 'A'\): .* is constant \(3.5 Nm\).*1.8 s.*sensor"
-    ):
+    with pytest.raises(ValueError, match=r"recording 1 \(assembly 'A'\).*constant \(3.5 Nm\).*1.8 s.*sensor"):
         Windower().windows([record(4.0), broken])
     torque[40_000:] = 3.5  # a spline smears the step over some samples
     turned = Recording(torque, RATE, angle=steady_angle(100_000 / RATE))
@@ -568,9 +552,7 @@ def test_an_absolute_start_is_never_given_up_silently():
     # 2 s hold 16.7 turns, but only 13 of them after the first multiple of 15
     recording = turning({3: 0.0}, seconds=2.0, start=TURN * 11)
     windower = Windower(samples_per_turn=64)
-    with pytest.raises(
-        ValueError, match=r"too short: it lasts 2 s .*first whole one of its.*angle_is_absolute=False"
-    ):
+    with pytest.raises(ValueError, match=r"it lasts 2 s .*first whole one of its.*angle_is_absolute=False"):
         windower.windows(recording)
     assert len(windower.windows(recording.replace(angle_is_absolute=False))) == 1
 
@@ -590,9 +572,7 @@ def test_errors_of_the_resampling_name_the_recording():
     phi = np.concatenate([np.linspace(0, 1, 50_000), 1 + steady_angle(4.0)[1:]])
     standing = Recording(noise(phi.size), RATE, angle=phi, run="r7")
     windower = Windower(samples_per_turn=64)
-    with pytest.raises(
-        ValueError, match=r"recording 1 \(run 'r7'\): the shaft nearly stands still at t = .*skip_s"
-    ):
+    with pytest.raises(ValueError, match=r"recording 1 \(run 'r7'\): the shaft nearly stands still.*skip_s"):
         windower.windows([turning({3: 0.0}), standing])
     skipping = Windower(samples_per_turn=64, skip_s=2.5)
     assert len(skipping.windows(standing)) == 1

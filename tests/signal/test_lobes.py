@@ -21,9 +21,11 @@ def comb(amplitudes, phases, speed=SPEED, n_samples=N_SAMPLES, rate=RATE):
     time = np.arange(n_samples) / rate
     k = np.arange(1, len(amplitudes) + 1)[:, np.newaxis]
     frequency = lobes.lobe_frequency(speed)
-    return (
-        np.asarray(amplitudes)[:, np.newaxis] * np.cos(2 * np.pi * k * frequency * time + np.c_[phases])
-    ).sum(0)
+    return (np.c_[amplitudes] * np.cos(2 * np.pi * k * frequency * time + np.c_[phases])).sum(0)
+
+
+def lines_of(torque, rate=RATE, **comb):
+    return lobes.lobe_lines(torque[np.newaxis], rate, SPEED, lobes.LobeComb(**comb))
 
 
 def test_the_lobe_frequency_is_16_15_of_the_input_speed():
@@ -35,9 +37,7 @@ def test_lines_are_the_amplitudes_and_phases_of_a_comb():
     rng = np.random.default_rng(5)
     amplitudes, phases = rng.uniform(0.5, 2, 20), rng.uniform(0, 2 * np.pi, 20)
     torque = comb(amplitudes, phases)
-    found = lobes.lobe_lines(
-        torque[np.newaxis], RATE, SPEED, lobes.LobeComb(n_lines=20, ar_order=0, speed_tolerance=0)
-    )
+    found = lines_of(torque, n_lines=20, ar_order=0, speed_tolerance=0)
     expected = amplitudes * np.exp(1j * phases) / torque.std()
     # Hann's sidelobes of the neighbouring lines, 16 bins off, and straight lines between padded bins
     assert_allclose(found.lines[0], expected, rtol=0.01, atol=0.005)
@@ -50,7 +50,7 @@ def test_the_speed_is_found_anywhere_in_its_range(deviation, seed):
     rng = np.random.default_rng(seed)
     speed = SPEED * (1 + deviation)
     torque = comb(rng.uniform(0.2, 1, 40), rng.uniform(0, 7, 40), speed) + rng.normal(size=N_SAMPLES)
-    found = lobes.lobe_lines(torque[np.newaxis], RATE, SPEED)
+    found = lines_of(torque)
     # Under this noise the fit scatters by some 2e-4; 1e-3 is an eighth of a slot at either end of the window.
     assert found.input_speed_hz[0] == pytest.approx(speed, rel=1e-3)
 
@@ -61,7 +61,7 @@ def test_mains_stronger_than_every_lobe_line_do_not_draw_the_speed(hum_hz):
     speed = SPEED * 1.006
     torque = comb(rng.uniform(0.2, 1, 40), rng.uniform(0, 7, 40), speed) + rng.normal(size=N_SAMPLES)
     torque += 5 * np.cos(2 * np.pi * hum_hz * np.arange(N_SAMPLES) / RATE)
-    found = lobes.lobe_lines(torque[np.newaxis], RATE, SPEED, lobes.LobeComb(ar_order=0))
+    found = lines_of(torque, ar_order=0)
     assert found.input_speed_hz[0] == pytest.approx(speed, rel=1e-3)
 
 
@@ -72,7 +72,7 @@ def test_the_speed_is_found_in_noise_ten_times_the_comb():
     for deviation in rng.uniform(-0.01, 0.01, 10):
         torque = comb(rng.uniform(0.02, 0.3, 40), rng.uniform(0, 7, 40), SPEED * (1 + deviation))
         torque += 10 * torque.std() * rng.normal(size=N_SAMPLES)
-        found = lobes.lobe_lines(torque[np.newaxis], RATE, SPEED).input_speed_hz[0]
+        found = lines_of(torque).input_speed_hz[0]
         near += abs(found / (SPEED * (1 + deviation)) - 1) < 1e-3
     assert near >= 9
 
@@ -83,9 +83,7 @@ def test_folding_lines_is_the_synchronous_average():
     # 128 samples a period, 16 periods
     rate = 128 * lobes.lobe_frequency(SPEED)
     torque = comb(rng.uniform(0.5, 2, 12), rng.uniform(0, 7, 12), n_samples=16 * 128, rate=rate)
-    found = lobes.lobe_lines(
-        torque[np.newaxis], rate, SPEED, lobes.LobeComb(n_lines=12, ar_order=0, speed_tolerance=0)
-    )
+    found = lines_of(torque, rate, n_lines=12, ar_order=0, speed_tolerance=0)
     folded = lobes.fold(found.lines, n_lobes=16, points=8, lowest_line=1).ravel() * torque.std()
     assert_allclose(folded, naive.synchronous_average(torque, 128), atol=0.03 * torque.std())
 
@@ -147,10 +145,7 @@ def test_drift_of_the_brake_does_not_use_up_the_model():
     time = np.arange(N_SAMPLES) / RATE
     drift = 20 * np.sin(2 * np.pi * 0.9 * time + rng.uniform(0, 7))
     prominence = [
-        lobes.line_prominence(
-            lobes.lobe_lines(x[np.newaxis], RATE, SPEED, lobes.LobeComb(speed_tolerance=0))
-        )[0, 4:]
-        for x in (torque, torque + drift)
+        lobes.line_prominence(lines_of(x, speed_tolerance=0))[0, 4:] for x in (torque, torque + drift)
     ]
     strong = prominence[0] > 3
     assert strong.sum() > 10
@@ -175,9 +170,7 @@ def test_zeros_of_the_pattern_stand_in_the_contrast():
     record[np.isin((position % 15).astype(int), [2, 3, 4])] = 1.0
     record *= np.sin(np.pi * (position % 1)) ** 2
     record += 1e-3 * np.random.default_rng(12).normal(size=N_SAMPLES)
-    found = lobes.lobe_lines(
-        record[np.newaxis], RATE, SPEED, lobes.LobeComb(n_lines=14, speed_tolerance=0, ar_order=0)
-    )
+    found = lines_of(record, n_lines=14, speed_tolerance=0, ar_order=0)
     contrast = lobes.line_contrast(found)[0]
     zeros = [4, 9]  # lines 5 and 10
     assert contrast[zeros].max() < -15
