@@ -6,7 +6,7 @@ import gc
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ import pytest
 if TYPE_CHECKING:  # imported where needed: the process that hands out the tests runs none
     from cyclofeat.gap.where.locate import LocatedGap
 
+os.environ["MPLBACKEND"] = "Agg"
 sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are no part of the package
 
 
@@ -29,6 +30,13 @@ def pytest_collection_finish() -> None:
     """Spare the garbage collector thousands of collected tests, which all live until the end."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(autouse=True)
+def _close_figures() -> Iterator[None]:
+    yield
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")
 
 
 class MadeOnce:

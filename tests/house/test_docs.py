@@ -181,7 +181,6 @@ def desk(rig_files, tmp_path, monkeypatch):
     """An own copy of the files, as working directory."""
     shutil.copytree(rig_files, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("MPLBACKEND", "Agg")
     return tmp_path
 
 

@@ -33,8 +33,7 @@ def test_all_rooms_are_walked():
     [*QUICK.values(), *(pytest.param([name], marks=pytest.mark.slow) for name in sorted(LONG))],
     ids=lambda names: names[0],
 )
-def test_examples(names, monkeypatch):
-    monkeypatch.setenv("MPLBACKEND", "Agg")
+def test_examples(names):
     for name in names:
         failed, _ = doctest.testmod(importlib.import_module(name), optionflags=doctest.NORMALIZE_WHITESPACE)
         assert failed == 0, name

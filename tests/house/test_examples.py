@@ -25,11 +25,7 @@ EXAMPLES = sorted(p for p in (ROOT / "examples").rglob("plot_*.py") if p.parent.
 @pytest.fixture
 def pyplot(monkeypatch):
     monkeypatch.syspath_prepend(ROOT / "examples" / "features")  # as "python plot_....py" would
-    matplotlib.use("Agg")
-    plt = importlib.import_module("matplotlib.pyplot")
-    plt.close("all")
-    yield plt
-    plt.close("all")
+    return importlib.import_module("matplotlib.pyplot")
 
 
 @pytest.mark.slow
