@@ -81,13 +81,12 @@ class Machines:
     def in_lanes(self, courses: list[np.ndarray], solver: Solver, n_steps: int) -> np.ndarray:
         """Torques of a batch, (n_steps, 2, n_machines)."""
         constants = [kernel_input(*one) for one in zip(self.gearboxes, self.defects, strict=True)]
-        states = [rest_state(gearbox) for gearbox in self.gearboxes]
         pieces = [Prepared(course, 2 // STAGES[solver.integrator]) for course in courses]
-        batch = BatchIntegration(constants, pieces, states, solver)
+        batch = BatchIntegration(constants, pieces, solver)
         results = np.concatenate([results.copy() for _, results in batch.pieces()])
         if not batch.has_reached_end.all():
             raise RuntimeError("a lane did not reach its end")
-        return results[:, :2, : len(states)]
+        return results[:, :2, : len(constants)]
 
 
 def accuracy_table() -> str:

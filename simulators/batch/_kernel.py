@@ -44,7 +44,7 @@ from cyclofeat.simulators.batch._vectors import (
 
 # Of all modules whose functions and constants are compiled here: numba's cache on disk notices changes of
 # this file only.
-SOURCES_CHECKSUM = 0x5FCD9FD3
+SOURCES_CHECKSUM = 0x2A547D32
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)

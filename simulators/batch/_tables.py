@@ -239,18 +239,6 @@ def _two_rows(table: NDArray[np.float64]) -> NDArray[np.float64]:
     return table.reshape(2, _outline.COLUMNS)
 
 
-def write_states(tables: Tables, states: Sequence[NDArray[np.float64]]) -> None:
-    """Begin the lanes in the given states."""
-    for lane, state in enumerate(states):
-        tables_and_states = [(tables.lanes, state[:8])]
-        if tables.spins is not None:
-            tables_and_states.append((tables.spins, state[8:]))
-        for table, values in tables_and_states:
-            column, n = table[:, lane], values.size
-            column[:n] = column[n : 2 * n] = values
-            column[3 * n : 4 * n] = column[:n] - values
-
-
 def read_states(tables: Tables) -> NDArray[np.float64]:
     """Return the states of all lanes, (lanes, n_state)."""
     parts = [tables.lanes[:8]]

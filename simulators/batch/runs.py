@@ -15,13 +15,13 @@ from cyclofeat._base.checks import number
 from cyclofeat.simulators import simulation
 from cyclofeat.simulators.batch import _tables as rows
 from cyclofeat.simulators.batch._kernel import decimate_lanes, fill_drive, integrate_batch
-from cyclofeat.simulators.batch._tables import aligned_zeros, batch_tables, read_states, write_states
+from cyclofeat.simulators.batch._tables import aligned_zeros, batch_tables, read_states
 from cyclofeat.simulators.batch._vectors import lane_tuple
 from cyclofeat.simulators.courses import Courses, DriveAndLoad
 from cyclofeat.simulators.defects import LobeDefects, check_machine
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.simulation import STAGES, Sampling, SimulationRun, Solver
-from cyclofeat.simulators.tables import KernelInput, kernel_input, rest_state
+from cyclofeat.simulators.tables import KernelInput, kernel_input
 
 Float = NDArray[np.float64]
 
@@ -88,7 +88,7 @@ def compile_error() -> str | None:
     course = DriveAndLoad(gearbox, 3, 5e-6)
     constants = kernel_input(gearbox, LobeDefects.healthy())
     try:
-        list(BatchIntegration([constants], [course], [rest_state(gearbox)], Solver()).pieces())
+        list(BatchIntegration([constants], [course], Solver()).pieces())
     except Exception as error:  # of numba or LLVM, whose classes are many
         lines = str(error).strip().splitlines() or [type(error).__name__]
         return lines[0]
@@ -149,13 +149,12 @@ class SampledCourse:
 
 
 class BatchIntegration:
-    """Machines of one form, one in each lane: constants, courses to the end of its run, and first states."""
+    """Machines of one form at rest, one in each lane: constants, and courses to the end of its run."""
 
     def __init__(
         self,
         machines: Sequence[KernelInput],
         courses: Sequence[DriveAndLoad | SampledCourse],
-        starts: Sequence[Float],
         solver: Solver,
         *,
         lanes: int | None = None,
@@ -166,7 +165,6 @@ class BatchIntegration:
         self._own_steps = [(course.n - 1) // self._stages for course in courses]
         limits = (simulation.LOCKING_FORCE, simulation.LOCKING_TIME)
         self._tables = batch_tables(machines, solver.dt, limits, (self._lanes, _PINS), dtype)
-        write_states(self._tables, starts)
         self._seen: list[tuple[int, Float, Float]] = []
 
     @property
@@ -278,8 +276,7 @@ def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
     """
     first = requests[0]
     courses = [SampledCourse(request) for request in requests]
-    states = [rest_state(request.gearbox) for request in requests]
-    batch = BatchIntegration([request.constants for request in requests], courses, states, first.solver)
+    batch = BatchIntegration([request.constants for request in requests], courses, first.solver)
     torques = (rows.TORQUE_OUT, rows.TORQUE_IN) if first.torque_in else (rows.TORQUE_OUT,)
     motion = (rows.OUTPUT, rows.OUTPUT_RATE) if first.motion else ()
     longest = max((request.sampling for request in requests), key=lambda sampling: sampling.n_steps)

@@ -147,9 +147,9 @@ def integrate(
     each: Machines, courses: list[np.ndarray], solver: Solver, **options: Any
 ) -> tuple[np.ndarray, np.ndarray]:
     """Results of all steps, (n_steps, N_RESULTS, lanes), and a mask of the lanes that reached their end."""
-    constants, states = [kernel_input(*one) for one in each], [rest_state(g) for g, _ in each]
+    constants = [kernel_input(*one) for one in each]
     streams = [Given(course, solver) for course in courses]
-    lanes = batch.BatchIntegration(constants, streams, states, solver, **options)
+    lanes = batch.BatchIntegration(constants, streams, solver, **options)
     return np.concatenate([results.copy() for _, results in lanes.pieces()]), lanes.has_reached_end
 
 
