@@ -6,6 +6,9 @@ Nothing here shares code with the package, and nothing here is fast.
 import cmath
 import math
 from collections.abc import Callable, Sequence
+from typing import TypeAlias
+
+Floats: TypeAlias = Sequence[float]
 
 
 def hamming_symmetric(n: int) -> list[float]:
@@ -28,11 +31,11 @@ def power(x: Sequence[complex], n_fft: int, line: int) -> float:
     return abs(transform(x, 2 * math.pi * line / n_fft)) ** 2
 
 
-def product(x: Sequence[complex], weights: Sequence[float]) -> list[complex]:
+def product(x: Sequence[complex], weights: Floats) -> list[complex]:
     return [value * weight for value, weight in zip(x, weights, strict=True)]
 
 
-def segments(x: Sequence[float]) -> tuple[list[list[float]], int]:
+def segments(x: Floats) -> tuple[list[list[float]], int]:
     """Half-overlapping segments of floor(n / 4.5) samples, and the length to which they are padded."""
     length = max(1, math.floor(len(x) / 4.5))
     n_fft = 256
@@ -43,7 +46,7 @@ def segments(x: Sequence[float]) -> tuple[list[list[float]], int]:
 
 
 def welch_psd(
-    x: Sequence[float], sampling_rate: float, preset: str = "matlab_pwelch"
+    x: Floats, sampling_rate: float, preset: str = "matlab_pwelch"
 ) -> tuple[list[float], list[float]]:
     """Frequencies in Hz and one-sided density of one window, segment by segment and line by line."""
     pieces, n_fft = segments(x)
@@ -60,13 +63,13 @@ def welch_psd(
     return frequencies, psd
 
 
-def shannon_entropy(psd: Sequence[float]) -> float:
+def shannon_entropy(psd: Floats) -> float:
     """Entropy in bits (paper A eq. 8)."""
     total = math.fsum(psd)
     return -math.fsum(p / total * math.log2(p / total) for p in psd if p > 0)
 
 
-def normalized_entropy(psd: Sequence[float], epsilon: float = 2.0**-52) -> float:
+def normalized_entropy(psd: Floats, epsilon: float = 2.0**-52) -> float:
     """Normalized entropy (paper A eq. 4-7)."""
     total = math.fsum(psd)
     entropy = -math.fsum(p / total * math.log2(p / total + epsilon) for p in psd)
@@ -78,7 +81,7 @@ def binary_entropy(a: float) -> float:
     return -a * math.log2(a) - (1 - a) * math.log2(1 - a)
 
 
-def torque_statistics(x: Sequence[float]) -> dict[str, float]:
+def torque_statistics(x: Floats) -> dict[str, float]:
     """Statistics of one window that is neither constant nor of mean zero."""
     n = len(x)
     mean = math.fsum(x) / n
@@ -99,7 +102,7 @@ def torque_statistics(x: Sequence[float]) -> dict[str, float]:
     }
 
 
-def synchronous_average(x: Sequence[float], samples_per_period: int) -> list[float]:
+def synchronous_average(x: Floats, samples_per_period: int) -> list[float]:
     """Mean over whole periods, sample by sample."""
     n_periods = len(x) // samples_per_period
     return [
@@ -108,7 +111,7 @@ def synchronous_average(x: Sequence[float], samples_per_period: int) -> list[flo
     ]
 
 
-def dwt_step(x: Sequence[float], taps: Sequence[float]) -> list[float]:
+def dwt_step(x: Floats, taps: Floats) -> list[float]:
     """One step of the discrete wavelet transform, half-sample symmetric at the ends, tap by tap."""
     n, period = len(x), 2 * len(x)
     result = []
@@ -123,9 +126,7 @@ def dwt_step(x: Sequence[float], taps: Sequence[float]) -> list[float]:
     return result
 
 
-def dwt_details(
-    x: Sequence[float], low: Sequence[float], high: Sequence[float], levels: int
-) -> list[list[float]]:
+def dwt_details(x: Floats, low: Floats, high: Floats, levels: int) -> list[list[float]]:
     """Details of level 1, 2, ... with the decomposition filters ``low`` and ``high``."""
     details, approximation = [], [float(value) for value in x]
     for _ in range(levels):
@@ -134,14 +135,14 @@ def dwt_details(
     return details
 
 
-def cells(detail: Sequence[float], level: int, n: int) -> list[float]:
+def cells(detail: Floats, level: int, n: int) -> list[float]:
     """Each coefficient repeated 2^level times, and the middle n of them; what is below sqrt(eps) is 0."""
     repeated = [value for value in detail for _ in range(2**level)]
     first = (len(repeated) - n) // 2
     return [value if abs(value) >= 2.0**-26 else 0.0 for value in repeated[first : first + n]]
 
 
-def colours(row: Sequence[float], n_colours: int) -> list[int]:
+def colours(row: Floats, n_colours: int) -> list[int]:
     """MATLAB's ``wcodemat(row, n_colours, 'row')``."""
     sizes = [abs(value) for value in row]
     low = min(sizes)
@@ -152,12 +153,7 @@ def colours(row: Sequence[float], n_colours: int) -> list[int]:
 
 
 def level_envelope(
-    detail: Sequence[float],
-    taps_low: Sequence[float],
-    taps_high: Sequence[float],
-    steps: int,
-    n: int,
-    whole: bool,
+    detail: Floats, taps_low: Floats, taps_high: Floats, steps: int, n: int, whole: bool
 ) -> list[float]:
     """Envelope of a level after so many inverse steps with the reconstruction filters.
 
@@ -179,17 +175,17 @@ def level_envelope(
     return [abs(transform(product(lines, weights), -2 * math.pi * k / n)) / n for k in range(n)]
 
 
-def spectral_flatness(psd: Sequence[float]) -> float:
+def spectral_flatness(psd: Floats) -> float:
     """Geometric over arithmetic mean (paper A eq. 9), for products that stay in range."""
     return math.prod(value ** (1 / len(psd)) for value in psd) / (math.fsum(psd) / len(psd))
 
 
-def spectral_centroid(psd: Sequence[float], frequencies: Sequence[float]) -> float:
+def spectral_centroid(psd: Floats, frequencies: Floats) -> float:
     """Mean frequency, weighted by power."""
     return math.fsum(f * p for f, p in zip(frequencies, psd, strict=True)) / math.fsum(psd)
 
 
-def spectral_rolloff(psd: Sequence[float], frequencies: Sequence[float], fraction: float) -> float:
+def spectral_rolloff(psd: Floats, frequencies: Floats, fraction: float) -> float:
     """First frequency at which the summed power reaches a fraction of the total."""
     total = 0.0
     for f, p in zip(frequencies, psd, strict=True):
@@ -200,7 +196,7 @@ def spectral_rolloff(psd: Sequence[float], frequencies: Sequence[float], fractio
 
 
 def narrowband_lines(
-    frequencies: Sequence[float], fundamental: float, half_width: float, n_harmonics: int
+    frequencies: Floats, fundamental: float, half_width: float, n_harmonics: int
 ) -> set[int]:
     """Lines around harmonics, harmonic by harmonic: those within the width, and the nearest."""
     lines = set()
@@ -211,13 +207,13 @@ def narrowband_lines(
     return lines
 
 
-def band_power(psd: Sequence[float], frequencies: Sequence[float], band: tuple[float, float]) -> float:
+def band_power(psd: Floats, frequencies: Floats, band: tuple[float, float]) -> float:
     """Sum of the lines in the band times their distance."""
     inside = [p for f, p in zip(frequencies, psd, strict=True) if band[0] <= f <= band[1]]
     return math.fsum(inside) * (frequencies[1] - frequencies[0])
 
 
-def amplitude_spectrum(x: Sequence[float], n_fft: int) -> list[float]:
+def amplitude_spectrum(x: Floats, n_fft: int) -> list[float]:
     """Amplitudes under a symmetric Hamming window, root of the mean power over half-overlapping blocks."""
     block = min(len(x), n_fft)
     window = hamming_symmetric(block) if block > 2 else [1.0] * block
@@ -230,7 +226,7 @@ def amplitude_spectrum(x: Sequence[float], n_fft: int) -> list[float]:
     return amplitudes
 
 
-def coherence(x: Sequence[float], reference: Sequence[float]) -> list[float]:
+def coherence(x: Floats, reference: Floats) -> list[float]:
     """Magnitude-squared coherence by the defaults of MATLAB's ``mscohere``."""
     pieces, n_fft = segments(x)
     others, _ = segments(reference)
@@ -246,7 +242,7 @@ def coherence(x: Sequence[float], reference: Sequence[float]) -> list[float]:
     return result
 
 
-def order_lines(x: Sequence[float], step: float, n_lines: int) -> list[complex]:
+def order_lines(x: Floats, step: float, n_lines: int) -> list[complex]:
     """Amplitudes of cosines at multiples of ``step`` (rad per sample), over the most whole turns."""
     turns = round(len(x) * step / (2 * math.pi))
     length = min(len(x), round(turns * 2 * math.pi / step)) or len(x)
@@ -263,7 +259,7 @@ def profile_point(t: float, eccentricity: float, n_pins: int, shortening: float,
     return path + 1j * depth * tangent / abs(tangent)
 
 
-def pitch_error(t: float, errors: Sequence[float]) -> float:
+def pitch_error(t: float, errors: Floats) -> float:
     """Angle by which the profile is displaced at ``t``; ``errors`` in rad, one per lobe.
 
     From tip to pit that of the lobe, from pit to tip on to that of the next one.

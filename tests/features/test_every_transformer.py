@@ -96,7 +96,7 @@ def test_bad_windows(transformer):
     [
         (
             f.SpectralEntropy(RATE, band=(0, 13_000)),
-            r"\(0, 13000\) Hz reaches beyond the highest frequency, 12800 Hz",
+            r"\(0, 13000\) Hz reaches beyond the highest .* 12800 Hz",
         ),
         (f.NarrowbandRatio(RATE, n_harmonics=129), "harmonic 129 .* 12900 Hz"),
         (f.BandPower(RATE, bands=[(0, 100), (500, 400)]), r"got \(500, 400\)"),
@@ -108,14 +108,8 @@ def test_bad_windows(transformer):
         (f.HighPass(RATE, cutoff_hz=12_800.0), r"half of the sampling rate \(12800 Hz\), got 12800"),
         (f.WaveletLevelStatistics(RATE, wavelet="morl"), "wavelet must be a discrete wavelet .* got 'morl'"),
         (f.WaveletLevelStatistics(RATE, wavelet=[[1, 1], [1, -1]]), "four filters"),
-        (
-            f.WaveletEnvelopeSpectrum(200),
-            "mesh frequency .* = 133.333 must lie below half of sampling_rate=200",
-        ),
-        (
-            f.WaveletEnvelopeSpectrum(RATE, n_mesh_harmonics=6),
-            "n_mesh_harmonics=6 reaches 812 Hz, .* at most 5",
-        ),
+        (f.WaveletEnvelopeSpectrum(200), "mesh .* = 133.333 must lie below half of sampling_rate=200"),
+        (f.WaveletEnvelopeSpectrum(RATE, n_mesh_harmonics=6), "n_mesh_harmonics=6 reaches 812 Hz, .* most 5"),
         (f.WaveletEnvelopeSpectrum(RATE, n_shaft_harmonics=99), "n_shaft_harmonics=99 reaches .* at most 94"),
     ],
     ids=str,

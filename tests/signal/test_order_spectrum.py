@@ -187,10 +187,7 @@ def test_equal_steps_of_the_angle():
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        (
-            {"sampling_rate": 500.0},
-            "sampling_rate=500 holds frequencies up to 250, but line 496 .* reaches 279",
-        ),
+        ({"sampling_rate": 500.0}, "sampling_rate=500 holds .* up to 250, but line 496 .* reaches 279"),
         ({"sampling_rate": 30.0, "n_lines": 3, "n_mesh_lines": 0}, "sampling_rate=30 is too low"),
     ],
 )

@@ -149,15 +149,10 @@ def test_transform_in_any_shape_and_precision():
 
 
 @pytest.mark.parametrize(
-    ("levels", "message"),
-    [
-        (0, "levels must be at least 1, got 0"),
-        (31, "levels must be at most 30, got 31"),
-        (2.0, "levels must be a whole number, got 2.0"),
-    ],
+    ("levels", "words"), [(0, "at least 1"), (31, "at most 30"), (2.0, "a whole number")]
 )
-def test_bad_levels(levels, message):
-    with pytest.raises((TypeError, ValueError), match=message):
+def test_bad_levels(levels, words):
+    with pytest.raises((TypeError, ValueError), match=f"levels must be {words}, got {levels}"):
         dwt(np.ones(4), levels=levels)
 
 
