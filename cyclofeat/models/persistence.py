@@ -4,9 +4,8 @@ A ``.skops`` file is data only: it is read piece by piece, without skops, and pi
 known types are refused, so that it is safe to load from anyone. A ``.joblib`` file is a pickle, which is code
 that can do anything when loaded: it is loaded only with ``trusted=True``.
 
-The card, ``<file>.card.json``, is for people and for the checks before loading: versions, sampling rate,
-window, features with the versions of their definitions, training assemblies, scores, and the file's SHA-256.
-The sum finds damage and files mixed up. It is no signature: who changes the file can change the card too.
+The card, ``<file>.card.json``, is for people and for the checks before loading (:func:`read_card`). Its
+SHA-256 finds damage and files mixed up. It is no signature: who changes the file can change the card too.
 """
 
 from __future__ import annotations

@@ -34,8 +34,7 @@ class EntropyLadder(Counter):
     classes_ : ndarray, shape (n_classes,)
         In their order.
     rungs_ : ndarray, shape (n_classes,)
-        Value of the feature at each class: its mean where the means are in order. Classes whose means are
-        not share a rung, their common mean.
+        Mean of the feature at each class; classes whose means are not in order share a rung.
     thresholds_ : ndarray, shape (n_classes - 1,)
         Between neighbouring classes, half way from rung to rung.
     spread_ : float

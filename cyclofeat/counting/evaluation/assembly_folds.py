@@ -25,17 +25,17 @@ def drawn_seed(random_state: int | None) -> int:
     return int(check_random_state(random_state).randint(2**31 - 1))
 
 
-def of_windows(name: str, values: ArrayLike, n_windows: int) -> NDArray[Any]:
+def of_windows(name: str, values: ArrayLike, n_windows: int, unit: str = "window") -> NDArray[Any]:
     """Return one value per window as an array, or raise ``ValueError`` with the argument's name."""
     array = np.asarray(values)
     if array.shape != (n_windows,):
         raise ValueError(
-            f"{name} must hold one value per window, shape ({n_windows},), got shape {array.shape}"
+            f"{name} must hold one value per {unit}, shape ({n_windows},), got shape {array.shape}"
         )
     # A column of a data frame may hold objects.
     for where, value in enumerate(array.tolist() if array.dtype.kind in "fcO" else []):
         if value is None or (isinstance(value, (float, complex)) and not np.isfinite(value)):
-            raise ValueError(f"{name} must hold a value for every window, got {value} at window {where}")
+            raise ValueError(f"{name} must hold a value for every {unit}, got {value} at {unit} {where}")
     return array
 
 

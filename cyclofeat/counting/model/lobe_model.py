@@ -18,7 +18,7 @@ from sklearn.utils.validation import check_is_fitted
 from cyclofeat._base.checks import whole
 from cyclofeat._base.displays import Card, WithCard, draw_confusion
 from cyclofeat._base.files import MODEL_PACKAGES, package_versions
-from cyclofeat._base.quantities import TORQUES, factor_to_output, number_of
+from cyclofeat._base.quantities import TORQUES, factor_to_output, in_words, number_of
 from cyclofeat.counting.calibration.pooling import pool_windows
 from cyclofeat.counting.calibration.training_domain import (
     TrainingDomain,
@@ -29,6 +29,7 @@ from cyclofeat.counting.calibration.training_domain import (
 from cyclofeat.counting.estimators.lobe_counter import LobeCounter
 from cyclofeat.counting.estimators.lobe_positions import passage_of_lobe_zero
 from cyclofeat.counting.estimators.trees import PoorOnArbitraryData
+from cyclofeat.counting.evaluation.assembly_folds import of_windows
 from cyclofeat.counting.evaluation.evaluate import Protocol
 from cyclofeat.counting.evaluation.evaluation import score_text
 from cyclofeat.counting.model._training import (
@@ -90,14 +91,13 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         lobe lines. Of ``"rows"``, 256 hold 88, which tell counts better apart at low speeds; recordings to be
         counted must hold as many.
     counter : {"trees", "rows"} or classifier, default="trees"
-        Counter of windows. ``"trees"``: a :class:`LobeCounter`, calibrated by assembly. ``"rows"``:
-        a :class:`LobeCounter` of kind "network", for neighbouring lobes that all recordings state. It counts
-        more accurately, learns more slowly, and its file is small; training needs JAX and Optax. With
-        ``wear_um`` it is more accurate than trees from some 500 assemblies of each count on; single windows
-        are then counted by what the first of each recording tells. Of another classifier, such as a
-        pipeline, steps with the parameters ``sampling_rate``, ``input_speed_hz``, ``n_lobes`` or
-        ``speed_tolerance`` get those of the windows; wrap it in a :class:`GroupCalibratedCounter` for
-        calibrated probabilities. A classifier that is no :class:`LobeCounter` locates no lobes.
+        Counter of windows. ``"trees"``: a :class:`LobeCounter`. ``"rows"``: one of kind "network", for
+        neighbouring lobes that all recordings state, whose training needs JAX and Optax. With ``wear_um`` it
+        is more accurate than trees from some 500 assemblies of each count on; single windows are then counted
+        by what the first of each recording tells. Of another classifier, such as a pipeline, steps with the
+        parameters ``sampling_rate``, ``input_speed_hz``, ``n_lobes`` or ``speed_tolerance`` get those of the
+        windows; wrap it in a :class:`GroupCalibratedCounter` for calibrated probabilities. It locates no
+        lobes.
     n_trees : int, default=300
         Trees of ``"trees"`` and of the depth of wear.
     epochs : int, optional
@@ -108,9 +108,8 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         worn lobes. Counts are then made from as many windows in a row as the shortest recording holds, at
         most five, because early wear hardly shows in one. Default: no depth.
     n_splits : int, default=5
-        Folds of the cross-validation with whole assemblies held out, whose result goes on the card; 0 for
-        none. ``"rows"`` has folds of its own, whose result is taken. Where a class has fewer
-        assemblies there is none either, and the card says so.
+        Folds of the cross-validation with whole assemblies held out, whose result goes on the card; 0, or
+        where a class has fewer assemblies, for none. ``"rows"`` has folds of its own.
     random_state : int, optional
         Seed of trees, networks and folds.
     description : str, default=""
@@ -161,8 +160,7 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         """Learn from labelled recordings.
 
         From motor currents with a tachometer the counter also learns windows over the angle that their lines
-        tell: counted without a tachometer, their lines are less sharp, as the speed of a controlled motor
-        changes within a turn. ``"rows"`` learns such windows of a third of the torques too, but not with
+        tell, which are less sharp. ``"rows"`` learns such windows of a third of the torques too, but not with
         ``wear_um``.
 
         Parameters
@@ -351,7 +349,7 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         check_is_fitted(self)
         check_is_fitted(coarser)
         for name, mine, other in (
-            ("quantity", self.card_.get("quantity"), coarser.card_.get("quantity")),
+            ("quantity", self.card_["quantity"], coarser.card_["quantity"]),
             ("n_lobes", self.n_lobes_, coarser.n_lobes_),
             ("counts", self.classes_.tolist(), coarser.classes_.tolist()),
         ):
@@ -463,8 +461,7 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         -------
         str
         """
-        quantity = str(self.card_.get("quantity", "output_torque")).replace("_", " ")
-        parts = [f"of {quantity} at {_range_text(self.card_['speeds_rpm'])} RPM"]
+        parts = [f"of {in_words(self.card_['quantity'])} at {_range_text(self.card_['speeds_rpm'])} RPM"]
         if self.card_["loads_nm"]:
             parts.append(f"{_range_text(self.card_['loads_nm'])} Nm")
         text = " and ".join(parts)
@@ -477,7 +474,7 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
 
     def _check_recording(self, recording: Recording) -> None:
         """Raise ``ValueError`` if the recording's quantity or number of lobes is not the model's."""
-        quantity = self.card_.get("quantity", "output_torque")
+        quantity = self.card_["quantity"]
         if recording.quantity != quantity:
             raise ValueError(
                 f"quantity of the recording is {recording.quantity}, but the model was trained on "
@@ -769,16 +766,12 @@ def _label_recordings(
 ) -> tuple[list[Recording], dict[int, Any]]:
     """Return recordings that all state their count, and the label of each count."""
     known = list(recordings)
-    for name, values in (("y", y), ("groups", groups)):
-        if values is not None and np.shape(values) != (len(known),):
-            raise ValueError(
-                f"{name} must hold one value per recording, shape ({len(known)},), got shape "
-                f"{np.shape(values)}"
-            )
     if groups is not None:
-        assemblies = np.asarray(groups).tolist()
-        known = [one.replace(assembly=name) for one, name in zip(known, assemblies, strict=True)]
-    labels = [one.defect_count for one in known] if y is None else np.asarray(y).tolist()
+        names = of_windows("groups", groups, len(known), "recording").tolist()
+        known = [one.replace(assembly=name) for one, name in zip(known, names, strict=True)]
+    labels = [one.defect_count for one in known]
+    if y is not None:
+        labels = of_windows("y", y, len(known), "recording").tolist()
     if None in labels:
         raise ValueError("recordings must all state their defect_count to train on, some do not")
     known = [

@@ -28,12 +28,9 @@ class LobeStream:
     stream is then cut into blocks of ``block_turns`` output turns, and each is counted as a recording of its
     own. In either case the answers are the same, bit for bit, for any sizes of the pieces.
 
-    The stream keeps the samples of at most one window and one input turn (one block without an angle) and the
-    last piece, the last windows that a depth of wear needs, and some hundred bytes per window until
-    :meth:`result`: call it from time to time.
-
-    A model that learned the depth of wear states it of blocks only if they hold as many turns as that takes;
-    with shorter ones it also counts less accurately.
+    The stream keeps the samples of about one window (one block without an angle) and some hundred bytes per
+    window until :meth:`result`: call it from time to time. A depth of wear is stated of blocks only if they
+    hold as many turns as it takes; shorter ones are also counted less accurately.
 
     Parameters
     ----------
@@ -70,14 +67,10 @@ class LobeStream:
         checks.check_type("model", model, LobeModel)
         self.model = model
         self.sampling_rate = checks.positive("sampling_rate", sampling_rate, "a number (Hz)")
-        self.speed_rpm = speed_rpm
         self.angle_is_absolute = checks.truth_value("angle_is_absolute", angle_is_absolute)
         self.block_turns = None if block_turns is None else checks.whole("block_turns", block_turns, 1)
-        self._labels: dict[str, Any] = {
-            "speed_rpm": speed_rpm,
-            "n_lobes": model.n_lobes_,
-            "quantity": str(model.card_.get("quantity", "output_torque")),
-        }
+        disc = {"n_lobes": model.n_lobes_, "quantity": model.card_["quantity"]}
+        self._labels: dict[str, Any] = {"speed_rpm": speed_rpm} | disc
         nothing = Recording(np.zeros(8), self.sampling_rate, **self._labels)  # checks the speed
         if speed_rpm is not None:
             self.model = model.suited_to(nothing)
