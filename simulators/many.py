@@ -65,12 +65,7 @@ def simulate_many(
         If an argument is of the wrong type, or the arguments differ in length, or with ``kernel="batch"`` a
         run is not for batches.
     RuntimeError
-        With ``kernel="batch"`` where it cannot be compiled.
-
-    Warns
-    -----
-    RuntimeWarning
-        With ``kernel="auto"`` where batches cannot be compiled: the exact kernel makes all runs.
+        With ``kernel="batch"`` where it cannot be compiled; "auto" warns and takes the exact kernel.
 
     Examples
     --------

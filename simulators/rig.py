@@ -38,7 +38,7 @@ from cyclofeat.simulators.effects._parameter import is_distribution, reject_unkn
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.machine import Machine, PlannedRun, RandomState, draw_effects, seed_sequence
 from cyclofeat.simulators.motor import Motor
-from cyclofeat.simulators.simulation import SimulationRun, settling_samples
+from cyclofeat.simulators.simulation import SimulationRun, settling_time
 
 Made = TypeVar("Made")
 
@@ -55,6 +55,8 @@ _NOTE = (
 )
 # Samples for which speed and load are known after the end of a run, for the anti-alias filter.
 _SPARE_SAMPLES = 64
+# Longest settling time that is simulated, in s: rigs with almost no damping would run for hours.
+_LONGEST_SETTLING = 60.0
 # Time in s by which a motor may run ahead of the given speed.
 _LEAD_S = 0.1
 
@@ -494,7 +496,10 @@ class Rig(Replaceable, WithCard):
         machine = self.draw(seed if assembly is None else seed_sequence(assembly, "assembly"))
         gearbox = machine.gearbox
         # The machine of a user's simulator already ran.
-        n_settling = settling_samples(gearbox, sampling_rate) if self.simulator is None else 0
+        settling = settling_time(gearbox) if self.simulator is None else 0.0
+        if settling > _LONGEST_SETTLING:
+            raise ValueError(f"the gearbox must have more damping: it settles in {settling:.3g} s, above 60")
+        n_settling = math.ceil(settling * sampling_rate)
         motor = machine.motor
         check_quantity(self, quantity)
         if quantity == "motor_current" and motor is None:

@@ -58,8 +58,6 @@ _N_WATCHED = 128
 LARGEST_N_STEPS = 100_000_000
 # A start has settled after this many time constants of the slowest torsional mode (exp(-5) = 0.7 %).
 _N_TIME_CONSTANTS = 5.0
-# Longest settling time that is simulated, in s: rigs with almost no damping would run for hours.
-_LONGEST_SETTLING = 60.0
 
 
 class SimulationFailed(RuntimeError):
@@ -642,11 +640,3 @@ def torsion(gearbox: CycloidalGearbox) -> tuple[float, float]:
     meter_part = gear_stiffness / (gear_stiffness + gearbox.meter_stiffness)
     series = gearbox.meter_damping * meter_part**2 + gear_damping * (1 - meter_part) ** 2
     return float(meter_part * gearbox.meter_stiffness), float(series)
-
-
-def settling_samples(gearbox: CycloidalGearbox, sampling_rate: float) -> int:
-    """Return the samples until a run is steady; raise ValueError beyond a minute."""
-    settling = settling_time(gearbox)
-    if settling > _LONGEST_SETTLING:
-        raise ValueError(f"the gearbox must have more damping: it settles in {settling:.3g} s, over a minute")
-    return math.ceil(settling * sampling_rate)

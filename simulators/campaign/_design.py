@@ -201,10 +201,8 @@ class Campaign(checks.Replaceable):
 
         Parameters
         ----------
-        first : int, default 0
-            Index of the first run.
-        n_runs : int, optional
-            Number of runs. Default: all to the end of the campaign.
+        first, n_runs : int, optional
+            Index of the first run, and number of runs. Default: all.
 
         Yields
         ------
