@@ -178,15 +178,9 @@ def test_parameters_reach_the_parts():
     whole = f.TorqueFeatures(RATE, preset="ripple", wavelet="db2", input_speed_hz=5, n_lobes=13)
     parts = whole.set_params(speed_tolerance=0.01).fit(torque(2, 500)).parts_
     expected = {
-        "sampling_rate": RATE,
-        "preset": "ripple",
-        "wavelet": "db2",
-        "input_speed_hz": 5,
-        "shaft_hz": 5,
-        "n_lobes": 13,
-        "n_pins": 14,
-        "speed_tolerance": 0.01,
-    }
+        "sampling_rate": RATE, "preset": "ripple", "wavelet": "db2", "input_speed_hz": 5, "shaft_hz": 5,
+        "n_lobes": 13, "n_pins": 14, "speed_tolerance": 0.01,
+    }  # fmt: skip
     seen = set()
     for part in parts.values():
         common = part.get_params().keys() & expected.keys()

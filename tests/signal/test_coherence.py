@@ -105,7 +105,6 @@ def test_single_precision_and_chunks():
         (np.ones((2, 9)), np.ones(8), r"shape of x, \(2, 9\), or of one of its windows, \(9,\); got \(8,\)"),
         (np.ones((2, 9)), np.ones((1, 9)), r"got \(1, 9\)"),
         (np.ones(9), np.full(9, np.nan), "finite"),
-        (np.ones(9) * 1j, np.ones(9), "complex"),
     ],
 )
 def test_bad_windows(x, reference, message):

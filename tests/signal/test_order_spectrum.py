@@ -56,8 +56,7 @@ def test_speed_is_that_of_the_lobe_map():
 def test_speed_of_windows_without_any():
     assert_array_equal(estimate_input_speed(np.ones((2, 100)), RATE, SPEED), SPEED)
     assert_array_equal(estimate_input_speed(np.ones((2, N_SAMPLES)), RATE, SPEED, tolerance=0), SPEED)
-    found = estimate_input_speed(np.zeros((1, N_SAMPLES)), RATE, SPEED)
-    assert abs(found[0] / SPEED - 1) <= 0.0151
+    assert estimate_input_speed(np.zeros((1, N_SAMPLES)), RATE, SPEED)[0] == pytest.approx(SPEED, rel=0.0151)
 
 
 def test_comb_is_cut_to_what_the_sampling_rate_holds():

@@ -67,7 +67,6 @@ def test_segmentation_is_that_of_matlab():
         assert segment == math.floor(n_samples / 4.5)
         assert n_fft == 2 * (welch_frequencies(n_samples, 1.0).size - 1)
         assert n_fft == max(256, 2 ** math.ceil(math.log2(segment)))
-    assert (46_080 - 5_120) // 5_120 == 8
 
 
 def octave_rows(path: Path) -> list[dict[str, str]]:
@@ -477,7 +476,6 @@ def test_amplitudes_of_shortest_windows_are_finite(window, n_samples):
         ({"n_fft": 7}, "n_fft must be even, got 7"),
         ({"n_fft": 0}, "n_fft must be at least 2, got 0"),
         ({"n_fft": 64.0}, "n_fft must be a whole number, got 64.0"),
-        ({"n_fft": True}, "n_fft must be a whole number, got True"),
         ({"window": "kaiser"}, "window must be one of 'hamming', .*, got 'kaiser'"),
         ({"sampling_rate": -1}, "sampling_rate .* got -1"),
     ],

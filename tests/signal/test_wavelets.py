@@ -33,7 +33,6 @@ from cyclofeat.signal.wavelets import (
 ORACLES = Path(__file__).parents[1] / "oracles"
 WAVELETS = ["mb32.3", "db2", "haar", "bior3.1"]
 every_wavelet = pytest.mark.parametrize("wavelet", WAVELETS)
-
 every_member = pytest.mark.parametrize("name", morris_names())
 
 
