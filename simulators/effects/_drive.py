@@ -509,8 +509,8 @@ def _low_pass(cutoff: float, order: int, n: int, oversampling: int) -> tuple[Flo
 
 
 def check_time(time: Any, end: float) -> Float:
-    """Return times as an array; raise ValueError for times outside 0 to ``end`` (s)."""
+    """Return increasing times as an array; raise ValueError for times outside 0 to ``end`` (s)."""
     times = np.asarray(time, dtype=float)
-    if times.size and not (times.min() >= 0 and times.max() <= end):
-        raise ValueError(f"time must lie between 0 and {end:g} s, got {times.min():g} to {times.max():g} s")
+    if times.size and not (times[0] >= 0 and times[-1] <= end):
+        raise ValueError(f"time must lie between 0 and {end:g} s, got {times[0]:g} to {times[-1]:g} s")
     return times
