@@ -120,7 +120,7 @@ def _print_scores(results: dict[str, Evaluation], how: str) -> Printed:
             low, high = main.accepted_accuracy_interval
             accepted = f"; accuracy of the others {main.accepted_accuracy:.3f} [{low:.3f}, {high:.3f}]"
         lines.append(f"{name} refuses {main.refused:.1%} of the recordings{accepted}")
-        lines += [f"  {n} x {reason}" for reason, n in main.refusal_counts().items()]
+        lines += [f"  {n} x {reason}" for reason, n in main.to_dict()["reasons"].items()]
     lines.append(
         f"confusion matrix of {name} (rows true, columns predicted), counts {main.classes.tolist()}:"
     )

@@ -1,8 +1,7 @@
 """Content of a model's file: what it may hold, writing and reading.
 
-A ``.skops`` file is a zip of ``schema.json`` and arrays. skops writes it; it is read here, by a reader that
-knows plain values, arrays and the classes that counters are made of, and refuses everything else. Importing
-skops takes a second, in which that reader reads ten models.
+A ``.skops`` file is a zip of ``schema.json`` and arrays. skops writes it; the reader here knows plain values,
+arrays and the classes of counters, and reads ten models in the second that skops takes to import.
 """
 
 from __future__ import annotations

@@ -98,7 +98,7 @@ def write_evaluation_report(
         "classes": classes,
         "parts": [_summarise_part(unit, first)]
         + ([] if windows is None else [_summarise_part("window", windows)]),
-        "refusals": None if first.reasons is None else list(first.refusal_counts().items()),
+        "refusals": None if first.reasons is None else list(first.to_dict()["reasons"].items()),
         "wrong": _wrong_assemblies(first)[:_MOST_WRONG],
         "n_more_wrong": max(int(np.sum(first.group_accuracy < 1)) - _MOST_WRONG, 0),
         "protocol": first.protocol,

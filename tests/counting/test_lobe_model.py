@@ -200,7 +200,7 @@ def test_evaluation_of_recordings_states_refusals_and_windows(known):
     right = [a.defect_count == one.defect_count for a, one in zip(answers, tested, strict=True)]
     accepted = [not answer.refused for answer in answers]
     assert result.accepted_accuracy == np.mean(np.array(right)[accepted])
-    assert sum(result.refusal_counts().values()) == sum(answer.refused for answer in answers)
+    assert sum(result.to_dict()["reasons"].values()) == sum(answer.refused for answer in answers)
     assert result.windows.labels.size == sum(len(answer.windows) for answer in answers)
     assert result.exact_lobes is None  # one recording states no worn lobes
     untrained, protocol = clone(model).set_params(n_splits=0), Protocol(n_splits=2, random_state=0)

@@ -28,6 +28,8 @@ def make_lobe_counter(
 ) -> Any:
     """Make a counter of worn lobes of a chosen kind, ready to fit to windows.
 
+    Only a :class:`LobeCounter` is calibrated; put the others into a :class:`GroupCalibratedCounter`.
+
     ==============  ====================================================================================
     kind            what it is made of
     ==============  ====================================================================================
@@ -67,13 +69,6 @@ def make_lobe_counter(
     >>> counter = make_lobe_counter(sampling_rate=25_600)
     >>> [name for name, _ in counter.steps]
     ['lobe_map', 'trees']
-
-    Probabilities that are right as often as they say (those of a :class:`LobeCounter` are):
-
-    >>> from cyclofeat.counting import GroupCalibratedCounter
-    >>> calibrated = GroupCalibratedCounter(make_lobe_counter(sampling_rate=25_600))
-    >>> calibrated.set_params(counter__trees__max_features=0.5).counter[-1].max_features
-    0.5
     """
     if kind not in KINDS:
         raise ValueError(f"kind must be one of {KINDS}, got {kind!r}")

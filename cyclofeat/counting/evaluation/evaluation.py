@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Table = Literal["classes", "assemblies", "windows"]
-TABLES: tuple[Table, ...] = ("classes", "assemblies", "windows")
 
 
 @dataclass(frozen=True)
@@ -130,16 +129,6 @@ class Evaluation(WithCard):
         used = weight > 0
         return stated[used] / weight[used], was[used] / weight[used], weight[used] / weight.sum()
 
-    def refusal_counts(self) -> dict[str, int]:
-        """Return how many recordings are refused for each reason.
-
-        Returns
-        -------
-        dict from str to int
-            The most frequent first (:func:`count_reasons`).
-        """
-        return count_reasons([] if self.reasons is None else self.reasons.tolist())
-
     def agreement(self) -> str:
         """Return in words how many recordings or windows are counted as their labels say, and of each count.
 
@@ -153,9 +142,11 @@ class Evaluation(WithCard):
 
     def _scores(self, *names: str) -> dict[str, Any]:
         """Return scores and their intervals by name, without those that are None."""
-        known = [(name, getattr(self, name)) for name in names if getattr(self, name) is not None]
-        intervals = {f"{name}_interval": list(getattr(self, f"{name}_interval")) for name, _ in known}
-        return {key: value for pair in zip(known, intervals.items(), strict=True) for key, value in pair}
+        scores: dict[str, Any] = {}
+        for name in names:
+            if (score := getattr(self, name)) is not None:
+                scores |= {name: score, f"{name}_interval": list(getattr(self, f"{name}_interval"))}
+        return scores
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result in plain types, for JSON, without scores that are None.
@@ -174,7 +165,7 @@ class Evaluation(WithCard):
         }
         result |= self._scores("exact_lobes", "calibration_error", "accepted_accuracy")
         if self.reasons is not None:
-            result |= {"refused": self.refused, "reasons": self.refusal_counts()}
+            result |= {"refused": self.refused, "reasons": count_reasons(self.reasons)}
         if self.windows is not None:
             result["windows"] = self.windows.to_dict()
         if self.by_condition is not None:
@@ -194,7 +185,7 @@ class Evaluation(WithCard):
             One row per true count (``recall`` with its interval, ``precision``), per assembly, or per window
             (its fold, and the probability of each count where there is one).
         """
-        if one_of("table", table, TABLES) == "classes":
+        if one_of("table", table, get_args(Table)) == "classes":
             return data_frame(self.class_scores())
         if table == "assemblies":
             return data_frame({"assembly": self.groups, "accuracy": self.group_accuracy})
@@ -277,8 +268,7 @@ class Evaluation(WithCard):
 def count_reasons(reasons: Iterable[str | None]) -> dict[str, int]:
     """Return how often each reason of a refusal occurs, the most frequent first.
 
-    Reasons that differ in numbers only are one, with ``...`` for the numbers; what follows a colon is left
-    out.
+    Numbers in them are ``...``; what follows a colon is left out.
     """
     kinds = [re.sub(r"\d[\d.,]*", "...", reason.partition(":")[0]) for reason in reasons if reason]
     return dict(Counter(kinds).most_common())

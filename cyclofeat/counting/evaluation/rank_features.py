@@ -129,10 +129,7 @@ def rank_features(
 def features_held_out(
     transformer: Any, X: Float, y: Int, groups: NDArray[Any], *, random_state: int | None = None
 ) -> pd.DataFrame:
-    """Return features of windows whose assemblies the transformer has not learned from.
-
-    If a count has one assembly only, the transformer learns from all.
-    """
+    """Return features by a transformer that has not learned from their assemblies, if counts have several."""
     rank = np.unique(y, return_inverse=True)[1]
     folds = grouped_folds(rank, assemblies_of(groups, len(y)), 5, random_state)
     folds = folds or [(np.arange(len(y)),) * 2]

@@ -85,10 +85,9 @@ def _follow_lines(recording: Recording, speed_hz: float, n_lobes: int) -> Follow
 
 
 def angle_by_lines(recording: Recording, turning: Turning, n_lobes: int) -> Float | None:
-    """Return the angle that the lines of a recording tell, as it would be counted by without its tachometer.
+    """Return the angle that the lines of a recording tell without its tachometer, numbered as the latter's.
 
-    It is numbered as the tachometer's. None where the lines would not be followed, err by more than a lobe,
-    or tell less than a window.
+    None where the lines would not be followed, err by more than a lobe, or tell less than a window.
     """
     try:
         followed = _follow_lines(recording.for_counting(), turning.speed_hz, n_lobes)
