@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import io
 import json
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from cyclofeat import features
-from cyclofeat.cli import demo as demonstration
 from cyclofeat.cli import main
 from cyclofeat.simulators import (
     CycloidalGearbox,
@@ -260,28 +257,4 @@ def trained(folder: Path) -> dict[str, Any]:
         "card": {key: card[key] for key in ("n_recordings", "n_windows", "classes", "calibrated")},
         "counts": {Path(row["file"]).name: row["probability"] for row in rows},
         "evaluated": {name: {key: one[key] for key in kept} for name, one in evaluated.items()},
-    }
-
-
-# The demonstration.
-
-
-def demo(folder: Path) -> dict[str, Any]:
-    """Counts right among the files, and the accuracies of both methods, of a third of ``cyclofeat demo``."""
-    printed, _ = demonstration.run(argparse.Namespace(out=folder, n_jobs=1), training_assemblies=8)
-    text = printed.text
-    right, exact, n_files = re.search(
-        r"counts right: ([\d.]+), exactly the right lobes: ([\d.]+), of (\d+) recordings", text
-    ).groups()
-    n_assemblies = re.search(r"Cross-validated over (\d+) assemblies", text)[1]
-    methods = {
-        name: float(accuracy)
-        for name, accuracy in re.findall(r"^  (trees|Shannon .*?)  +accuracy ([\d.]+)", text, re.MULTILINE)
-    }
-    return {
-        "n_files": int(n_files),
-        "counts_right": round(float(right) * int(n_files)),
-        "lobes_right": round(float(exact) * int(n_files)),
-        "n_assemblies": int(n_assemblies),
-        "accuracy": methods,
     }

@@ -120,7 +120,6 @@ PARTS: dict[str, Callable[[], None]] = {
     "simulation": record_simulation,
     "campaign": record_campaign,
     "training": lambda: _write("training.json", _in_a_folder(cases.trained)),
-    "demo": lambda: _write("demo.json", _in_a_folder(cases.demo)),
 }
 
 
