@@ -43,15 +43,6 @@ def test_counts_and_refusals_of_stored_recordings(counted: dict[str, Any], part:
     assert_alike(counted[part], stored("counts.json")[part])
 
 
-def test_the_stored_counts_are_worth_comparing() -> None:
-    counts = stored("counts.json")["counts"]
-    known = {name: row for name, row in counts.items() if name.startswith("R") and "no-angle" not in name}
-    assert len(known) == 64
-    assert sum(row["defect_count"] == int(name.split("-")[1]) for name, row in known.items()) >= 56
-    assert sum(bool(row.get("refused")) for row in counts.values()) >= 6
-    assert sum("error" in row for row in counts.values()) >= 3
-
-
 @pytest.fixture(scope="module")
 def feature_values() -> dict[str, np.ndarray]:
     return cases.feature_values()

@@ -232,15 +232,6 @@ def test_conservative_law_balances(gearbox: CycloidalGearbox, defects: LobeDefec
 
 
 @pytest.mark.slow
-def test_the_audit_finds_what_is_taken_out_of_it() -> None:
-    """No term is so small that its loss would pass the tolerance above."""
-    audit = energy_audit(RUBBING.with_brake(0.02, 1e4, 0.05), WORN, duration=0.12)
-    assert abs(audit.relative_leak) < 1e-5
-    for name in ("kinetic_change", "elastic_change", "contact_dissipation", "friction", "meter_damping"):
-        assert abs(getattr(audit, name)) > 1e-4 * audit.input_work, name
-
-
-@pytest.mark.slow
 def test_conservative_law_balances_from_the_start() -> None:
     """With a worn lobe pressed in at rest, over the ramp, whose energy goes into motion and heat."""
     audit = energy_audit(CONSERVATIVE, LobeDefects.worn(2), start_time=0.0, duration=0.3)
