@@ -242,13 +242,11 @@ class LobeCounter(Counter):
         network = self.kind == "network"
         n_splits = (3 if network else 5) if self.n_splits is None else self.n_splits
         folds = grouped_folds(rank, member, n_splits, seed) if n_splits >= 2 else []
-        self.lobe_map_: LobeMap = lobe_map_at(
-            self.sampling_rate, self.input_speed_hz, self.n_lobes, self.speed_tolerance, self.n_lines
-        )
+        disc = self.sampling_rate, self.input_speed_hz, self.n_lobes
+        n_lines = lobes.lines_held(*disc, self.speed_tolerance, self.n_lines)
+        self.lobe_map_ = LobeMap(*disc, n_lines, speed_tolerance=self.speed_tolerance)
         if network:
-            rate = lobes.whitened_rate(
-                self.sampling_rate, self.input_speed_hz, self.n_lobes, self.lobe_map_.n_lines
-            )
+            rate = lobes.whitened_rate(*disc, n_lines)
             self.lobe_map_.set_params(ar_order=round(_AR_TURNS * rate / self.input_speed_hz))
         lines = self.lobe_map_.fit(windows).lines(windows)
         self.__dict__.pop("_single_precision", None)  # of an earlier fit
@@ -550,18 +548,3 @@ class LobeCounter(Counter):
         any_row = np.where(self._sound, 0.0, np.clip(total, _LEAST_LOG, -_LEAST_LOG))
         length = np.where(self._sound, 0.0, np.maximum(logs - total, _LEAST_LOG))
         return np.stack([any_row, length, sound, -sound])
-
-
-def lobe_map_at(
-    sampling_rate: float,
-    input_speed_hz: float,
-    n_lobes: int,
-    speed_tolerance: float,
-    most_lines: int = lobes.N_LINES,
-) -> LobeMap:
-    """Return a lobe map with as many lines as the sampling rate allows, at most ``most_lines``."""
-    n_lines = lobes.lines_held(sampling_rate, input_speed_hz, n_lobes, speed_tolerance, most_lines)
-    return LobeMap(
-        sampling_rate, input_speed_hz=input_speed_hz, n_lobes=n_lobes, n_lines=n_lines,
-        speed_tolerance=speed_tolerance,
-    )  # fmt: skip

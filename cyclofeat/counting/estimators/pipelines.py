@@ -8,10 +8,10 @@ from sklearn.base import BaseEstimator
 from sklearn.pipeline import Pipeline
 
 from cyclofeat.counting.estimators.entropy_ladder import EntropyLadder
-from cyclofeat.counting.estimators.lobe_counter import LobeCounter, lobe_map_at
+from cyclofeat.counting.estimators.lobe_counter import LobeCounter
 from cyclofeat.counting.estimators.trees import CountingTrees
-from cyclofeat.features import SpectralEntropy, TorqueFeatures
-from cyclofeat.signal.lobes import SPEED_TOLERANCE
+from cyclofeat.features import LobeMap, SpectralEntropy, TorqueFeatures
+from cyclofeat.signal.lobes import SPEED_TOLERANCE, lines_held
 
 KINDS = ("lobe_map", "features", "entropy", "ladder", "trees", "network")
 
@@ -79,10 +79,11 @@ def make_lobe_counter(
             speed_tolerance=speed_tolerance,
         )  # fmt: skip
     trees = ("trees", CountingTrees(n_estimators=n_trees, random_state=random_state))
-    lobe_map = ("lobe_map", lobe_map_at(sampling_rate, input_speed_hz, n_lobes, speed_tolerance))
+    n_lines = lines_held(sampling_rate, input_speed_hz, n_lobes, speed_tolerance)
+    lobe_map = LobeMap(sampling_rate, **disc, n_lines=n_lines, speed_tolerance=speed_tolerance)
     entropy = ("entropy", SpectralEntropy(sampling_rate))
     steps: dict[str, list[tuple[str, BaseEstimator]]] = {
-        "lobe_map": [lobe_map, trees],
+        "lobe_map": [("lobe_map", lobe_map), trees],
         "features": [("features", TorqueFeatures(sampling_rate, **disc)), trees],
         "entropy": [entropy, trees],
         "ladder": [entropy, ("ladder", EntropyLadder())],

@@ -43,7 +43,6 @@ from cyclofeat.recordings import Recording
 if TYPE_CHECKING:
     from cyclofeat.counting.model.lobe_count import LobeCount
 
-HOLD_OUT = ("stratified", "leave-one-condition-out", "nothing")
 _LEAK = (
     "groups must name the assembly of every window, got None: windows of one recording look alike for "
     "reasons that have nothing to do with wear, so a split that puts them on both sides measures how well "
@@ -91,7 +90,7 @@ class Protocol:
             raise ValueError(f"confidence must lie between 0 and 1, got {self.confidence!r}")
         if self.n_splits < 2:
             raise ValueError(f"n_splits must be at least 2, got {self.n_splits!r}")
-        one_of("hold_out", self.hold_out, HOLD_OUT)
+        one_of("hold_out", self.hold_out, ("stratified", "leave-one-condition-out", "nothing"))
 
 
 def evaluate(
