@@ -35,6 +35,11 @@ def parameter(default: Any, *constraints: Any) -> Any:
     return field(default=default, metadata={"constraints": list(constraints)})
 
 
+def own_constraints(cls: type) -> dict[str, list[Any]]:
+    """Return the constraints of the parameters that a class states itself, before it is a dataclass."""
+    return {name: x.metadata["constraints"] for name, x in vars(cls).items() if isinstance(x, Field)}
+
+
 def at_least(least: int) -> Interval:
     """Return the constraint of whole numbers from a least one on."""
     return Interval(Integral, least, None, closed="left")
@@ -110,8 +115,7 @@ class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        own = {name: x.metadata["constraints"] for name, x in vars(cls).items() if isinstance(x, Field)}
-        cls._parameter_constraints = cls._parameter_constraints | own
+        cls._parameter_constraints = cls._parameter_constraints | own_constraints(cls)
 
     def needed_samples(self) -> int:
         """Return the fewest samples of a window from which the features mean something."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from numbers import Integral
-from typing import Any, ClassVar, Self
+from dataclasses import MISSING, dataclass
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +11,7 @@ from sklearn.base import BaseEstimator
 from sklearn.utils.metadata_routing import MetadataRouter, MethodMapping
 from sklearn.utils.validation import has_fit_parameter
 
-from cyclofeat._base.sklearn_private import Interval, fit_context
+from cyclofeat._base.sklearn_private import fit_context
 from cyclofeat.counting.calibration.pooling import learn_dependence, pool_opinions, pool_weights, safe_log
 from cyclofeat.counting.estimators.trees import Counter
 from cyclofeat.counting.evaluation.assembly_folds import (
@@ -24,6 +23,7 @@ from cyclofeat.counting.evaluation.assembly_folds import (
     held_out_proba,
 )
 from cyclofeat.counting.evaluation.scores import window_weights
+from cyclofeat.features.base import at_least, parameter
 
 
 @dataclass(eq=False, repr=False)
@@ -79,15 +79,9 @@ class GroupCalibratedCounter(Counter):
            [0. , 0. , 1. ]])
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        "counter": [BaseEstimator],
-        "n_splits": [Interval(Integral, 2, None, closed="left")],
-        "random_state": ["random_state"],
-    }
-
-    counter: Any
-    n_splits: int = 5
-    random_state: int | None = None
+    counter: Any = parameter(MISSING, BaseEstimator)
+    n_splits: int = parameter(5, at_least(2))
+    random_state: int | None = parameter(None, "random_state")
 
     def get_metadata_routing(self) -> MetadataRouter:
         """Return the routing of ``fit``: groups to this estimator, all metadata to the counter.

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from numbers import Integral
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import softmax
 from sklearn.isotonic import IsotonicRegression
 
-from cyclofeat._base.sklearn_private import Interval, fit_context
+from cyclofeat._base.sklearn_private import fit_context
 from cyclofeat.counting.estimators.trees import Counter
 from cyclofeat.counting.evaluation.assembly_folds import Float
+from cyclofeat.features.base import parameter
 
 
 @dataclass(eq=False, repr=False)
@@ -58,11 +59,7 @@ class EntropyLadder(Counter):
     array([1, 2])
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        "column": [Interval(Integral, None, None, closed="neither")],
-    }
-
-    column: int = 0
+    column: int = parameter(0, Integral)
 
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:

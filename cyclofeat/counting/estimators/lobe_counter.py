@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, MISSING, dataclass
 from functools import cached_property
-from numbers import Integral, Real
-from typing import Any, ClassVar, Self
+from numbers import Integral
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,6 +41,7 @@ from cyclofeat.counting.evaluation.assembly_folds import (
 )
 from cyclofeat.counting.evaluation.scores import window_weights
 from cyclofeat.features import LobeMap
+from cyclofeat.features.base import INPUT_SPEED_HZ, POSITIVE, SPEED_TOLERANCE, at_least, parameter
 from cyclofeat.signal import lobes
 from cyclofeat.signal.windows import Complex
 
@@ -159,30 +160,17 @@ class LobeCounter(Counter):
     array([0, 1])
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        "sampling_rate": [Interval(Real, 0, None, closed="neither")],
-        "kind": [StrOptions({"trees", "network"})],
-        "input_speed_hz": [Interval(Real, 0, None, closed="neither")],
-        "n_lobes": [Interval(Integral, 3, 44, closed="both")],
-        "n_lines": [Interval(Integral, lobes.FEWEST_LINES, None, closed="left")],
-        "n_trees": [Interval(Integral, 1, None, closed="left")],
-        "n_epochs": [Interval(Integral, 1, None, closed="left"), None],
-        "n_splits": [Interval(Integral, 0, None, closed="left"), None],
-        "random_state": ["random_state"],
-        "speed_tolerance": [Interval(Real, 0, 0.2, closed="left")],
-    }
-
-    sampling_rate: float
+    sampling_rate: float = parameter(MISSING, POSITIVE)
     _: KW_ONLY
-    kind: str = "trees"
-    input_speed_hz: float = 500 / 60
-    n_lobes: int = 15
-    n_lines: int = lobes.N_LINES
-    n_trees: int = 300
-    n_epochs: int | None = None
-    n_splits: int | None = None
-    random_state: int | None = None
-    speed_tolerance: float = lobes.SPEED_TOLERANCE
+    kind: str = parameter("trees", StrOptions({"trees", "network"}))
+    input_speed_hz: float = parameter(*INPUT_SPEED_HZ)
+    n_lobes: int = parameter(15, Interval(Integral, 3, 44, closed="both"))
+    n_lines: int = parameter(lobes.N_LINES, at_least(lobes.FEWEST_LINES))
+    n_trees: int = parameter(300, at_least(1))
+    n_epochs: int | None = parameter(None, at_least(1), None)
+    n_splits: int | None = parameter(None, at_least(0), None)
+    random_state: int | None = parameter(None, "random_state")
+    speed_tolerance: float = parameter(*SPEED_TOLERANCE)
 
     def fit(
         self,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +12,7 @@ from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat.counting.evaluation.assembly_folds import Float, Int, ordered_classes
+from cyclofeat.features.base import own_constraints
 
 # Kinds of numbers that windows are kept in.
 _KINDS = [np.float64, np.float32]
@@ -29,9 +30,17 @@ class PoorOnArbitraryData:
 
 
 class Counter(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
-    """Base of the counters: checked windows, classes in order; a counter states ``_proba`` of windows."""
+    """Base of the counters: checked windows, classes in order; a counter states ``_proba`` of windows.
 
+    Its parameters are fields of a dataclass (:func:`cyclofeat.features.base.parameter`).
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {}
     classes_: NDArray[Any]
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        cls._parameter_constraints = own_constraints(cls)
 
     def predict(self, X: ArrayLike) -> NDArray[Any]:
         """Return the most probable class of each window, shape (n_windows,), the first one in a tie."""
@@ -67,7 +76,7 @@ class CountingTrees(PoorOnArbitraryData, ExtraTreesClassifier):
     def fit(self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None) -> Self:
         """Fit the trees, as scikit-learn does, and make their table."""
         super().fit(X, y, sample_weight=sample_weight)
-        self.table_ = TreeTable.of(self)
+        self.table_ = TreeTable.of(self) if self.n_outputs_ == 1 else None
         return self
 
     def __getstate__(self) -> dict[str, Any]:
@@ -105,13 +114,13 @@ class CountingTrees(PoorOnArbitraryData, ExtraTreesClassifier):
                 tree.tree_.__setstate__(stored | {"values": own_values})
                 self.estimators_.append(tree)
         if hasattr(self, "estimators_"):
-            self.table_ = TreeTable.of(self)
+            self.table_ = TreeTable.of(self) if self.n_outputs_ == 1 else None
 
     def predict_proba(self, X: ArrayLike) -> Any:
         """Return the probabilities of scikit-learn, except for rounding."""
         check_is_fitted(self)
         features = validate_data(self, X, reset=False, dtype=np.float32)
-        if len(features) * len(self.estimators_) > _MOST_PATHS:
+        if self.table_ is None or len(features) * len(self.estimators_) > _MOST_PATHS:
             return super().predict_proba(X)
         return self.table_.predict_proba(features)
 
