@@ -47,7 +47,7 @@ figure, (missing, spectrum, helps) = plt.subplots(
 shown = [found for found in result.effects if found.probability > 0.15][::-1]
 missing.barh([found.effect.replace("_", " ") for found in shown], [found.probability for found in shown])
 missing.set(xlim=(0, 1.02), xlabel="probability that it is missing")
-result.plot("spectrum", spectrum, label="surrogate")
+result.plot("spectrum", spectrum, label="simulated")
 result.plot("closed", helps)
 titles = {
     missing: "What is missing",
@@ -55,7 +55,7 @@ titles = {
     helps: "How much of the gap closes on recordings held out",
 }
 for ax, title in titles.items():
-    ax.set_title(title, loc="left", fontweight="bold", pad=8 if ax is missing else 30)
+    ax.set_title(title, loc="left", fontweight="bold", pad={missing: 8, spectrum: 30, helps: 40}[ax])
 figure.savefig(Path(__file__).parents[2] / "docs" / "figures" / "gap_workflow.png", dpi=100)
 
 # %%

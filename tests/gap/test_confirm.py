@@ -15,9 +15,20 @@ from cyclofeat.gap.confirm.sessions import TOLERANCE, Point, simulate_pairs, wit
 from cyclofeat.gap.measured import MeasuredRig
 from cyclofeat.gap.posterior.answers import named_effects
 from cyclofeat.gap.posterior.effect_posterior import Guess
-from cyclofeat.gap.world.world import NOISE_AND_DRIFT, Session
+from cyclofeat.gap.world.world import NOISE_AND_DRIFT, Session, size_names
 from cyclofeat.recordings import Recording
-from cyclofeat.simulators import Clipping, Drift, Gain, Hum, Noise, Offset, Rig, Scale, TorqueMeterLowPass
+from cyclofeat.simulators import (
+    BrakeRotor,
+    Clipping,
+    Drift,
+    Gain,
+    Hum,
+    Noise,
+    Offset,
+    Rig,
+    Scale,
+    TorqueMeterLowPass,
+)
 from cyclofeat.simulators.effects import ShaftLine, SleeveFriction
 
 RATE, SPEED = 6400.0, 1350.0
@@ -218,13 +229,36 @@ def test_sizes_change_to_both_sides_and_at_the_end_of_their_range_twice_to_one()
     low, high = stiffness.vector_bounds()
     for vector, signs in ((low / 2, (1, -1)), (high, (-1, -1)), (low, (1, 1))):
         guesses = {name: (0.0, 1.0), TOLERANCE: (0.75, 0.4)}
-        point = Point((stiffness.from_vector(vector),), 1.0, guesses, {name: 0.1})
+        point = Point((stiffness.from_vector(vector),), 1.0, guesses, {})
         of_stiffness, of_tolerance = point.size_changes()
         assert tuple(np.sign(of_stiffness.places)) == signs
         for place, (effects, tolerance) in zip(of_stiffness.places, of_stiffness.rigs, strict=True):
             np.testing.assert_allclose(effects[0].to_vector(), vector + place)
             assert tolerance == 1.0
         assert of_tolerance.rigs[0][1] != 1.0
+
+
+def test_sizes_that_compensate_each_other_change_together():
+    """Along the principal axes, by their deviations, from what the guess says."""
+    rotor = BrakeRotor(0.02, 12_000.0, 0.03)
+    names = [*size_names([rotor]), TOLERANCE]
+    guesses = dict(zip(names, [(-4.0, 0.5), (9.0, 0.6), (-3.0, 1.4), (0.75, 0.4)], strict=True))
+    known = 0.03 * np.array([[1.0, 1.9, 0.0], [1.9, 4.0, 0.0], [0.0, 0.0, 1.0]])
+    point = Point((rotor,), 0.5, guesses, {"brake_rotor": known})
+    changes = point.size_changes()
+    steps = np.array([change.places[0] for change in changes])
+    axes = point.axes * steps
+    np.testing.assert_allclose((axes @ axes.T)[:3, :3], known, rtol=1e-9)
+    for change, axis in zip(changes[:3], axes.T, strict=False):
+        moved = np.concatenate([effect.to_vector() for effect in change.rigs[0][0]])
+        np.testing.assert_allclose(moved, point.coordinates[:3] + axis[:3])
+    means = [change.column.mean for change in changes]
+    expected = [guesses[name][0] for name in names] - point.coordinates
+    np.testing.assert_allclose(point.axes @ means, expected)
+    # The guess is one of independent deviations of 1 along all axes.
+    scaled = point.axes / np.array([guesses[name][1] for name in names])[:, None]
+    np.testing.assert_allclose(scaled.T @ scaled, np.eye(4), atol=1e-12)
+    assert {change.column.precision for change in changes} == {1.0}
 
 
 @pytest.mark.slow

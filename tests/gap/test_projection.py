@@ -68,6 +68,22 @@ def test_a_response_that_bends_is_followed():
     assert np.abs(np.mean(sizes, axis=0) - true).max() < 0.15
 
 
+def test_noise_of_responses_does_not_hold_a_size_where_it_is():
+    """Over a small step the noise of pairs looks like a bend, by which a size could not move on."""
+    sizes, step, true = [], 0.1, [1.5, 0.0]
+    for seed in range(12):
+        random, base = np.random.default_rng([seed, 1]), cells_of([0.0, 0.0], seed, 25)
+        changes = []
+        for k in range(2):
+            places = (step, -step)
+            moved = [cells_of(place * np.eye(2)[k], seed, 25)[:2] for place in places]
+            noisy = [one + 0.05 * random.normal(size=one.shape) for one in moved]
+            changes.append(Change(np.array(noisy), places))
+        projection = project(cells_of(true, 1000 + seed)[0], base, changes, np.full(N_CELLS, 1e-3))
+        sizes.append(fit_responses(projection, SIZES, np.full(2, 3.0)).sizes)
+    assert np.mean(sizes, axis=0)[0] > 0.8 * true[0]
+
+
 def test_sizes_stay_within_reach_and_without_a_column_there_is_nothing_to_fit():
     fit = fit_responses(projected([1.0, 0.0], [0.0, 0.0], SIZES), SIZES, np.array([0.4, 2.0]))
     assert fit.sizes[0] == 0.4

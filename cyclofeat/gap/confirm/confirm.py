@@ -160,10 +160,10 @@ def confirm_effects(
         after |= fit.probabilities
         own = slice(len(point.names))
         moved = point.moved(np.clip(fit.sizes, -reach, reach)[own])
-        move = moved.coordinates - point.coordinates
+        move = np.linalg.solve(point.axes, moved.coordinates - point.coordinates)
         # Responses may change on a long step.
-        covariance = _MODEL_ERROR**2 * fit.covariance[own, own] + np.diag((move / 2) ** 2)
-        spreads = np.sqrt(np.diag(covariance))
+        along = _MODEL_ERROR**2 * fit.covariance[own, own] + np.diag((move / 2) ** 2)
+        spreads, covariance = np.sqrt(np.diag(along)), point.axes @ along @ point.axes.T
         present = {effect.effect_id: effect for effect in moved.effects}
         named = set(named_effects(after)) if of_sets else set(present)
         stands = named == present.keys() and bool(np.all(np.abs(move) <= spreads))
@@ -178,9 +178,11 @@ def confirm_effects(
             # An effect that the last round names gets one more for its sizes.
             if stands or number >= _MOST_ROUNDS - (named <= present.keys()):
                 break
-        steps = dict(zip(point.names, np.maximum(spreads, np.abs(move)).tolist(), strict=True))
+        wider = covariance + point.axes @ np.diag(np.maximum(move**2 - spreads**2, 0)) @ point.axes.T
+        of_effect = {name: np.array(point.owners) == name for name in point.owners}
+        known = {name: wider[np.ix_(rows, rows)] for name, rows in of_effect.items()}
         effects = tuple(guessed[name] for name in before if name in named)
-        point = Point(effects, moved.tolerance, guesses, steps)
+        point = Point(effects, moved.tolerance, guesses, known)
     # A round that chance explains is as good as any other; of others, the closest to the session.
     return rounds[-1] if rounds[-1].accepted else min(rounds, key=lambda one: one.remainder.excess)
 

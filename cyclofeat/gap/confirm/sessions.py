@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import joblib
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from cyclofeat._base.progress import stopped_quietly
 from cyclofeat.gap.engine.sets import Column
@@ -168,14 +169,18 @@ class Point:
     """Rig around which responses are simulated.
 
     Its coordinates are the sizes of its effects on the scale of their fit, then the factor on what differs
-    anyway. By name, "effect.parameter": ``guesses``, mean and standard deviation of each coordinate before
-    any simulation, and ``steps``, the changes of coordinates.
+    anyway. ``guesses``: mean and standard deviation of each coordinate before any simulation, by name as
+    "effect.parameter"; ``covariances``: what is known of the sizes of each effect, by its name.
+
+    Rigs are changed along the principal axes of each effect's sizes, in units of the guesses' deviations:
+    sizes that compensate each other, as an inertia and a stiffness at one resonance, change together, so that
+    what bends with their common change is simulated.
     """
 
     effects: tuple[Effect, ...]
     tolerance: float
     guesses: Mapping[str, tuple[float, float]]
-    steps: Mapping[str, float]
+    covariances: Mapping[str, Float]
 
     @functools.cached_property
     def names(self) -> tuple[str, ...]:
@@ -188,41 +193,57 @@ class Point:
         return np.concatenate([*(effect.to_vector() for effect in self.effects), [self.tolerance]])
 
     @functools.cached_property
-    def bounds(self) -> Float:
-        """Lowest and highest coordinates, shape (n_coordinates, 2)."""
-        return np.vstack([*(np.transpose(effect.vector_bounds()) for effect in self.effects), TOLERANCES])
+    def owners(self) -> tuple[str, ...]:
+        """Effect of each coordinate."""
+        return tuple(name.partition(".")[0] for name in self.names)
 
     @functools.cached_property
-    def units(self) -> Float:
-        """Change of each coordinate that changes its size by 100 %."""
-        return np.array([*(unit for effect in self.effects for unit in relative_units(effect)), 1.0])
+    def axes(self) -> Float:
+        """Change of the coordinates (rows) with each axis (columns)."""
+        return block_diag(*(axes for axes, _ in self._principal_axes))
 
     def at(self, coordinates: Float) -> DrawnRig:
         """Return the rig at coordinates, which are held within their bounds."""
         return with_sizes(self.effects, coordinates), float(np.clip(coordinates[-1], *TOLERANCES))
 
-    def moved(self, change: Float) -> Point:
-        """Return the point at changed coordinates."""
-        return Point(*self.at(self.coordinates + change), self.guesses, self.steps)
+    def moved(self, along: Float) -> Point:
+        """Return the point that is moved along the axes."""
+        return Point(*self.at(self.coordinates + self.axes @ along), self.guesses, self.covariances)
 
     def size_changes(self) -> list[RigChange]:
-        """Return the changes of each size to both sides, twice to one side at the end of its range."""
+        """Return the changes along each axis to both sides, twice to one side at the end of its range."""
+        bounds = np.vstack([*(np.transpose(effect.vector_bounds()) for effect in self.effects), TOLERANCES])
+        low, high = (bounds - self.coordinates[:, None]).T
+        mean, spread = np.array([self.guesses[name] for name in self.names]).T
+        units = np.array([*(unit for effect in self.effects for unit in relative_units(effect)), 1.0])
+        least = np.minimum(_LEAST * units, _LEAST_OF_GUESS * spread)
+        steps = np.concatenate([steps for _, steps in self._principal_axes])
+        means = np.linalg.solve(self.axes, mean - self.coordinates)
         changes = []
-        for k, name in enumerate(self.names):
-            low, high = self.bounds[k] - self.coordinates[k]
-            mean, spread = self.guesses[name]
-            least = min(_LEAST * self.units[k], _LEAST_OF_GUESS * spread)
-            step = float(np.clip(self.steps.get(name, spread), least, _MOST * self.units[k]))
-            places: tuple[float, ...] = (step, -step) if low <= -step and step <= high else (step, 2 * step)
-            if name == TOLERANCE:
-                places = (_TOLERANCE_STEP,)
-            if places[0] > high:
-                places = tuple(-place for place in places)
-            along = np.arange(len(self.names)) == k
-            rigs = tuple(self.at(self.coordinates + place * along) for place in places)
-            column = Column("size", name.partition(".")[0], mean - self.coordinates[k], spread**-2)
-            changes.append(RigChange(column, places, rigs))
+        for axis, owner, step, middle in zip(self.axes.T, self.owners, steps, means, strict=True):
+            shortest, longest = (1 / np.max(np.abs(axis) / ends) for ends in (least, _MOST * units))
+            step = (
+                _TOLERANCE_STEP / axis[-1] if owner == TOLERANCE else float(np.clip(step, shortest, longest))
+            )
+            inside = [bool(np.all((low <= way * axis) & (way * axis <= high))) for way in (step, -step)]
+            way = step if inside[0] else -step
+            places: tuple[float, ...] = (step, -step) if all(inside) else (way, 2 * way)
+            places = places[:1] if owner == TOLERANCE else places
+            rigs = tuple(self.at(self.coordinates + place * axis) for place in places)
+            changes.append(RigChange(Column("size", owner, middle), places, rigs))
         return changes
+
+    @functools.cached_property
+    def _principal_axes(self) -> list[tuple[Float, Float]]:
+        """Axes of each effect's sizes, and of the factor, and their deviations."""
+        found = []
+        for owner in dict.fromkeys(self.owners):
+            names = (name for name, of in zip(self.names, self.owners, strict=True) if of == owner)
+            spread = np.array([self.guesses[name][1] for name in names])
+            known = self.covariances.get(owner, np.diag(spread**2)) / np.outer(spread, spread)
+            squares, vectors = np.linalg.eigh(known)
+            found.append((spread[:, None] * vectors, np.sqrt(np.maximum(squares, 0))))
+        return found
 
     def set_changes(self, added: Iterable[Effect]) -> list[RigChange]:
         """Return the rigs without each of the effects, and those with another one."""

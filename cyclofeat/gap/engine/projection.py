@@ -162,7 +162,14 @@ def _measure_responses(
             powers[0] = powers[0] - powers[1] * places[0]
         for power, of_pairs in enumerate(powers, start=1):
             half = len(of_pairs) // 2
-            halves.append([_shrunk_mean(part)[0] for part in (of_pairs[:half], of_pairs[half:])])
+            parts = np.array([_shrunk_mean(part)[0] for part in (of_pairs[:half], of_pairs[half:])])
+            if power == 2:
+                # What the halves have in common; the rest is noise, which would hold a size where it is.
+                share = np.sum(parts[0] * parts[1]) / np.sum(parts.mean(axis=0) ** 2)
+                if share <= 0:
+                    continue
+                parts *= share
+            halves.append([*parts])
             terms.append((k, power))
             if power == 1:
                 noise.append(_shrunk_mean(of_pairs)[1] * places[0] ** 2)
