@@ -264,18 +264,23 @@ def vary_errors(rig: Rig, random: np.random.Generator, sampling_rate: float) -> 
 
 
 def _scaled(effect: Effect, factor: float) -> Effect:
-    """Return an effect whose sizes, which have a neutral value, are multiplied."""
-    sizes = {name: getattr(effect, name) for name, one in effect.parameters.items() if one.neutral == 0}
-    return effect.with_parameters(**{name: _times(value, factor) for name, value in sizes.items()})
+    """Return an effect whose sizes that are neutral at 0 are multiplied, as far as they are allowed."""
+    scaled = {
+        name: _times(getattr(effect, name), factor, (one.low, one.high))
+        for name, one in effect.parameters.items()
+        if one.neutral == 0
+    }
+    return effect.with_parameters(**scaled)
 
 
-def _times(value: Any, factor: float) -> Any:
+def _times(value: Any, factor: float, bounds: tuple[float, float]) -> Any:
     if is_distribution(value):
         plain = to_plain(value, is_parameter=True)
         return from_plain(
             plain | {name: factor * plain.get(name, at) for name, at in (("loc", 0.0), ("scale", 1.0))}
         )
-    return tuple(factor * end for end in value) if isinstance(value, tuple) else factor * value
+    scaled = np.clip(factor * np.asarray(value, dtype=float), *bounds)
+    return tuple(scaled.tolist()) if isinstance(value, tuple) else float(scaled)
 
 
 def log_uniform(ends: tuple[float, float], share: float) -> float:

@@ -10,7 +10,13 @@ import numpy as np
 import pytest
 
 from cyclofeat.gap import EffectPosterior, GapSettings, World, find_gap, load_posterior, prepare_world
-from cyclofeat.gap.confirm.confirm import Confirmation, confirm_effects, draw_effects, settle_presence
+from cyclofeat.gap.confirm.confirm import (
+    Confirmation,
+    confirm_effects,
+    draw_effects,
+    settle_presence,
+    widen_covariance,
+)
 from cyclofeat.gap.confirm.sessions import TOLERANCE, Point, simulate_pairs, with_strength
 from cyclofeat.gap.measured import MeasuredRig
 from cyclofeat.gap.posterior.answers import named_effects
@@ -236,6 +242,16 @@ def test_sizes_change_to_both_sides_and_at_the_end_of_their_range_twice_to_one()
             np.testing.assert_allclose(effects[0].to_vector(), vector + place)
             assert tolerance == 1.0
         assert of_tolerance.rigs[0][1] != 1.0
+
+
+def test_what_is_left_unexplained_widens_sizes_up_to_their_guess():
+    known, spreads = np.array([[0.01, 0.01], [0.01, 0.04]]), np.array([0.5, 2.0])
+    np.testing.assert_allclose(widen_covariance(known, 0.7, spreads), known)
+    data = np.linalg.inv(known) - np.diag(spreads**-2)
+    for excess in (1.0, 4.0, 1e9):
+        wider = np.linalg.inv(data / excess + np.diag(spreads**-2))
+        np.testing.assert_allclose(widen_covariance(known, excess, spreads), wider, rtol=1e-9)
+    np.testing.assert_allclose(wider, np.diag(spreads**2), atol=1e-6)
 
 
 def test_sizes_that_compensate_each_other_change_together():

@@ -16,6 +16,7 @@ from cyclofeat.simulators import (
     Noise,
     PinErrors,
     Rig,
+    RunOut,
     Scale,
 )
 from cyclofeat.simulators.machine import MachineRun
@@ -118,7 +119,7 @@ def test_errors_reach_from_none_to_half_as_much_again_and_the_rest_stays() -> No
 
 def test_distributions_and_variants_are_scaled_and_sizes_follow_the_load() -> None:
     gearbox = CycloidalGearbox.steel().replace(load_torque=44.0)
-    rig = Rig.r0().replace(gearbox=gearbox, variants=[[Noise(0.1)], [PinErrors(1e-6)]])
+    rig = Rig.r0().replace(gearbox=gearbox, variants=[[Noise(0.1)], [PinErrors(1e-6)], [RunOut(1.8e-4)]])
     hums, ratios = [], []
     for seed in range(200):
         varied = vary_errors(rig, np.random.default_rng(seed), 1000)
@@ -126,6 +127,9 @@ def test_distributions_and_variants_are_scaled_and_sizes_follow_the_load() -> No
         factor = of["pin_errors"].rms / 10e-6
         assert of["run_out"].runout.mean() == pytest.approx(5e-6 * factor * np.sqrt(np.pi / 2))
         assert varied.variants[1][0].rms == pytest.approx(factor * 1e-6)
+        assert varied.variants[2][0].runout == pytest.approx(
+            min(factor * 1.8e-4, 2e-4)
+        )  # the largest allowed
         ratios.append(varied.variants[0][0].rms_nm / of["noise"].rms_nm)
         hums += [of["hum"].amplitude_nm] if "hum" in of else []
         assert "torque_meter_low_pass" not in of or of["torque_meter_low_pass"].cutoff_hz <= 450

@@ -261,8 +261,9 @@ def _conclude(
     named = set(named_effects(presence))
     kept = [effect for effect in point.effects if effect.effect_id in named]
     own = np.array([name.partition(".")[0] in named for name in point.names])
+    spreads = np.array([point.guesses[name][1] for name in np.array(point.names)[own]])
     covariance = block_diag(
-        covariance[np.ix_(own, own)] * (1.0 if accepted else max(remainder.excess, 1.0)),
+        widen_covariance(covariance[np.ix_(own, own)], 1.0 if accepted else remainder.excess, spreads),
         np.diag([point.guesses[name][1] ** 2 for name in size_names(added)]),
     )
     mean = np.concatenate([point.coordinates[own], *(effect.to_vector() for effect in added)])
@@ -271,6 +272,15 @@ def _conclude(
         session.values.mean(axis=0) - projection.centre.mean(axis=0),
         not accepted and remainder.p_undecided >= _NOT_OPEN,
     )  # fmt: skip
+
+
+def widen_covariance(covariance: Float, excess: float, spreads: Float) -> Float:
+    """Return a covariance (n, n) of which the recordings' share counts ``excess`` times less, if above 1.
+
+    The share of the guess, whose deviations are ``spreads`` (n,), stays: sizes are no less known than before.
+    """
+    share, before = 1 / max(excess, 1.0), np.diag(spreads**-2)
+    return np.asarray(np.linalg.inv(share * np.linalg.inv(covariance) + (1 - share) * before))
 
 
 def _judge(projection: Projection, columns: Sequence[Column], session: Session) -> RemainderTest:
