@@ -200,7 +200,7 @@ class Point:
     @functools.cached_property
     def axes(self) -> Float:
         """Change of the coordinates (rows) with each axis (columns)."""
-        return block_diag(*(axes for axes, _ in self._principal_axes))
+        return np.asarray(block_diag(*(axes for axes, _ in self._principal_axes)))
 
     def at(self, coordinates: Float) -> DrawnRig:
         """Return the rig at coordinates, which are held within their bounds."""
