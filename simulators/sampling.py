@@ -16,7 +16,7 @@ import numpy as np
 from cyclofeat._base import checks
 from cyclofeat.simulators.defects import MOST_WEAR_UM, LobeDefects
 from cyclofeat.simulators.effects import Drift, Effect, Gain, Hum, Noise, Offset, TorqueMeterLowPass
-from cyclofeat.simulators.effects._parameter import from_plain, is_distribution, to_plain
+from cyclofeat.simulators.effects._parameter import EffectParameter, from_plain, is_distribution, to_plain
 from cyclofeat.simulators.effects.library import child_seed
 from cyclofeat.simulators.machine import MachineRun, PlannedRun
 from cyclofeat.simulators.many import simulate_each
@@ -266,21 +266,27 @@ def vary_errors(rig: Rig, random: np.random.Generator, sampling_rate: float) -> 
 def _scaled(effect: Effect, factor: float) -> Effect:
     """Return an effect whose sizes that are neutral at 0 are multiplied, as far as they are allowed."""
     scaled = {
-        name: _times(getattr(effect, name), factor, (one.low, one.high))
+        name: scale_size(one, getattr(effect, name), factor)
         for name, one in effect.parameters.items()
         if one.neutral == 0
     }
     return effect.with_parameters(**scaled)
 
 
-def _times(value: Any, factor: float, bounds: tuple[float, float]) -> Any:
+def scale_size(parameter: EffectParameter, value: Any, factor: float) -> Any:
+    """Return a number or a range whose distance from the neutral value is multiplied, as far as is allowed.
+
+    A distribution, whose neutral value must be 0, is multiplied as a whole.
+    """
     if is_distribution(value):
         plain = to_plain(value, is_parameter=True)
         return from_plain(
             plain | {name: factor * plain.get(name, at) for name, at in (("loc", 0.0), ("scale", 1.0))}
         )
-    scaled = np.clip(factor * np.asarray(value, dtype=float), *bounds)
-    return tuple(scaled.tolist()) if isinstance(value, tuple) else float(scaled)
+    neutral = parameter.neutral or 0.0
+    scaled = neutral + factor * (np.asarray(value, dtype=float) - neutral)
+    size = np.clip(scaled, parameter.low, parameter.high).tolist()
+    return tuple(size) if isinstance(size, list) else size
 
 
 def log_uniform(ends: tuple[float, float], share: float) -> float:

@@ -197,10 +197,8 @@ def list_channels(path: str | os.PathLike[str], **options: Any) -> dict[str, str
 
     Options and errors are those of :func:`read_recording`.
     """
-    path, reading = (
-        file_path(path),
-        ReadingOptions(**{key: options[key] for key in options.keys() & _OPTIONS}),
-    )
+    reading = ReadingOptions(**{key: options[key] for key in options.keys() & _OPTIONS})
+    path = file_path(path)
     with name_errors(path.name):
         return {channel.name: channel.unit for channel in _open_source(path, reading).channels}
 

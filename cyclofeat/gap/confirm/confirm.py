@@ -260,7 +260,7 @@ def _conclude(
     accepted = remainder.p >= _REJECTED
     named = set(named_effects(presence))
     kept = [effect for effect in point.effects if effect.effect_id in named]
-    own = np.array([name.partition(".")[0] in named for name in point.names])
+    own = np.array([owner in named for owner in point.owners])
     spreads = np.array([point.guesses[name][1] for name in np.array(point.names)[own]])
     covariance = block_diag(
         widen_covariance(covariance[np.ix_(own, own)], 1.0 if accepted else remainder.excess, spreads),

@@ -216,15 +216,14 @@ class Point:
         low, high = (bounds - self.coordinates[:, None]).T
         mean, spread = np.array([self.guesses[name] for name in self.names]).T
         units = np.array([*(unit for effect in self.effects for unit in relative_units(effect)), 1.0])
-        least = np.minimum(_LEAST * units, _LEAST_OF_GUESS * spread)
+        least, most = np.minimum(_LEAST * units, _LEAST_OF_GUESS * spread), _MOST * units
+        least[-1] = most[-1] = _TOLERANCE_STEP
         steps = np.concatenate([steps for _, steps in self._principal_axes])
         means = np.linalg.solve(self.axes, mean - self.coordinates)
         changes = []
         for axis, owner, step, middle in zip(self.axes.T, self.owners, steps, means, strict=True):
-            shortest, longest = (1 / np.max(np.abs(axis) / ends) for ends in (least, _MOST * units))
-            step = (
-                _TOLERANCE_STEP / axis[-1] if owner == TOLERANCE else float(np.clip(step, shortest, longest))
-            )
+            shortest, longest = (1 / np.max(np.abs(axis) / ends) for ends in (least, most))
+            step = float(np.clip(step, shortest, longest))
             inside = [bool(np.all((low <= way * axis) & (way * axis <= high))) for way in (step, -step)]
             way = step if inside[0] else -step
             places: tuple[float, ...] = (step, -step) if all(inside) else (way, 2 * way)

@@ -19,6 +19,7 @@ from cyclofeat.gap.summaries.summarise import Cell, Kinematics
 from cyclofeat.gap.world.cells import recording_cells, turn_samples
 from cyclofeat.simulators import Drift, Effect, Noise, Rig, known_effects
 from cyclofeat.simulators.rig import check_quantity
+from cyclofeat.simulators.sampling import scale_size
 
 Float = NDArray[np.float64]
 
@@ -159,11 +160,10 @@ def with_noise_and_drift(rig: Rig, may_differ: Sequence[Effect], tolerance: floa
     for effect in may_differ:
         changed = {}
         for name, parameter in effect.parameters.items():
-            value, neutral = getattr(effect, name), parameter.neutral
+            value = getattr(effect, name)
             # Distributions stay as they are.
-            if neutral is not None and isinstance(value, int | float | tuple):
-                ends = neutral + tolerance * (np.array(value) - neutral)
-                changed[name] = tuple(ends.tolist()) if ends.ndim else float(ends)
+            if parameter.neutral is not None and isinstance(value, int | float | tuple):
+                changed[name] = scale_size(parameter, value, tolerance)
         scaled.append(effect.with_parameters(**changed))
     return with_may_differ(rig, (*scaled, *NOISE_AND_DRIFT))
 
