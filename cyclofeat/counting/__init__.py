@@ -21,9 +21,6 @@ The default model of ``cyclofeat train`` is a ``LobeModel``: a ``LobeCounter`` c
 trees, and ``TrainingDomain`` and the speed check refuse.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
 from cyclofeat.counting.calibration.group_calibrated_counter import GroupCalibratedCounter
 from cyclofeat.counting.calibration.training_domain import TrainingDomain
 from cyclofeat.counting.estimators.entropy_ladder import EntropyLadder
@@ -36,10 +33,8 @@ from cyclofeat.counting.evaluation.rank_features import rank_features
 from cyclofeat.counting.model._training import samples_per_turn_at as samples_per_turn_at
 from cyclofeat.counting.model.lobe_count import LobeCount, counts_frame
 from cyclofeat.counting.model.lobe_model import LobeModel
-
-if TYPE_CHECKING:
-    from cyclofeat.counting.model.lobe_stream import LobeStream
-    from cyclofeat.counting.planning import MeasurementPlan, plan_measurement
+from cyclofeat.counting.model.lobe_stream import LobeStream
+from cyclofeat.counting.planning import MeasurementPlan, plan_measurement
 
 __all__ = [
     "EntropyLadder",
@@ -59,12 +54,3 @@ __all__ = [
     "plan_measurement",
     "rank_features",
 ]
-
-if not TYPE_CHECKING:
-
-    def __getattr__(name: str) -> Any:
-        # Loaded on first use: no count needs them.
-        if name in __all__:
-            module = "model.lobe_stream" if name == "LobeStream" else "planning"
-            return getattr(import_module(f"{__name__}.{module}"), name)
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -15,9 +15,9 @@ class                    picture
 ``EvaluationDisplay``    confusion matrix and calibration of a counter
 =======================  ==================================================================================
 
-``from_recording``, ``from_estimator`` or the class itself makes a display; ``plot(ax=None)`` draws it, sets
-``ax_`` and ``figure_`` and returns the display. Only drawing needs matplotlib (``pip install matplotlib``).
-``plot`` of recordings and results makes and draws a display in one call: ``recording.plot("spectrum")``.
+The class itself makes a display; ``plot(ax=None)`` draws it, sets ``ax_`` and ``figure_`` and returns the
+display. Only drawing needs matplotlib (``pip install matplotlib``). ``plot`` of recordings and results makes
+and draws a display in one call: ``recording.plot("spectrum")``.
 """
 
 from functools import partial

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cyclofeat.features import LobeMap
-from cyclofeat.plotting.drawing import Float, RecordingDisplay, shade_map, stated_speed, theme_colours
+from cyclofeat.plotting.drawing import Float, PlainDisplay, shade_map, stated_speed, theme_colours
 from cyclofeat.recordings import Recording, Windower
 from cyclofeat.signal import lobes
 
@@ -31,7 +31,7 @@ _OUTLINE_POINTS = 900
 _LEAST_SCALE = 0.3
 
 
-class LobeMapDisplay(RecordingDisplay):
+class LobeMapDisplay(PlainDisplay):
     """Ring of a disc's lobes, as dark as they are worn, and the disturbance while each passes the load.
 
     Shows the first whole output turn (``n_lobes`` input turns) of a recording: :meth:`Recording.crop` leaves
@@ -83,7 +83,7 @@ class LobeMapDisplay(RecordingDisplay):
     >>> from cyclofeat.plotting import LobeMapDisplay
     >>> phase = np.arange(46_080) / 25_600 * 500 / 60 * 16 / 15 * 15
     >>> torque = 22 + (phase.astype(int) % 15 == 3) * np.sin(2 * np.pi * phase) ** 2
-    >>> display = LobeMapDisplay.from_recording(Recording(torque, 25_600, speed_rpm=500))
+    >>> display = LobeMapDisplay(Recording(torque, 25_600, speed_rpm=500))
     >>> display.slot_rms.shape, int(display.slot_rms.argmax())
     ((15,), 3)
     >>> _ = display.plot()  # doctest: +SKIP

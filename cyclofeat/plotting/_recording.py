@@ -10,7 +10,7 @@ from scipy.signal import periodogram
 from cyclofeat._base.checks import positive
 from cyclofeat._base.displays import thin_samples
 from cyclofeat._base.quantities import in_words
-from cyclofeat.plotting.drawing import RecordingDisplay, stated_speed
+from cyclofeat.plotting.drawing import PlainDisplay, stated_speed
 from cyclofeat.signal.lobes import lobe_frequency
 from cyclofeat.signal.orders import order_lines
 
@@ -29,7 +29,7 @@ _LEAST_LINE = 1e-5
 _MOST_MISSING = 0.02
 
 
-class TorqueDisplay(RecordingDisplay):
+class TorqueDisplay(PlainDisplay):
     """Torque, or motor current, over time, with bad spans in grey.
 
     Of records of more than ``max_points`` samples the smallest and largest value of equal parts are drawn, so
@@ -51,7 +51,7 @@ class TorqueDisplay(RecordingDisplay):
     >>> from cyclofeat import Recording
     >>> from cyclofeat.plotting import TorqueDisplay
     >>> recording = Recording(22 + np.sin(np.arange(25_600) / 100), 25_600)
-    >>> display = TorqueDisplay.from_recording(recording.crop(0.0, 0.5))
+    >>> display = TorqueDisplay(recording.crop(0.0, 0.5))
     >>> display.torque.size
     12800
     >>> _ = display.plot()  # doctest: +SKIP
@@ -77,7 +77,7 @@ class TorqueDisplay(RecordingDisplay):
         ax.grid(alpha=0.3, linewidth=0.6)
 
 
-class SpectrumDisplay(RecordingDisplay):
+class SpectrumDisplay(PlainDisplay):
     """Amplitude spectrum of a whole recording, with lobe lines and orders of the input shaft.
 
     One Fourier transform, mean removed, periodic Hann window; a sine's line has the sine's amplitude. A
@@ -108,7 +108,7 @@ class SpectrumDisplay(RecordingDisplay):
     >>> from cyclofeat import Recording
     >>> from cyclofeat.plotting import SpectrumDisplay
     >>> torque = 22 + 0.5 * np.sin(2 * np.pi * 100 * np.arange(25_600) / 25_600)
-    >>> display = SpectrumDisplay.from_recording(Recording(torque, 25_600, speed_rpm=500))
+    >>> display = SpectrumDisplay(Recording(torque, 25_600, speed_rpm=500))
     >>> peak = display.values.argmax()
     >>> print(display.frequencies[peak], display.values[peak].round(6))
     100.0 0.5
@@ -194,7 +194,7 @@ class SpectrumDisplay(RecordingDisplay):
         self.order_ax_.set_xlabel("order of the input shaft (times per turn)")
 
 
-class OrderDisplay(RecordingDisplay):
+class OrderDisplay(PlainDisplay):
     """Amplitudes of the torque at the lines of the first output turn, by their cause.
 
     Line k of the output turn has the order k/z_s of the input shaft. Every (z_s + 1)-th line belongs to the
@@ -236,7 +236,7 @@ class OrderDisplay(RecordingDisplay):
     >>> from cyclofeat.plotting import OrderDisplay
     >>> phase = 2 * np.pi * 500 / 60 * np.arange(46_080) / 25_600
     >>> torque = 22 + 0.5 * np.cos(16 / 15 * phase) + 0.2 * np.cos(2 * phase)
-    >>> display = OrderDisplay.from_recording(Recording(torque, 25_600, speed_rpm=500))
+    >>> display = OrderDisplay(Recording(torque, 25_600, speed_rpm=500))
     >>> for k in (16, 30):
     ...     print(display.kinds[k - 1], display.orders[k - 1].round(3), display.amplitudes[k - 1].round(3))
     lobe 1.067 0.5

@@ -64,7 +64,7 @@ class TrainingDisplay(Display):
 
     Examples
     --------
-    >>> display = TrainingDisplay.from_estimator(model, recording)  # doctest: +SKIP
+    >>> display = TrainingDisplay(model, recording)  # doctest: +SKIP
     >>> display.plot(kind=display.kinds[0], counts=(1, 0))  # doctest: +SKIP
     """
 
@@ -87,21 +87,6 @@ class TrainingDisplay(Display):
         lobe_map = next((part for part in estimators_in(counter) if isinstance(part, LobeMap)), None)
         self.slot_lobes = None if lobe_map is None else _slot_lobes(lobe_map, windows)
         self.absolute = bool(windows.absolute[0])
-
-    @classmethod
-    def from_estimator(cls, model: LobeModel, recording: Recording) -> Self:
-        """Make the display of a recording's windows beside the training windows of a model.
-
-        Parameters
-        ----------
-        model, recording
-            See :class:`TrainingDisplay`.
-
-        Returns
-        -------
-        TrainingDisplay
-        """
-        return cls(model, recording)
 
     @property
     def _columns(self) -> dict[str, NDArray[np.intp]]:

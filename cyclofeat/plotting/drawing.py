@@ -56,18 +56,6 @@ class PlainDisplay(Display):
         return self
 
 
-class RecordingDisplay(PlainDisplay):
-    """Display of a recording, which its class takes, with options."""
-
-    def __init__(self, recording: Recording) -> None:
-        raise NotImplementedError
-
-    @classmethod
-    def from_recording(cls, recording: Recording, **options: Any) -> Self:
-        """Make the display of a recording; the options are those of the class."""
-        return cls(recording, **options)
-
-
 def require_matplotlib() -> None:
     """Import matplotlib, or raise ``ImportError`` that says what to install.
 

@@ -268,7 +268,7 @@ def window_spans(windows: Sequence[WindowCount]) -> list[Span]:
 
 def draw_recording(recording: Recording, size: tuple[float, float]) -> Picture:
     """Draw a whole recording with its gaps, bad spans, lost and clipped samples."""
-    display, rate, torque = TorqueDisplay.from_recording(recording), recording.sampling_rate, recording.torque
+    display, rate, torque = TorqueDisplay(recording), recording.sampling_rate, recording.torque
     channel = str((recording.meta or {}).get("channel", display.quantity))
     display.quantity = channel.removesuffix(f" [{display.unit}]")
     marked: list[tuple[str, NDArray[np.bool_]]] = []

@@ -45,7 +45,7 @@ def test_every_kind_of_picture_of_a_recording_is_drawn(recording, ax, kind):
 
 def test_a_recording_is_drawn_as_by_the_display(recording, ax):
     recording.plot("spectrum", ax, max_frequency_hz=300.0)
-    direct = SpectrumDisplay.from_recording(recording).plot(Figure().subplots(), max_frequency_hz=300.0)
+    direct = SpectrumDisplay(recording).plot(Figure().subplots(), max_frequency_hz=300.0)
     np.testing.assert_array_equal(ax.lines[0].get_xydata(), direct.line_.get_xydata())
 
 

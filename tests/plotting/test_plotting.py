@@ -72,7 +72,7 @@ def legend_of(display):
 
 @pytest.mark.parametrize("display_class", [TorqueDisplay, SpectrumDisplay, LobeMapDisplay])
 def test_plot_returns_the_display_and_draws_where_it_is_told(display_class, recording):
-    display = display_class.from_recording(recording)
+    display = display_class(recording)
     assert display.plot() is display
     own = display.ax_
     figure, ax = plt.subplots()
@@ -87,21 +87,21 @@ def test_plot_returns_the_display_and_draws_where_it_is_told(display_class, reco
 
 
 def test_torque_has_units_and_its_own_times(recording):
-    display = TorqueDisplay.from_recording(recording.crop(0.5, 0.75)).plot()
+    display = TorqueDisplay(recording.crop(0.5, 0.75)).plot()
     assert display.time[-1] == pytest.approx(0.25 - 1 / RATE)
     assert_allclose(display.torque, recording.torque[12_800:19_200])
     assert display.ax_.get_xlabel() == "time (s)"
     assert display.ax_.get_ylabel() == "output torque (Nm)"
     current = recording.replace(quantity="motor_current")
-    assert TorqueDisplay.from_recording(current).plot().ax_.get_ylabel() == "motor current (A)"
-    assert "(A)" in SpectrumDisplay.from_recording(current).plot().ax_.get_ylabel()
-    assert "(A)" in OrderDisplay.from_recording(current).plot().ax_.get_ylabel()
+    assert TorqueDisplay(current).plot().ax_.get_ylabel() == "motor current (A)"
+    assert "(A)" in SpectrumDisplay(current).plot().ax_.get_ylabel()
+    assert "(A)" in OrderDisplay(current).plot().ax_.get_ylabel()
 
 
 def test_thinning_keeps_every_peak():
     torque = np.random.default_rng(0).normal(22, 1, 100_003)
     torque[[777, 100_002]] = 90, -40
-    display = TorqueDisplay.from_recording(Recording(torque, RATE))
+    display = TorqueDisplay(Recording(torque, RATE))
     display.max_points = 500
     drawn = display.plot().line_.get_ydata()
     assert 400 < drawn.size <= 500
@@ -124,14 +124,14 @@ def sines(speed_rpm=500):
 
 
 def test_a_sine_has_its_own_amplitude():
-    display = SpectrumDisplay.from_recording(sines())
+    display = SpectrumDisplay(sines())
     assert_allclose(display.values[[100, 250]], [0.5, 0.01])
     assert_allclose(display.frequencies[[100, 250]], [100, 250])
     assert display.values[0] < 1e-9  # the mean is gone
 
 
 def test_lobe_lines_and_orders_lie_where_they_belong():
-    display = SpectrumDisplay.from_recording(sines()).plot(max_frequency_hz=200)
+    display = SpectrumDisplay(sines()).plot(max_frequency_hz=200)
     lobe_lines, orders = (
         np.array([segment[0, 0] for segment in marks.get_segments()]) for marks in display.ax_.collections
     )
@@ -147,14 +147,14 @@ def test_lobe_lines_and_orders_lie_where_they_belong():
 
 def test_the_angle_gives_the_true_speed():
     recording = worn_recording((3,), speed=1.008 * SPEED)
-    assert SpectrumDisplay.from_recording(recording).input_speed_hz == pytest.approx(1.008 * SPEED)
+    assert SpectrumDisplay(recording).input_speed_hz == pytest.approx(1.008 * SPEED)
     nominal = recording.replace(angle=None, angle_is_absolute=False)
-    assert SpectrumDisplay.from_recording(nominal).input_speed_hz == pytest.approx(SPEED)
-    assert SpectrumDisplay.from_recording(recording, input_speed_hz=8).input_speed_hz == 8
+    assert SpectrumDisplay(nominal).input_speed_hz == pytest.approx(SPEED)
+    assert SpectrumDisplay(recording, input_speed_hz=8).input_speed_hz == 8
 
 
 def test_without_a_speed_there_are_no_marks():
-    display = SpectrumDisplay.from_recording(sines(speed_rpm=None)).plot(max_frequency_hz=1e9)
+    display = SpectrumDisplay(sines(speed_rpm=None)).plot(max_frequency_hz=1e9)
     assert display.order_ax_ is None
     assert not display.ax_.collections
     assert display.ax_.get_xlim() == (0, RATE / 2)
@@ -170,7 +170,7 @@ def test_a_record_without_ripple_is_drawn():
 @pytest.mark.parametrize("start_angle", [0.0, 3.0, 40.0, 94.0])
 @pytest.mark.parametrize("lobe", [0, 6, 14])
 def test_slots_of_an_absolute_angle_are_the_lobes_of_the_disc(lobe, start_angle):
-    display = LobeMapDisplay.from_recording(worn_recording((lobe,), start_angle))
+    display = LobeMapDisplay(worn_recording((lobe,), start_angle))
     assert display.absolute
     assert display.worn_lobes == (lobe,)
     assert int(display.slot_rms.argmax()) == lobe
@@ -181,13 +181,13 @@ def test_slots_of_an_absolute_angle_are_the_lobes_of_the_disc(lobe, start_angle)
 def test_the_angle_of_the_disc_serves_as_well():
     recording = worn_recording((4,), start_angle=33.0)
     disc = recording.replace(angle=-(recording.angle + np.pi) / 15, angle_of="disc")
-    expected = LobeMapDisplay.from_recording(recording)
-    assert_allclose(LobeMapDisplay.from_recording(disc).slot_rms, expected.slot_rms, rtol=1e-6)
+    expected = LobeMapDisplay(recording)
+    assert_allclose(LobeMapDisplay(disc).slot_rms, expected.slot_rms, rtol=1e-6)
 
 
 def test_without_an_absolute_angle_slots_count_from_the_start():
     # The cam points to lobe (16 phi + pi) / 24 deg = 0.5 at phi = 0: the burst of lobe 3 lies in slot 2.
-    display = LobeMapDisplay.from_recording(worn_recording((3,), with_angle=False))
+    display = LobeMapDisplay(worn_recording((3,), with_angle=False))
     assert not display.absolute
     assert display.worn_lobes is None
     assert int(display.slot_rms.argmax()) == 2
@@ -196,14 +196,14 @@ def test_without_an_absolute_angle_slots_count_from_the_start():
 
 def test_skipped_time_changes_nothing_of_absolute_slots():
     recording = worn_recording((3, 9), duration=2.4)
-    whole, later = (LobeMapDisplay.from_recording(recording.crop(skip)) for skip in (0.0, 0.5))
+    whole, later = (LobeMapDisplay(recording.crop(skip)) for skip in (0.0, 0.5))
     assert_allclose(later.slot_rms, whole.slot_rms, atol=0.05)
 
 
 def test_the_disc_has_its_numbered_lobes_and_coloured_slots(recording):
     count = answer(np.linspace(0, 1, 15))
     outline = 0.06 * np.exp(2j * np.pi * np.arange(4000) / 4000)
-    display = LobeMapDisplay.from_recording(recording, count=count, outline=outline).plot()
+    display = LobeMapDisplay(recording, count=count, outline=outline).plot()
     numbers = numbers_of(display)
     assert list(numbers) == [str(number) for number in range(1, 16)]
     # the first lobe on top, the others counter-clockwise
@@ -247,7 +247,7 @@ def test_an_answer_counted_from_the_first_sample_turns_the_disc(recording):
 
 def test_a_map_takes_the_colours_of_its_surroundings(recording):
     with matplotlib.rc_context({"text.color": "lime"}):
-        display = LobeMapDisplay.from_recording(recording).plot()
+        display = LobeMapDisplay(recording).plot()
     assert numbers_of(display)["1"].get_color() == "lime"
 
 
@@ -287,7 +287,7 @@ def test_lines_belong_to_lobes_input_or_mesh():
 def test_sines_stand_at_their_orders():
     phase = 2 * np.pi * SPEED * np.arange(3600) / small_model.RATE
     torque = 22 + 0.5 * np.cos(16 / 15 * phase) + 0.2 * np.cos(3 * phase) + 0.1 * np.cos(16 * phase)
-    display = OrderDisplay.from_recording(Recording(torque, small_model.RATE, speed_rpm=500))
+    display = OrderDisplay(Recording(torque, small_model.RATE, speed_rpm=500))
     found = dict(zip(display.orders.round(4), display.amplitudes, strict=True))
     assert_allclose([found[1.0667], found[3.0], found[16.0]], [0.5, 0.2, 0.1], atol=1e-3)
     assert np.sort(display.amplitudes)[-4] < 1e-3
@@ -301,17 +301,17 @@ def test_sines_stand_at_their_orders():
 def test_the_angle_tells_the_true_speed():
     phase = 2 * np.pi * 1.01 * SPEED * np.arange(3600) / small_model.RATE
     one = Recording(22 + np.cos(20 * phase), small_model.RATE, speed_rpm=500, angle=phase)
-    display = OrderDisplay.from_recording(one)
+    display = OrderDisplay(one)
     assert display.orders[display.amplitudes.argmax()] == pytest.approx(20)
 
 
 def test_one_nominal_turn_of_a_slower_machine_is_enough():
     phase = 2 * np.pi * 0.99 * SPEED * np.arange(3600) / small_model.RATE
     slow = Recording(22 + 0.5 * np.cos(16 / 15 * phase), small_model.RATE, speed_rpm=500)
-    display = OrderDisplay.from_recording(slow, input_speed_hz=0.99 * SPEED)
+    display = OrderDisplay(slow, input_speed_hz=0.99 * SPEED)
     assert display.amplitudes[16 - 1] == pytest.approx(0.5, abs=0.02)
     with pytest.raises(ValueError, match=r"must last one output turn, 1.8 s at 500 RPM, got 1.75 s"):
-        OrderDisplay.from_recording(slow.replace(torque=slow.torque[:3500]))
+        OrderDisplay(slow.replace(torque=slow.torque[:3500]))
 
 
 def test_orders_need_a_speed():
@@ -324,7 +324,7 @@ def test_orders_need_a_speed():
 
 def test_means_are_those_of_the_training_windows(model):
     one = small_recording((4, 5, 6), seed=100)
-    display = TrainingDisplay.from_estimator(model, one)
+    display = TrainingDisplay(model, one)
     assert_allclose(display.features, model.counter_.lobe_map_.transform(model.windows(one).X))
     # Healthy discs have no burst: their slots are quieter than those of three worn lobes, which model and
     # pictures must agree on.
@@ -334,7 +334,7 @@ def test_means_are_those_of_the_training_windows(model):
 
 
 def test_kinds_of_features_are_drawn_by_their_places(model):
-    display = TrainingDisplay.from_estimator(model, small_recording((4, 5, 6), seed=100))
+    display = TrainingDisplay(model, small_recording((4, 5, 6), seed=100))
     assert set(display.kinds) == {
         "lobe_slot_mean", "lobe_slot_rms", "lobe_line_prominence_db", "lobe_line_contrast_db",
     }  # fmt: skip
@@ -350,10 +350,10 @@ def test_slots_are_drawn_by_the_lobes_of_the_disc(model, lobe, absolute):
     one = small_recording((lobe,), seed=100)
     if not absolute:
         one = one.replace(angle=None, angle_is_absolute=False)
-    display = TrainingDisplay.from_estimator(model, one)
+    display = TrainingDisplay(model, one)
     columns = [k for k, name in enumerate(display.names) if name.startswith("lobe_slot_rms")]
     loudest = int(display.features[0, columns].argmax())
-    on_disc = int(LobeMapDisplay.from_recording(one).slot_rms.argmax())
+    on_disc = int(LobeMapDisplay(one).slot_rms.argmax())
     assert display.absolute == absolute
     # halves of a burst may fall into neighbouring slots
     assert (display.slot_lobes[loudest] - on_disc + 1) % 15 <= 2
@@ -378,7 +378,7 @@ def test_kinds_that_tell_counts_apart_come_first(model):
 
 
 def test_training_refuses(model):
-    display = TrainingDisplay.from_estimator(model, small_recording(()))
+    display = TrainingDisplay(model, small_recording(()))
     with pytest.raises(ValueError, match="kind must be one of"):
         display.plot(kind="x")
     with pytest.raises(ValueError, match=r"counts must be of \[0, 1, 3\], got 2"):
@@ -386,4 +386,4 @@ def test_training_refuses(model):
     without = copy.copy(model)
     without.domain_ = None
     with pytest.raises(ValueError, match="model must have a domain"):
-        TrainingDisplay.from_estimator(without, small_recording(()))
+        TrainingDisplay(without, small_recording(()))

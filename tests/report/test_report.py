@@ -34,7 +34,7 @@ def test_parts_stand_in_their_order_and_are_escaped(tmp_path):
         .add(RECORDING)
         .add_figure(figure, f"Figure {HOSTILE}")
         .add_figure(picture, "Photograph")
-        .add_figure(TorqueDisplay.from_recording(RECORDING), "Drawn again")
+        .add_figure(TorqueDisplay(RECORDING), "Drawn again")
         .add_table([{f"name {HOSTILE}": HOSTILE, "value": 1.23456}, {"value": None}], f"Table {HOSTILE}")
     )
     page = without_pictures(report.write(tmp_path / "own.html").read_text(encoding="utf-8"))

@@ -108,7 +108,7 @@ def test_plots_hold_the_numbers_of_the_recording(page, counted):
     assert_allclose(unpacked(torque["lines"][0]["columns"][0]), recorded, rtol=1e-7)
     assert [span["label"] for span in torque["spans"]] == ["3 worn", "3 worn"]
     assert spectrum["view"] == [0, 400]
-    amplitudes = SpectrumDisplay.from_recording(counted[0].recording).values[1 : spectrum["x"]["n"] + 1]
+    amplitudes = SpectrumDisplay(counted[0].recording).values[1 : spectrum["x"]["n"] + 1]
     assert_allclose(unpacked(spectrum["lines"][0]["columns"][0]), amplitudes, atol=1e-6)
     kinds = {line["name"] for line in orders["lines"]}
     assert "multiples of the lobes' passage (order 16/15)" in kinds
