@@ -6,7 +6,7 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import Field, dataclass, field
+from dataclasses import MISSING, Field, dataclass, field
 from numbers import Integral, Real
 from typing import Any, ClassVar, Self
 
@@ -35,9 +35,16 @@ def parameter(default: Any, *constraints: Any) -> Any:
     return field(default=default, metadata={"constraints": list(constraints)})
 
 
-def own_constraints(cls: type) -> dict[str, list[Any]]:
-    """Return the constraints of the parameters that a class states itself, before it is a dataclass."""
-    return {name: x.metadata["constraints"] for name, x in vars(cls).items() if isinstance(x, Field)}
+class CheckedEstimator(BaseEstimator):
+    """Base of estimators that are dataclasses (``eq=False, repr=False``), their fields :func:`parameter`."""
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {}
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        # A field is its default once the class is a dataclass.
+        own = {name: x.metadata["constraints"] for name, x in vars(cls).items() if isinstance(x, Field)}
+        cls._parameter_constraints = cls._parameter_constraints | own
 
 
 def at_least(least: int) -> Interval:
@@ -99,23 +106,16 @@ def reference_windows(
 
 
 @dataclass(eq=False, repr=False)
-class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
+class WindowTransformer(TransformerMixin, CheckedEstimator, ABC):
     """Base of the transformers that turn each window into one row of features.
 
-    A subclass is a dataclass (``eq=False, repr=False``), states its parameters as fields by
-    :func:`parameter`, and implements ``_feature_names`` and ``_compute_features``. One that learns from
+    A subclass implements ``_feature_names`` and ``_compute_features``. One that learns from
     training windows, or whose parameters must fit the windows, implements ``_fit_windows``. One whose method
     needs windows of some length states it in ``_shortest_window``. Windows are processed in chunks: spectra
     never fill the memory.
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {"sampling_rate": [POSITIVE]}
-
-    sampling_rate: float
-
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        cls._parameter_constraints = cls._parameter_constraints | own_constraints(cls)
+    sampling_rate: float = parameter(MISSING, POSITIVE)
 
     def needed_samples(self) -> int:
         """Return the fewest samples of a window from which the features mean something."""

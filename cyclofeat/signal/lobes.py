@@ -14,7 +14,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,8 +52,7 @@ _BLOCK = 256
 _TINY = 1e-3
 
 
-@dataclass(frozen=True)
-class LobeLines:
+class LobeLines(NamedTuple):
     """Lobe lines of windows: refined input speed of each, shape (n_windows,), lines, and power around them.
 
     ``lines``, shape (n_windows, n_lines), are the complex amplitudes c_k of lobe lines k = 1, 2, ...: the
@@ -65,16 +64,6 @@ class LobeLines:
     input_speed_hz: Float
     lines: Complex
     floor: Float
-
-    def part(self, windows: slice | NDArray[np.int64]) -> LobeLines:
-        """Return the lines of some of the windows."""
-        return LobeLines(self.input_speed_hz[windows], self.lines[windows], self.floor[windows])
-
-    @classmethod
-    def concatenate(cls, parts: Sequence[LobeLines]) -> LobeLines:
-        """Return the lines of all windows of some parts, in order."""
-        columns = zip(*((part.input_speed_hz, part.lines, part.floor) for part in parts), strict=True)
-        return cls(*map(np.concatenate, columns))
 
 
 def lobe_frequency(input_speed_hz: float, n_lobes: int = 15) -> float:
@@ -193,7 +182,8 @@ def lobe_lines(
     n_windows = X.shape[0]
     if n_windows > _BLOCK:
         blocks = (X[first : first + _BLOCK] for first in range(0, n_windows, _BLOCK))
-        return LobeLines.concatenate([lobe_lines(one, sampling_rate, input_speed_hz, comb) for one in blocks])
+        parts = [lobe_lines(one, sampling_rate, input_speed_hz, comb) for one in blocks]
+        return LobeLines(*map(np.concatenate, zip(*parts, strict=True)))
     nominal = lobe_frequency(input_speed_hz, comb.n_lobes)
     if X.shape[1] * nominal < 2 * sampling_rate:
         return LobeLines(

@@ -271,36 +271,26 @@ def order_lines(
     lines = np.empty((len(X), n_lines), dtype=np.complex128)
     if not len(X):
         return lines
-    reducer = _Reducer(sampling_rate, highest)
+    factor = max(1, int(sampling_rate / (_RATE_PER_HIGHEST_LINE * highest)))
+    if factor > 1:
+        # Nothing up to the highest line may be disturbed by what folds down onto it.
+        stop = sampling_rate / factor - highest
+        n_taps, beta = kaiserord(_ALIAS_DB, 2 * (stop - highest) / sampling_rate)
+        taps: Float = firwin(n_taps | 1, (highest + stop) / 2, window=("kaiser", beta), fs=sampling_rate)
     for row, (x, line) in enumerate(zip(X, first, strict=True)):
         turns = round(x.size * line / sampling_rate)
         turned = x[: min(x.size, round(turns * sampling_rate / line)) or x.size].astype(np.float64)
         turned -= turned[0]  # a constant then leaves no rounding
         turned -= turned.mean()
-        lines[row] = 2 / turned.size * reducer.lines(turned, 2 * math.pi * line / sampling_rate, n_lines)
+        step = 2 * math.pi * line / sampling_rate
+        if factor == 1:
+            sums = _fourier_sums(turned, step, n_lines)
+        else:
+            thinned = upfirdn(taps, turned, 1, factor)
+            gain = _fourier_sums(taps, step, n_lines)  # with the filter's delay
+            sums = factor * _fourier_sums(thinned, step * factor, n_lines) / gain
+        lines[row] = 2 / turned.size * sums
     return lines
-
-
-class _Reducer:
-    """Fourier sums at multiples of a frequency, from samples low-passed (aliases 100 dB down) and thinned."""
-
-    def __init__(self, sampling_rate: float, highest: float) -> None:
-        self.factor = max(1, int(sampling_rate / (_RATE_PER_HIGHEST_LINE * highest)))
-        if self.factor > 1:
-            # Nothing up to the highest line may be disturbed by what folds down onto it.
-            stop = sampling_rate / self.factor - highest
-            n_taps, beta = kaiserord(_ALIAS_DB, 2 * (stop - highest) / sampling_rate)
-            self.taps: Float = firwin(
-                n_taps | 1, (highest + stop) / 2, window=("kaiser", beta), fs=sampling_rate
-            )
-
-    def lines(self, x: Float, step: float, n_lines: int) -> Complex:
-        """Sums of ``x[n] exp(-i k step n)`` for k = 1 to ``n_lines``."""
-        if self.factor == 1:
-            return _fourier_sums(x, step, n_lines)
-        gain = _fourier_sums(self.taps, step, n_lines)  # with the filter's delay
-        thinned = upfirdn(self.taps, x, 1, self.factor)
-        return np.asarray(self.factor * _fourier_sums(thinned, step * self.factor, n_lines) / gain)
 
 
 def _fourier_sums(x: Float, step: float, n_lines: int) -> Complex:

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from numbers import Integral, Real
-from typing import Any, ClassVar, Self
+from numbers import Real
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.base import RegressorMixin
 from sklearn.ensemble import ExtraTreesRegressor
 from sklearn.model_selection import GroupKFold
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat._base.sklearn_private import Interval, fit_context
 from cyclofeat.counting.evaluation.assembly_folds import Float, Int, assemblies_of, drawn_seed
+from cyclofeat.features.base import CheckedEstimator, at_least, parameter
 
 # Added to the spread of the trees, as a share of its median: an error is never sure to be nothing.
 _LEAST_SPREAD = 0.25
 
 
 @dataclass(eq=False, repr=False)
-class ConformalRegressor(RegressorMixin, BaseEstimator):
+class ConformalRegressor(RegressorMixin, CheckedEstimator):
     """Extremely randomised trees that predict a number with an interval of a chosen coverage.
 
     Every assembly is predicted by trees that have not seen it (cross-conformal prediction; Vovk, Cross-
@@ -35,17 +36,11 @@ class ConformalRegressor(RegressorMixin, BaseEstimator):
     assembly, NaN where there is only one.
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        "n_trees": [Interval(Integral, 2, None, closed="left")],
-        "coverage": [Interval(Real, 0, 1, closed="neither")],
-        "n_splits": [Interval(Integral, 2, None, closed="left")],
-        "random_state": ["random_state"],
-    }
-
-    n_trees: int = 300
-    coverage: float = 0.9  # share of new assemblies whose interval holds the true value
-    n_splits: int = 5  # folds by assembly, no more than there are assemblies
-    random_state: int | None = 0
+    n_trees: int = parameter(300, at_least(2))
+    # Share of new assemblies whose interval holds the true value.
+    coverage: float = parameter(0.9, Interval(Real, 0, 1, closed="neither"))
+    n_splits: int = parameter(5, at_least(2))  # folds by assembly, no more than there are assemblies
+    random_state: int | None = parameter(0, "random_state")
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None) -> Self:

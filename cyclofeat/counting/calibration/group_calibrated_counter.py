@@ -22,7 +22,6 @@ from cyclofeat.counting.evaluation.assembly_folds import (
     grouped_folds,
     held_out_proba,
 )
-from cyclofeat.counting.evaluation.scores import window_weights
 from cyclofeat.features.base import at_least, parameter
 
 
@@ -139,8 +138,7 @@ class GroupCalibratedCounter(Counter):
         self.calibrated_ = bool(folds)
         held_out = held_out_proba(self.counter, windows, labels, self.classes_, folds, **known)
         if folds:
-            weights = window_weights(np.unique(member, return_inverse=True)[1])
-            power = pool_weights(safe_log(held_out)[np.newaxis], rank, weights, np.unique(member).size)[0]
+            power = pool_weights(safe_log(held_out)[np.newaxis], rank, member)[0]
             # Exponent 0: the counter is uninformative, and all classes are equally probable.
             self.temperature_ = float(1 / max(power, 1e-6))
             held_out = self._calibrate(held_out)

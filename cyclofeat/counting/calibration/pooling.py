@@ -7,6 +7,7 @@ from scipy.optimize import minimize, minimize_scalar
 from scipy.special import logsumexp, softmax
 
 from cyclofeat.counting.evaluation.assembly_folds import Float, Int
+from cyclofeat.counting.evaluation.scores import window_weights
 
 # A zero of a tree ensemble means "not seen in training", not "impossible".
 _LEAST_PROBABILITY = 1e-3
@@ -22,18 +23,21 @@ def pool_opinions(logs: Float, weights: Float) -> Float:
     return np.asarray(softmax(np.tensordot(weights, logs, axes=1), axis=-1))
 
 
-def pool_weights(logs: Float, rank: Int, importance: Float, n_assemblies: int) -> Float:
+def pool_weights(logs: Float, rank: Int, member: Int) -> Float:
     """Return the non-negative exponents with the highest likelihood; for one opinion, 1/temperature.
 
     ``logs`` are logarithms of held-out probabilities, shape (n_opinions, n_windows, n_classes), ``rank`` is
-    the column of each window's true class. By Laplace's rule of succession one of ``n_assemblies + 2`` is
-    assumed to be wrong: without any error the likelihood would grow towards certainty.
+    the column of each window's true class, ``member`` names its assembly. Every assembly has the same weight.
+    By Laplace's rule of succession one of n + 2 assemblies is assumed to be wrong: without any error the
+    likelihood would grow towards certainty.
     """
     n_opinions, n_windows, n_classes = logs.shape
-    wrong = 1.0 / (n_assemblies + 2)
+    assemblies, member = np.unique(member, return_inverse=True)
+    wrong = 1.0 / (assemblies.size + 2)
     target = np.full((n_windows, n_classes), wrong / max(n_classes - 1, 1))
     target[np.arange(n_windows), rank] = 1 - wrong
-    importance = importance / importance.sum()
+    weight = window_weights(member)
+    importance = weight / weight.sum()
 
     def loss(weights: Float) -> tuple[float, Float]:
         scores = np.tensordot(weights, logs, axes=1)

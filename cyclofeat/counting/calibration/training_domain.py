@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import KW_ONLY, dataclass
-from numbers import Integral, Real
-from typing import Any, ClassVar, Self
+from numbers import Real
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator
 from sklearn.covariance import LedoitWolf
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted, validate_data
@@ -24,13 +23,14 @@ from cyclofeat.counting.evaluation.assembly_folds import (
     of_windows,
 )
 from cyclofeat.features import LobeMap
+from cyclofeat.features.base import CheckedEstimator, at_least, parameter
 
 # Line or slot in the name of a feature of the lobe map.
 _NUMBERED = re.compile(r"\((k|slot)(\d+)")
 
 
 @dataclass(eq=False, repr=False)
-class TrainingDomain(BaseEstimator):
+class TrainingDomain(CheckedEstimator):
     """Domain of the training windows in the space of their features.
 
     A window's distance to a class is the Mahalanobis distance to its mean, with the covariance about all
@@ -74,18 +74,13 @@ class TrainingDomain(BaseEstimator):
     array([False,  True])
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        "lowest": ["array-like", None],
-        "false_refusal": [Interval(Real, 0, 1, closed="neither")],
-        "n_splits": [Interval(Integral, 2, None, closed="left")],
-        "random_state": ["random_state"],
-    }
-
-    lowest: ArrayLike | None = None  # of models saved before there was one, too
+    lowest: ArrayLike | None = parameter(
+        None, "array-like", None
+    )  # of models saved before there was one, too
     _: KW_ONLY
-    false_refusal: float = 0.03
-    n_splits: int = 5
-    random_state: int | None = 0
+    false_refusal: float = parameter(0.03, Interval(Real, 0, 1, closed="neither"))
+    n_splits: int = parameter(5, at_least(2))
+    random_state: int | None = parameter(0, "random_state")
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X: ArrayLike, y: ArrayLike | None = None, groups: ArrayLike | None = None) -> Self:

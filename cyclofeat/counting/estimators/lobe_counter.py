@@ -39,7 +39,6 @@ from cyclofeat.counting.evaluation.assembly_folds import (
     held_out_proba,
     of_windows,
 )
-from cyclofeat.counting.evaluation.scores import window_weights
 from cyclofeat.features import LobeMap
 from cyclofeat.features.base import INPUT_SPEED_HZ, POSITIVE, SPEED_TOLERANCE, at_least, parameter
 from cyclofeat.signal import lobes
@@ -255,8 +254,7 @@ class LobeCounter(Counter):
         if folds:
             held_out = np.isfinite(opinions).all(axis=(0, 2))
             opinions, rank, member = opinions[:, held_out], rank[held_out], member[held_out]
-            weights = window_weights(np.unique(member, return_inverse=True)[1])
-            self.weights_ = pool_weights(opinions, rank, weights, np.unique(member).size)
+            self.weights_ = pool_weights(opinions, rank, member)
             proba[held_out] = pool_opinions(opinions, self.weights_)
             self.dependence_ = learn_dependence(proba[held_out], rank, member)
         return proba

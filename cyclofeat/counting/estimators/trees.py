@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.base import ClassifierMixin
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat.counting.evaluation.assembly_folds import Float, Int, ordered_classes
-from cyclofeat.features.base import own_constraints
+from cyclofeat.features.base import CheckedEstimator
 
 # Kinds of numbers that windows are kept in.
 _KINDS = [np.float64, np.float32]
@@ -29,18 +29,10 @@ class PoorOnArbitraryData:
         return tags
 
 
-class Counter(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
-    """Base of the counters: checked windows, classes in order; a counter states ``_proba`` of windows.
+class Counter(PoorOnArbitraryData, ClassifierMixin, CheckedEstimator):
+    """Base of the counters: checked windows, classes in order; a counter states ``_proba`` of windows."""
 
-    Its parameters are fields of a dataclass (:func:`cyclofeat.features.base.parameter`).
-    """
-
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {}
     classes_: NDArray[Any]
-
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        cls._parameter_constraints = own_constraints(cls)
 
     def predict(self, X: ArrayLike) -> NDArray[Any]:
         """Return the most probable class of each window, shape (n_windows,), the first one in a tie."""

@@ -78,8 +78,7 @@ def macro_f1(cells: Float) -> Float:
     hits = np.diagonal(cells, axis1=-2, axis2=-1)
     both = cells.sum(axis=-1) + cells.sum(axis=-2)
     f1 = np.divide(2 * hits, both, out=np.full(hits.shape, np.nan), where=both > 0)
-    present = np.isfinite(f1)
-    return np.asarray(np.where(present, f1, 0.0).sum(axis=-1) / np.maximum(present.sum(axis=-1), 1))
+    return np.asarray(np.nanmean(f1, axis=-1))
 
 
 def confusion_interval(cells: Int, drawn: Int, confidence: float) -> Float:

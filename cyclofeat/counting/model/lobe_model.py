@@ -756,7 +756,9 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         ]
         passages = np.concatenate([places.ravel() for places in begins])
         row_of = np.concatenate(repeated)
-        proba = locator._lobe_proba_of_lines(lines.part(row_of), passages, of_counts[row_of])
+        proba = locator._lobe_proba_of_lines(
+            LobeLines(*(column[row_of] for column in lines)), passages, of_counts[row_of]
+        )
         parts = np.split(proba, np.cumsum([places.size for places in begins])[:-1])
         return [part.reshape(*places.shape, -1) for part, places in zip(parts, begins, strict=True)]
 
