@@ -81,27 +81,6 @@ def binary_entropy(a: float) -> float:
     return -a * math.log2(a) - (1 - a) * math.log2(1 - a)
 
 
-def torque_statistics(x: Floats) -> dict[str, float]:
-    """Statistics of one window that is neither constant nor of mean zero."""
-    n = len(x)
-    mean = math.fsum(x) / n
-    m2, m3, m4 = (math.fsum((value - mean) ** k for value in x) / n for k in (2, 3, 4))
-    std = math.sqrt(m2 * n / (n - 1))
-    rms = math.sqrt(math.fsum(value**2 for value in x) / n)
-    return {
-        "min": min(x),
-        "max": max(x),
-        "mean": mean,
-        "std": std,
-        "range": max(x) - min(x),
-        "rms": rms,
-        "crest_factor": max(abs(value) for value in x) / rms,
-        "skewness": m3 / m2**1.5,
-        "kurtosis": m4 / m2**2,
-        "ripple": std / abs(mean),
-    }
-
-
 def synchronous_average(x: Floats, samples_per_period: int) -> list[float]:
     """Mean over whole periods, sample by sample."""
     n_periods = len(x) // samples_per_period
@@ -175,26 +154,6 @@ def level_envelope(
     return [abs(transform(product(lines, weights), -2 * math.pi * k / n)) / n for k in range(n)]
 
 
-def spectral_flatness(psd: Floats) -> float:
-    """Geometric over arithmetic mean (paper A eq. 9), for products that stay in range."""
-    return math.prod(value ** (1 / len(psd)) for value in psd) / (math.fsum(psd) / len(psd))
-
-
-def spectral_centroid(psd: Floats, frequencies: Floats) -> float:
-    """Mean frequency, weighted by power."""
-    return math.fsum(f * p for f, p in zip(frequencies, psd, strict=True)) / math.fsum(psd)
-
-
-def spectral_rolloff(psd: Floats, frequencies: Floats, fraction: float) -> float:
-    """First frequency at which the summed power reaches a fraction of the total."""
-    total = 0.0
-    for f, p in zip(frequencies, psd, strict=True):
-        total += p
-        if total >= fraction * math.fsum(psd):
-            return f
-    return frequencies[-1]
-
-
 def narrowband_lines(
     frequencies: Floats, fundamental: float, half_width: float, n_harmonics: int
 ) -> set[int]:
@@ -205,12 +164,6 @@ def narrowband_lines(
         lines |= {i for i, d in enumerate(distance) if d <= half_width}
         lines.add(distance.index(min(distance)))
     return lines
-
-
-def band_power(psd: Floats, frequencies: Floats, band: tuple[float, float]) -> float:
-    """Sum of the lines in the band times their distance."""
-    inside = [p for f, p in zip(frequencies, psd, strict=True) if band[0] <= f <= band[1]]
-    return math.fsum(inside) * (frequencies[1] - frequencies[0])
 
 
 def amplitude_spectrum(x: Floats, n_fft: int) -> list[float]:
@@ -224,22 +177,6 @@ def amplitude_spectrum(x: Floats, n_fft: int) -> list[float]:
         sides = 1 if line in (0, n_fft // 2) else 2
         amplitudes.append(sides * math.sqrt(math.fsum(powers) / len(powers)) / math.fsum(window))
     return amplitudes
-
-
-def coherence(x: Floats, reference: Floats) -> list[float]:
-    """Magnitude-squared coherence by the defaults of MATLAB's ``mscohere``."""
-    pieces, n_fft = segments(x)
-    others, _ = segments(reference)
-    window = hamming_symmetric(len(pieces[0]))
-    result = []
-    for line in range(n_fft // 2 + 1):
-        a, b = (
-            [transform(product(piece, window), 2 * math.pi * line / n_fft) for piece in group]
-            for group in (pieces, others)
-        )
-        cross = sum(u.conjugate() * v for u, v in zip(a, b, strict=True))
-        result.append(abs(cross) ** 2 / (sum(abs(u) ** 2 for u in a) * sum(abs(v) ** 2 for v in b)))
-    return result
 
 
 def order_lines(x: Floats, step: float, n_lines: int) -> list[complex]:

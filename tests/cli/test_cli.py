@@ -122,7 +122,7 @@ def test_simulate_writes_a_folder_with_its_manifest(capsys, tmp_path):
 def test_simulate_records_another_quantity(capsys, tmp_path, quantity):
     machine = ["--worn-count", 2, "--duration", 0.1, "--sampling-rate", 4_000, "--quantity", quantity]
     call(capsys, "simulate", *machine, "--out", tmp_path / "bare.csv")
-    call(capsys, "simulate", *machine, "--rig", "r1", "--out", tmp_path / "r1.npz")
+    call(capsys, "simulate", *machine, "--rig", "R1", "--out", tmp_path / "r1.npz")
     for name in ("bare.csv", "r1.npz"):
         recording = read_recording(tmp_path / name)
         assert (recording.quantity, recording.n_samples, recording.defect_count) == (quantity, 400, 2)
@@ -147,14 +147,6 @@ def test_animate_shows_the_assembly_that_simulate_records(capsys, tmp_path):
     np.testing.assert_allclose(machine["trace"], recorded.torque, atol=1e-3)
     np.testing.assert_allclose(machine["phi"], recorded.angle[[0, -1]], atol=1e-4)
     assert "SIMULATED" in page
-
-
-def test_rigs_are_named_in_capitals_or_not(capsys, tmp_path):
-    quick = ["--duration", 0.01, "--worn-count", 1]
-    for name in ("R0", "r0"):
-        call(capsys, "simulate", "--rig", name, *quick, "--out", tmp_path / f"{name}.npz")
-    torques = [read_recording(tmp_path / f"{name}.npz").torque for name in ("R0", "r0")]
-    np.testing.assert_array_equal(*torques)
 
 
 def test_a_rig_is_simulated_from_its_file(capsys, tmp_path):
@@ -460,17 +452,6 @@ def test_a_report_of_many_files_needs_the_memory_of_few(capsys, folder, tmp_path
     assert alive == [[3, 0]]
 
 
-def test_the_run_up_can_be_left_out(capsys, folder, tmp_path, model):
-    recording = read_recording(folder / "worn.csv")
-    start = np.zeros(2560)
-    write_recording(
-        tmp_path / "late.npz",
-        recording.replace(torque=np.r_[start, recording.torque], angle=None, angle_is_absolute=False),
-    )
-    out, _ = call(capsys, "count", tmp_path / "late.npz", "--skip", 0.1, *model, "--json")
-    assert json.loads(out)[0]["defect_count"] == recording.defect_count
-
-
 @pytest.mark.slow
 def test_a_refused_run_up_is_named_with_the_option_that_leaves_it_out(capsys, tmp_path):
     file = tmp_path / "run.npz"
@@ -619,12 +600,6 @@ def test_a_full_disk_below_the_table_is_an_error_that_names_it(capsys, folder, m
     assert re.fullmatch(r"cyclofeat: error: .*No space left.*'/dev/full'\n", err)
 
 
-def wrong_column(folder):
-    file = folder / "other.csv"
-    file.write_text("time_s,speed\n0.0,1.0\n0.1,2.0\n", encoding="utf-8")
-    return ["count", file, "--channel", "torque"]
-
-
 def test_json_holds_the_answer_of_each_window(capsys, folder, model):
     out, _ = call(capsys, "count", folder / "worn.csv", *model, "--json")
     (answer,) = json.loads(out)
@@ -633,12 +608,6 @@ def test_json_holds_the_answer_of_each_window(capsys, folder, model):
         assert before["start_s"] < before["stop_s"] <= after["start_s"] + 1e-3
     assert {one["reason"] for one in answer["windows"]} == {""}
     assert all(one["defect_count"] == answer["defect_count"] for one in answer["windows"])
-
-
-def other_rate(folder):
-    torque = np.random.default_rng(0).normal(size=3000)
-    np.savez(folder / "slow.npz", torque=torque, sampling_rate=1000.0, speed_rpm=500.0)
-    return ["count", folder / "slow.npz"]
 
 
 def no_speed(folder):
@@ -653,8 +622,6 @@ def no_speed(folder):
     ("make", "message"),
     [
         (lambda _: ["count", "absent.csv"], "no such file: absent.csv"),
-        (wrong_column, "torque.*time_s.*speed"),
-        (other_rate, "sampling_rate must be at least .* 1000 Hz"),
         (no_speed, "nor a speed, and its output torque .* RPM: give --speed"),
     ],
 )

@@ -52,14 +52,6 @@ def test_from_a_design_to_windows(capsys, design, tmp_path):
     assert "--speed contradicts the campaign" in run(capsys, "inspect", out, "--speed", 400)[2]
 
 
-def test_the_folder_holds_its_own_design(capsys, design, tmp_path):
-    first, second = tmp_path / "first", tmp_path / "second"
-    call(capsys, "campaign", design, "--out", first, "--jobs", 1)
-    call(capsys, "campaign", first / "campaign.json", "--out", second, "--jobs", 1)
-    for path in first.iterdir():
-        assert (second / path.name).read_bytes() == path.read_bytes()
-
-
 def test_the_kernel_of_the_design_or_of_the_call(capsys, design, tmp_path):
     for given, made_by in ([], "batch"), (["--kernel", "exact"], "exact"):
         out = tmp_path / made_by

@@ -246,17 +246,8 @@ def test_a_posterior_is_prepared_for_the_conditions_of_recordings(
     prepared: dict[str, Any], tmp_path: Path, capsys: Any
 ) -> None:
     folder = write_folder(tmp_path / "m", NOISE, [0, 9], speed=[1000, 1500], load=[5, 5])
-    code, out, _ = run(
-        capsys,
-        folder,
-        "--prepare",
-        tmp_path / "p.npz",
-        "--cache",
-        tmp_path,
-        "--effects",
-        "hum,gain",
-        "--json",
-    )
+    options = ["--prepare", tmp_path / "p.npz", "--cache", tmp_path, "--effects", "hum,gain"]
+    code, out, _ = run(capsys, folder, *options, "--json")
     assert code == 0
     found = json.loads(out)
     assert found["speeds_rpm"] == pytest.approx([900, 1650])

@@ -7,7 +7,7 @@ import importlib.util
 import inspect
 import re
 from collections.abc import Iterator
-from graphlib import CycleError, TopologicalSorter
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -48,17 +48,6 @@ def graph_of(rooms: dict[str, Path]) -> dict[str, set[str]]:
 @pytest.mark.slow
 def test_no_import_circles():
     TopologicalSorter(graph_of(ROOMS)).prepare()  # raises CycleError, which names one
-
-
-def test_a_lazy_and_a_type_only_import_are_seen(tmp_path):
-    package = tmp_path / "house"
-    (package / "room").mkdir(parents=True)
-    (package / "__init__.py").write_text("", encoding="utf-8")
-    (package / "room" / "__init__.py").write_text("from .one import f", encoding="utf-8")
-    (package / "room" / "one.py").write_text("def f():\n    from house import two", encoding="utf-8")
-    (package / "two.py").write_text("if TYPE_CHECKING:\n    from .room.one import f", encoding="utf-8")
-    with pytest.raises(CycleError, match=r"house\.two.*house\.room\.one|house\.room\.one.*house\.two"):
-        TopologicalSorter(graph_of({"house": package})).prepare()
 
 
 # -- tests go through public names

@@ -1,7 +1,6 @@
 """Spectra, entropies and statistics against brute force, scipy, GNU Octave and closed forms."""
 
 import csv
-import math
 import shutil
 import subprocess
 from itertools import pairwise
@@ -32,7 +31,7 @@ from cyclofeat.signal import (
     welch_psd,
 )
 from cyclofeat.signal.density import band_slice, narrowband_mask
-from cyclofeat.signal.welch import AMPLITUDE_WINDOWS, PRESETS, segment_lengths, welch_frequencies
+from cyclofeat.signal.welch import AMPLITUDE_WINDOWS, PRESETS, welch_frequencies
 
 SAMPLING_RATE = 25_600
 ORACLES = Path(__file__).parents[1] / "oracles"
@@ -59,14 +58,6 @@ def test_psd_against_brute_force(preset, n_samples):
     frequencies, psd = welch_psd(x, SAMPLING_RATE, preset)
     assert_allclose(frequencies, expected_frequencies, rtol=1e-14)
     assert_allclose(psd, expected, rtol=1e-9, atol=1e-12 * max(expected))
-
-
-def test_segmentation_is_that_of_matlab():
-    for n_samples in [*range(9, 400), 46_080, 57_600, 100_001]:
-        segment, n_fft = segment_lengths(n_samples)
-        assert segment == math.floor(n_samples / 4.5)
-        assert n_fft == 2 * (welch_frequencies(n_samples, 1.0).size - 1)
-        assert n_fft == max(256, 2 ** math.ceil(math.log2(segment)))
 
 
 def octave_rows(path: Path) -> list[dict[str, str]]:
@@ -165,15 +156,6 @@ def test_octave_still_says_the_same(tmp_path, script, outputs):
         assert_allclose(values[1], values[0], rtol=1e-10, atol=1e-11 * script.startswith("wavelet"))
 
 
-def test_power_of_the_ripple_is_its_variance():
-    X = torque(1, 46_080)
-    frequencies, psd = welch_psd(X, SAMPLING_RATE, "ripple")
-    # Drift within a segment leaves with the segment's mean.
-    assert_allclose(psd.sum() * frequencies[1], X.var(), rtol=0.1)
-    frequencies, psd = welch_psd(X, SAMPLING_RATE)
-    assert_allclose(psd.sum() * frequencies[1], (X**2).mean(), rtol=0.01)
-
-
 def test_constant_windows():
     constant = np.full((2, 3000), [[0.1], [22.0]])
     _, psd = welch_psd(constant, SAMPLING_RATE, "ripple")
@@ -184,16 +166,6 @@ def test_constant_windows():
     assert_allclose(shannon_entropy(psd)[0], shannon_entropy(psd)[1], rtol=1e-12)
     _, psd = welch_psd(np.zeros(3000), SAMPLING_RATE)
     assert shannon_entropy(psd) == 0
-
-
-@pytest.mark.parametrize("n_samples", [1, 2, 8])
-def test_windows_too_short_for_segments(n_samples):
-    x = 22 + np.arange(n_samples)
-    _, psd = welch_psd(x, SAMPLING_RATE)
-    flat = np.repeat([1.0, 2.0, 1.0], [1, 127, 1])
-    assert_allclose(psd, flat * (x**2).mean() / SAMPLING_RATE)
-    _, psd = welch_psd(x, SAMPLING_RATE, "ripple")
-    assert not psd.any()
 
 
 @both_presets
@@ -341,25 +313,6 @@ def test_entropy_of_mean_and_noise_is_a_function_of_their_power_ratio():
 # Shape of the density
 
 
-@both_presets
-@pytest.mark.parametrize("n_samples", [9, 20, 60])
-def test_shapes_against_brute_force(preset, n_samples):
-    x = torque(1, n_samples)[0]
-    frequencies, expected = naive.welch_psd(x, SAMPLING_RATE, preset)
-    ours, psd = welch_psd(x, SAMPLING_RATE, preset)
-    assert_allclose(shannon_entropy(psd), naive.shannon_entropy(expected), rtol=1e-11)
-    assert_allclose(normalized_entropy(psd), naive.normalized_entropy(expected), rtol=1e-11)
-    assert_allclose(spectral_flatness(psd), naive.spectral_flatness(expected), rtol=1e-10)
-    assert_allclose(spectral_centroid(psd, ours), naive.spectral_centroid(expected, frequencies), rtol=1e-11)
-    for fraction in (0.3, 0.95):
-        assert_allclose(
-            spectral_rolloff(psd, ours, fraction), naive.spectral_rolloff(expected, frequencies, fraction)
-        )
-    bands = [(0, 1000), (450.0, 12_800.0), (100, 100.5)]
-    powers = [naive.band_power(expected, frequencies, band) for band in bands]
-    assert_allclose(band_power(psd, ours, bands), powers, rtol=1e-11)
-
-
 @settings(derandomize=True, deadline=None, database=None, max_examples=20)
 @given(
     fundamental=st.floats(3.0, 900.0),
@@ -397,6 +350,8 @@ def test_shapes_of_known_densities():
     )
     assert spectral_rolloff([1.0, 1.0, 1.0, 1.0], frequencies, 1.0) == 300
     assert spectral_rolloff([9.0, 0.0, 1.0, 1.0], frequencies, 0.4, (200, 300)) == 200
+    bands = [(0, 100), (100, 100.5), (50.0, 300)]
+    assert_array_equal(band_power([1.0, 2.0, 4.0, 8.0], frequencies, bands), [300, 200, 1400])
     for value in (
         spectral_centroid([0.0] * 4, frequencies, (100, 300)),
         spectral_rolloff([0.0] * 4, frequencies, 0.95, (100, 300)),
@@ -532,16 +487,6 @@ def test_bad_arguments_of_the_high_pass(arguments, message):
 
 
 # Statistics
-
-
-def test_statistics_against_brute_force():
-    X = torque(5, 333)
-    ours = torque_statistics(X)
-    for i, x in enumerate(X):
-        expected = naive.torque_statistics(x.tolist())
-        assert list(ours) == list(expected)
-        for name, value in expected.items():
-            assert_allclose(ours[name][i], value, rtol=1e-11, err_msg=name)
 
 
 def test_statistics_of_degenerate_windows():

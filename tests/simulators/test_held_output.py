@@ -75,8 +75,6 @@ def test_a_worn_lobe_under_load_softens_the_loop() -> None:
 
 def test_the_printed_drive() -> None:
     gearbox = CycloidalGearbox.printed_14_pin()
-    assert gearbox.n_lobes == 13
-    assert gearbox.pin_circle_radius == pytest.approx(34e-3)
     loop = torque_deflection(gearbox, peak_torque=25.0, period=0.5)
     assert loop.torque.max() == pytest.approx(25.0, rel=0.01)
     # both clearances open the play

@@ -49,18 +49,6 @@ def test_chord_carries_from_9_2_to_13_3_degrees_in_the_rest_position() -> None:
     assert (magnitudes > 1e-3).tolist() == ((degrees > 9.25) & (degrees < 13.33)).tolist()
 
 
-def test_flank_carries_with_the_chord_past_the_pit() -> None:
-    """Pressed towards the flank, a sleeve past the pit has two contacts, whose magnitudes add up."""
-    worn, healthy = ReferenceGearbox(defects=WORN), ReferenceGearbox()
-    t = np.deg2rad([12.5, 13.0])
-    push = -2e-3
-    both, both_vector = forces_on_sleeve_0(worn, t, push)
-    flank, flank_vector = forces_on_sleeve_0(healthy, t, push)
-    assert np.all(flank > 1e-3)
-    assert both - flank == pytest.approx(np.abs(both_vector - flank_vector), rel=1e-9)
-    assert np.all(both > flank)
-
-
 @pytest.mark.parametrize(("wheel", "lobe"), [(0, 0), (0, 7), (1, 0), (1, 14)])
 def test_worn_wheels_and_lobes_are_the_ones_asked_for(wheel: int, lobe: int) -> None:
     """Equal lobes of the two wheels act at the same moment, on opposite sleeves."""
@@ -69,25 +57,6 @@ def test_worn_wheels_and_lobes_are_the_ones_asked_for(wheel: int, lobe: int) -> 
     u = gearbox.coordinates(phi, gearbox.rest_angles(phi))
     force, _, _, _ = gearbox.contact_forces(u, np.zeros_like(u))
     assert np.argwhere(force > 1e-3).tolist() == [[wheel, 8 * wheel]]
-
-
-def test_flank_ends_in_a_point_before_the_pit() -> None:
-    """Pressed inwards, a sleeve that has not reached the pit touches chord and flank's end."""
-    errors = -5e-5 * (np.arange(16) == 0)
-    worn = ReferenceGearbox(CycloidalGearbox(pin_radial_errors=errors), WORN)
-    (magnitude,), _ = forces_on_sleeve_0(worn, np.array([PIT - 1e-3]), 0.0)
-    phi = pose_with_sleeve_0_at(PIT - 1e-3)
-    angles = worn.rest_angles(phi)
-    at = worn.coordinates(phi, angles).reshape(-1, 3)[:, :2] @ [1, 1j]
-    p = (at[12] - at[2]) * np.exp(-1j * angles[0])
-    tip, pit = worn.profile([0.0, PIT])
-    chord = ((p - tip) * np.conj(-1j * (pit - tip) / abs(pit - tip))).real - 6e-3
-    end = abs(p - pit) - 6e-3
-    assert chord < -1e-4
-    assert end < -1e-5
-    gaps = np.array([chord, end])
-    radii = 6e-3 * np.array([1.0, 1 - 6e-3 * worn.curvature(PIT)])
-    assert magnitude == pytest.approx(worn.normal_force(gaps, np.zeros(2), radii).sum(), rel=1e-9)
 
 
 def test_depth_mixes_the_healthy_and_the_worn_outline() -> None:
