@@ -8,11 +8,10 @@ module           responsibility
 ``effects``      properties of real rigs: parameters, bounds, priors, place in the chain
 ``motor``        the motor on the input shaft with control of its speed; runs as it would have made them
 ``rig``          a gearbox with effects: draws machines, simulates records, reads and writes files
-``simulation``   runs of one gearbox, and the time until they are steady
+``simulation``   runs of one gearbox or of many, and the time until they are steady
 ``courses``      input speed and load over time
 ``tables``       parameters as the compiled kernel takes them, those of contacts included
 ``held_output``  torque against deflection with the output held
-``many``         many runs at once, on several cores
 ``sampling``     draws assemblies and recordings of rigs from seeds, for all who simulate them
 ``batch``        many gearboxes at once, one in each lane of the processor's vectors
 ``campaign``     thousands of runs from a declared design to files: resumable, on joblib or Dask
@@ -32,7 +31,6 @@ from cyclofeat.simulators.defects import LobeDefects
 from cyclofeat.simulators.effects import *  # noqa: F403
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.held_output import torque_deflection
-from cyclofeat.simulators.many import simulate_many
 from cyclofeat.simulators.motor import Motor
 from cyclofeat.simulators.rig import Rig
 from cyclofeat.simulators.simulation import (
@@ -40,6 +38,7 @@ from cyclofeat.simulators.simulation import (
     SimulationRun,
     Solver,
     simulate,
+    simulate_many,
 )
 
 __all__ = [

@@ -9,16 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from cyclofeat._base.checks import (
-    check_number,
-    check_type,
-    is_number,
-    is_whole,
-    list_members,
-    number,
-    positive,
-    repr_of,
-)
+from cyclofeat._base.checks import check_type, is_number, is_whole, list_members, number, positive, repr_of
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
 MOST_WEAR_UM = 200.0
@@ -88,8 +79,7 @@ class LobeDefects:
         if wheels not in ([0], [1], [0, 1]):
             raise ValueError(f"wheels must be (0,), (1,) or (0, 1), got {self.wheels!r}")
         object.__setattr__(self, "wheels", tuple(map(int, wheels)))
-        check_number("depth", self.depth)
-        if not 0 <= self.depth <= 1:
+        if not 0 <= number("depth", self.depth) <= 1:
             raise ValueError(f"depth must lie between 0 (healthy) and 1 (the chord), got {self.depth!r}")
         both = set(self.worn_lobes) & set(self.removed_lobes)
         if both:

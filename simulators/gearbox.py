@@ -15,17 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat._base.checks import (
-    Replaceable,
-    check_number,
-    list_members,
-    not_negative,
-    number,
-    one_of,
-    positive,
-    repr_of,
-    whole,
-)
+from cyclofeat._base import checks
 
 Complex = NDArray[np.complex128]
 Float = NDArray[np.float64]
@@ -61,11 +51,6 @@ class CycloidalProfile:
     def pin_circle_radius(self) -> float:
         """Radius R = e z_k / m of the circle on which the pins sit, in m."""
         return self.eccentricity * self.n_pins / self.shortening
-
-    @property
-    def lobe_pitch(self) -> float:
-        """Angle from one lobe to the next, in rad of the profile parameter."""
-        return 2 * np.pi / self.n_lobes
 
     def trochoid(self, t: ArrayLike) -> Complex:
         """Path T(t) = R exp(it) + e exp(i z_k t) of a pin's centre, in m."""
@@ -142,19 +127,20 @@ class CycloidalProfile:
 
         It has an even number of ``points_per_lobe``; ``worn`` lobes count from 0.
         """
-        t = np.arange(self.n_lobes * points_per_lobe) * self.lobe_pitch / points_per_lobe
+        lobe_pitch = 2 * np.pi / self.n_lobes
+        t = np.arange(self.n_lobes * points_per_lobe) * lobe_pitch / points_per_lobe
         outline = self.point(t)
         tip, pit = self.chord()
         share = np.arange(points_per_lobe // 2) / (points_per_lobe // 2)
         for lobe in worn:
             first = lobe * points_per_lobe
-            turn = np.exp(1j * lobe * self.lobe_pitch)
+            turn = np.exp(1j * lobe * lobe_pitch)
             outline[first : first + points_per_lobe // 2] = turn * (tip + share * (pit - tip))
         return outline
 
 
 @dataclass(frozen=True, repr=False)
-class CycloidalGearbox(Replaceable):
+class CycloidalGearbox(checks.Replaceable):
     """A single-stage cycloidal gearbox with two wheels, and the rig that drives and brakes it.
 
     Defaults are those of paper B (steel), where it states them. Fields marked *assumption* are stated in
@@ -306,9 +292,10 @@ class CycloidalGearbox(Replaceable):
         for field in dataclasses.fields(self):
             name, value = field.name, getattr(self, field.name)
             if name in _OTHER:
-                number(name, value)
+                checks.number(name, value)
             elif isinstance(field.default, float):
-                (not_negative if field.default == 0 or name in _MAY_BE_ZERO else positive)(name, value)
+                may_be_zero = field.default == 0 or name in _MAY_BE_ZERO
+                (checks.not_negative if may_be_zero else checks.positive)(name, value)
         for name in ("wheel_poisson_ratio", "sleeve_poisson_ratio"):
             if not 0 <= getattr(self, name) <= 0.5:
                 raise ValueError(f"{name} must lie between 0 and 0.5, got {getattr(self, name)!r}")
@@ -317,7 +304,7 @@ class CycloidalGearbox(Replaceable):
                 "sleeve_static_friction must be 0 (the same) or at least sleeve_friction "
                 f"({self.sleeve_friction!r}), got {self.sleeve_static_friction!r}"
             )
-        one_of("contact_law", self.contact_law, CONTACT_LAWS)
+        checks.one_of("contact_law", self.contact_law, CONTACT_LAWS)
         if self.brake_inertia > 0 and self.meter_stiffness == 0:
             raise ValueError("brake_inertia needs a meter_stiffness above 0 Nm/rad, got 0")
         self._check_teeth()
@@ -325,10 +312,12 @@ class CycloidalGearbox(Replaceable):
             ("pin_radial_errors", self.n_pins), ("pin_tangential_errors", self.n_pins),
             ("lobe_pitch_errors", 2 * self.n_lobes), ("wheel_runouts", 2), ("cam_errors", 2),
         ):  # fmt: skip
-            values = list_members(given := getattr(self, name))
+            values = checks.list_members(given := getattr(self, name))
             what, kinds = ("complex numbers", "iufc") if length == 2 else ("numbers", "iuf")
             if values is None or any(map(np.ndim, values)) or np.asarray(values).dtype.kind not in kinds:
-                raise TypeError(f"{name} must be a sequence of {what} (m), or empty, got {repr_of(given)}")
+                raise TypeError(
+                    f"{name} must be a sequence of {what} (m), or empty, got {checks.repr_of(given)}"
+                )
             if len(values) not in (0, length):
                 raise ValueError(f"{name} must be empty or hold {length} values, got {len(values)}")
             if not np.all(np.isfinite(values)):
@@ -349,8 +338,8 @@ class CycloidalGearbox(Replaceable):
         if not 0 < self.shortening < 1:
             raise ValueError(f"shortening must lie between 0 and 1, got {self.shortening!r}")
         for name, least in (("n_pins", 4), ("n_internal_sleeves", 2)):
-            object.__setattr__(self, name, whole(name, getattr(self, name), least, MAX_SLEEVES))
-        points = whole("profile_points", self.profile_points, 0)
+            object.__setattr__(self, name, checks.whole(name, getattr(self, name), least, MAX_SLEEVES))
+        points = checks.whole("profile_points", self.profile_points, 0)
         if 0 < points < 4 * self.n_lobes:
             raise ValueError(f"profile_points must be 0 or at least 4 per lobe, got {points}")
         object.__setattr__(self, "profile_points", points)
@@ -481,10 +470,9 @@ class CycloidalGearbox(Replaceable):
         -------
         CycloidalGearbox
         """
-        not_negative("inertia", inertia)
-        not_negative("stiffness", stiffness)
-        check_number("damping_ratio", damping_ratio)
-        if not 0 <= damping_ratio < 1:
+        checks.not_negative("inertia", inertia)
+        checks.not_negative("stiffness", stiffness)
+        if not 0 <= checks.number("damping_ratio", damping_ratio) < 1:
             raise ValueError(f"damping_ratio must lie in [0, 1), got {damping_ratio!r}")
         damping = 2 * damping_ratio * math.sqrt(stiffness * inertia)
         return self.replace(brake_inertia=inertia, meter_stiffness=stiffness, meter_damping=damping)

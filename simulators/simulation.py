@@ -5,32 +5,33 @@ from __future__ import annotations
 import functools
 import math
 import warnings
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import joblib
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import firwin, resample_poly
 
-from cyclofeat._base.checks import check_type, number, one_of, positive
-from cyclofeat.simulators import _kernels
+from cyclofeat._base.checks import check_type, list_members, number, one_of, positive, repr_of
+from cyclofeat._base.checks import n_jobs as check_n_jobs
+from cyclofeat._base.progress import stopped_quietly
+from cyclofeat.simulators import _kernels, tables
 from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.courses import MARGIN, Courses, DriveAndLoad
 from cyclofeat.simulators.defects import LobeDefects, check_machine
 from cyclofeat.simulators.gearbox import CycloidalGearbox
-from cyclofeat.simulators.tables import (
-    KernelInput,
-    joint_effective_radius,
-    kernel_input,
-    pin_centres,
-    rest_state,
-    sleeve_centres,
-    stiffness_factor,
-)
+
+if TYPE_CHECKING:  # compiled only where it is asked for
+    from cyclofeat.simulators.batch.runs import Request
 
 Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+# Work of one worker: the arguments of its runs by number, and the batch that makes them, if one does.
+_Task = tuple[dict[int, dict[str, Any]], "Sequence[Request] | None"]
 
 # Nm; a healthy run stays below 30 Nm.
 ABSURD_TORQUE = 1e4
@@ -266,11 +267,11 @@ def simulate(
     number("start_angle", start_angle)
     dt, n_steps, steps = solver.dt, sampling.n_steps, sampling.steps
     course = DriveAndLoad(gearbox, 2 * n_steps + 1, dt / 2, start_angle, courses).piece()
-    integration = Integration(gearbox, kernel_input(gearbox, defects), course, dt, solver.integrator)
+    integration = Integration(gearbox, tables.kernel_input(gearbox, defects), course, dt, solver.integrator)
     checked = gearbox.has_friction and solver.check_friction
     watched = steps[:: max(steps.size // _N_WATCHED, 1)] if checked else steps[:0]
     kept = steps if motion or forces or points else watched
-    done = integration.run(rest_state(gearbox), 0, n_steps, kept, forces=forces or points)
+    done = integration.run(tables.rest_state(gearbox), 0, n_steps, kept, forces=forces or points)
     if checked:
         states = done.motion[np.searchsorted(kept, watched)]
         nearby = np.stack([course[:, 2 * step : 2 * step + 3] for step in watched])
@@ -280,8 +281,8 @@ def simulate(
     z, external, internal = gearbox.n_lobes, done.external, done.internal
     external_points, internal_points = None, None
     if points:
-        axles = sleeve_centres(gearbox, done.motion[:, 2] - phi[2 * kept] / z)[:, np.newaxis]
-        external_points = contact_points(pin_centres(gearbox), gearbox.pin_radius, external)
+        axles = tables.sleeve_centres(gearbox, done.motion[:, 2] - phi[2 * kept] / z)[:, np.newaxis]
+        external_points = contact_points(tables.pin_centres(gearbox), gearbox.pin_radius, external)
         internal_points = contact_points(axles, gearbox.internal_sleeve_radius, internal)
     return SimulationRun(
         gearbox=gearbox, defects=defects, sampling_rate=float(sampling_rate), dt=dt, input_angle=input_angle,
@@ -318,6 +319,148 @@ def _run_simulator(
     return SimulationRun(
         gearbox, defects, float(sampling_rate), torque, None, input_angle, kernel=type(simulator).__name__
     )
+
+
+def simulate_many(
+    gearboxes: CycloidalGearbox | Iterable[CycloidalGearbox] | None = None,
+    defects: LobeDefects | Iterable[LobeDefects] | None = None,
+    *,
+    n_jobs: int = 1,
+    kernel: str = "exact",
+    **options: Any,
+) -> list[SimulationRun]:
+    """Simulate many gearboxes, each as :func:`simulate` would.
+
+    Parameters
+    ----------
+    gearboxes : CycloidalGearbox or iterable of CycloidalGearbox, default ``CycloidalGearbox.steel()``
+    defects : LobeDefects or iterable of LobeDefects, default healthy
+        One for all runs, or one for each.
+    n_jobs : int
+        Number of threads; -1 for all processors. ``joblib.parallel_config`` chooses other workers.
+    kernel : {"exact", "batch", "auto"}
+        "exact" makes each run as :func:`simulate` does, in double precision. "batch" puts one gearbox into
+        each lane of the processor's vectors, in single precision: several times as fast, with errors below
+        those of the time step. It refuses polylines as profile, fewer than 10 pins, and the options
+        ``forces`` and ``points``. "auto" leaves what batches refuse to the exact
+        kernel; the attribute ``kernel`` of a run says which made it. With both, a run depends on its own
+        arguments only, and the exact kernel repeats a run that diverges or locks.
+    **options
+        Further arguments of :func:`simulate`, the same for all runs.
+
+    Returns
+    -------
+    list of SimulationRun
+        In the order of the arguments.
+
+    Raises
+    ------
+    SimulationFailed
+        The error of the first run that diverges or locks; a note names it.
+    TypeError, ValueError
+        If an argument is of the wrong type, or the arguments differ in length, or with ``kernel="batch"`` a
+        run is not for batches.
+    RuntimeError
+        With ``kernel="batch"`` where it cannot be compiled; "auto" warns and takes the exact kernel.
+
+    Examples
+    --------
+    >>> runs = simulate_many(defects=[LobeDefects.worn(n) for n in range(3)], duration=0.05, n_jobs=2)
+    >>> [run.defects.defect_count for run in runs]
+    [0, 1, 2]
+    """
+    one_of("kernel", kernel, ("exact", "batch", "auto"))
+    check_n_jobs(n_jobs)
+    lists: dict[str, tuple[Any, ...]] = {}
+    for name, given, kind in (("gearbox", gearboxes, CycloidalGearbox), ("defects", defects, LobeDefects)):
+        if given is not None and not isinstance(given, kind):
+            members = list_members(given)
+            if members is None:
+                raise TypeError(f"{name} must be one {kind.__name__} or several, got {repr_of(given)}")
+            lists[name] = members
+    if len({len(members) for members in lists.values()}) > 1:
+        lengths = " and ".join(f"{name} {len(members)}" for name, members in lists.items())
+        raise ValueError(f"gearboxes and defects must agree in number, got {lengths}")
+    same = {"gearbox": gearboxes, "defects": defects} | options
+    each = zip(*lists.values(), strict=True) if lists else [()]
+    runs = [same | dict(zip(lists, members, strict=True)) for members in each]
+    results: dict[int, SimulationRun] = {}
+    for index, result in simulate_each(runs, kernel, n_jobs):
+        if isinstance(result, SimulationFailed):
+            result.add_note(f"in run {index} of {len(runs)} (counted from 0)")
+            raise result
+        results[index] = result
+    return [results[index] for index in range(len(runs))]
+
+
+def simulate_each(
+    runs: Sequence[dict[str, Any]],
+    kernel: str,
+    n_jobs: int = 1,
+    then: Callable[[int, SimulationRun | SimulationFailed], Any] | None = None,
+) -> Generator[tuple[int, Any], None, None]:
+    """Yield the index of each set of arguments of :func:`simulate`, and its run or its failure.
+
+    Those that share a batch come together. ``then`` makes something else of index and run, in the thread that
+    made the run.
+    """
+    tasks = deque(_split_tasks(runs, kernel))
+    numbers = [tuple(of_task) for of_task, _ in tasks]
+    del runs  # the arguments of a run that is done, with their courses, go with their task
+    workers = joblib.Parallel(n_jobs=n_jobs, prefer="threads", return_as="generator")
+    made = workers(joblib.delayed(_simulate_task)(*tasks.popleft(), then) for _ in numbers)
+    with stopped_quietly(made):
+        for indices, results in zip(numbers, made, strict=True):
+            yield from zip(indices, results, strict=True)
+
+
+def _simulate_task(runs: dict[int, dict[str, Any]], batch: Sequence[Request] | None, then: Any) -> list[Any]:
+    """Return the runs of a task, or their failures, or what ``then`` makes of them."""
+    batched: Sequence[SimulationRun | None] = [None] * len(runs)
+    if batch is not None:
+        from cyclofeat.simulators.batch.runs import run_batch
+
+        batched = run_batch(batch)
+    # A run that diverges or locks in a batch has its reason from the exact kernel.
+    results = [
+        _simulate_or_fail(arguments) if run is None else run
+        for arguments, run in zip(runs.values(), batched, strict=True)
+    ]
+    return results if then is None else list(map(then, runs, results))
+
+
+def _split_tasks(runs: Sequence[dict[str, Any]], kernel: str) -> list[_Task]:
+    """Return batches of runs, and runs alone; the task of the earliest run first."""
+    alone: list[_Task] = [({index: run}, None) for index, run in enumerate(runs)]
+    of_gearbox = {index: run for index, run in enumerate(runs) if run.get("simulator") is None}
+    if kernel == "exact" or not of_gearbox:
+        return alone
+    from cyclofeat.simulators.batch import runs as batches
+
+    if (error := batches.compile_error()) is not None:
+        message = f"runs in batches cannot be compiled here: {error}"
+        if kernel == "batch":
+            raise RuntimeError(f"{message}; give kernel='exact'")
+        warnings.warn(f"{message}; the exact kernel makes all runs", RuntimeWarning, stacklevel=3)
+        return alone
+
+    requests = {index: batches.Request.from_arguments(run) for index, run in of_gearbox.items()}
+    obstacles = {index: batches.obstacle(request, runs[index]) for index, request in requests.items()}
+    for index, what in obstacles.items():
+        if what and kernel == "batch":
+            raise ValueError(f"kernel 'batch' does not simulate {what} (run {index}): give kernel='auto'")
+    suited = {index: request for index, request in requests.items() if not obstacles[index]}
+    tasks = [task for index, task in enumerate(alone) if index not in suited]
+    for batch in batches.group_requests(suited):
+        tasks.append(({index: runs[index] for index in batch}, list(batch.values())))
+    return sorted(tasks, key=lambda task: min(task[0]))
+
+
+def _simulate_or_fail(arguments: dict[str, Any]) -> SimulationRun | SimulationFailed:
+    try:
+        return simulate(**arguments)
+    except SimulationFailed as failure:
+        return failure
 
 
 @dataclass(frozen=True)
@@ -370,13 +513,11 @@ class Sampling:
 class Integrated(NamedTuple):
     """State after the last step, torques at every step, motion and forces at the requested steps."""
 
-    finished: int
     state: Float
     torques: Float
     motion: Float
     external: Float
     internal: Float
-    last: tuple[Float, Float]  #: sizes of the external and the internal forces where it failed
 
 
 @dataclass(frozen=True)
@@ -388,52 +529,20 @@ class Integration:
     """
 
     gearbox: CycloidalGearbox
-    constants: KernelInput
+    constants: tables.KernelInput
     course: Float
     dt: float
     integrator: str = "midpoint"
 
     def run(
-        self, state: Float, begin: int, end: int, instants: NDArray[np.int64], *, forces: bool = False
-    ) -> Integrated:
-        """Integrate from step ``begin``, at which ``state`` (n_state,) is, to step ``end``.
-
-        At ``instants``, steps counted from ``begin``, motion and, with ``forces``, the forces of all sleeves
-        are recorded. Raises SimulationDiverged or GearboxLocked.
-        """
-        done = self.attempt(state, begin, end, instants, forces=forces)
-        if done.finished < end - begin:
-            time = (begin + done.finished) * self.dt
-            # The most loaded contact, or the first whose force is not a number.
-            contact, force = "", -1.0
-            for kind, sizes in zip(("external", "internal"), done.last, strict=True):
-                values = np.where(np.isfinite(sizes), sizes, np.inf)
-                wheel, sleeve = np.unravel_index(int(np.argmax(values)), values.shape)
-                if values[wheel, sleeve] > force:
-                    contact = (
-                        f"the contact of wheel {wheel + 1} with {kind} sleeve {sleeve + 1} (counted from 1)"
-                    )
-                    force = float(values[wheel, sleeve])
-            if np.all(np.abs(done.torques[: done.finished + 1]) < ABSURD_TORQUE):
-                raise GearboxLocked(
-                    f"the gearbox locks at t = {time:.6f} s: {contact} carries {force:.3g} N and the drive "
-                    f"had to overcome more than {LOCKING_FORCE / 1e3:g} kN for {LOCKING_TIME * 1e3:g} ms; "
-                    "this is a result, not a numerical failure", time, contact, force,
-                )  # fmt: skip
-            raise SimulationDiverged(
-                f"simulation diverged at t = {time:.6f} s: {contact} reached {force:.3g} N with dt = "
-                f"{self.dt:g} s; use a smaller dt (try {self.dt / 4:g} s) or a softer contact (smaller "
-                "stiffness_scale)", time, contact, force,
-            )  # fmt: skip
-        return done
-
-    def attempt(
         self, state: Float, begin: int, end: int, instants: NDArray[np.int64], *, forces: bool = False,
         memory: tuple[NDArray[Any], ...] | None = None,
     ) -> Integrated:  # fmt: skip
-        """Do as :meth:`run`, but return the steps finished so far where the simulation fails.
+        """Integrate from step ``begin``, at which ``state`` (n_state,) is, to step ``end``.
 
-        ``memory`` holds the kernel's description of the contacts afterwards.
+        At ``instants``, steps counted from ``begin``, motion and, with ``forces``, the forces of all sleeves
+        are recorded. ``memory`` holds the kernel's description of the contacts afterwards. Raises
+        SimulationDiverged or GearboxLocked.
         """
         gearbox, n_steps = self.gearbox, end - begin
         torques = np.empty((n_steps, _kernels.N_RESULT))
@@ -449,12 +558,32 @@ class Integration:
             gearbox.eccentricity * LOCKING_FORCE, LOCKING_TIME / self.dt, torques, instants, motion, external,
             internal,
         )  # fmt: skip
-        last = external[-1, ..., 0], internal[-1, ..., 0]
-        return Integrated(finished, state, torques, motion, external[:-1], internal[:-1], last)
+        if finished < n_steps:
+            # The most loaded contact, or the first whose force is not a number.
+            sizes = np.concatenate([external[-1, ..., 0], internal[-1, ..., 0]], axis=None)
+            sizes[~np.isfinite(sizes)] = np.inf
+            worst, n_pins = int(np.argmax(sizes)), gearbox.n_pins
+            kind, wheel, sleeve = "external", *divmod(worst, n_pins)
+            if worst >= 2 * n_pins:
+                kind, wheel, sleeve = "internal", *divmod(worst - 2 * n_pins, gearbox.n_internal_sleeves)
+            time, force = (begin + finished) * self.dt, float(sizes[worst])
+            contact = f"the contact of wheel {wheel + 1} with {kind} sleeve {sleeve + 1} (counted from 1)"
+            if np.all(np.abs(torques[: finished + 1]) < ABSURD_TORQUE):
+                raise GearboxLocked(
+                    f"the gearbox locks at t = {time:.6f} s: {contact} carries {force:.3g} N and the drive "
+                    f"had to overcome more than {LOCKING_FORCE / 1e3:g} kN for {LOCKING_TIME * 1e3:g} ms; "
+                    "this is a result, not a numerical failure", time, contact, force,
+                )  # fmt: skip
+            raise SimulationDiverged(
+                f"simulation diverged at t = {time:.6f} s: {contact} reached {force:.3g} N with dt = "
+                f"{self.dt:g} s; use a smaller dt (try {self.dt / 4:g} s) or a softer contact (smaller "
+                "stiffness_scale)", time, contact, force,
+            )  # fmt: skip
+        return Integrated(state, torques, motion, external[:-1], internal[:-1])
 
 
 def check_friction(
-    gearbox: CycloidalGearbox, constants: KernelInput, solver: Solver, courses: Float, states: Float
+    gearbox: CycloidalGearbox, constants: tables.KernelInput, solver: Solver, courses: Float, states: Float
 ) -> None:
     """Warn if friction damps at rates beyond the integrator's limit of stability in any of several states.
 
@@ -463,7 +592,7 @@ def check_friction(
     """
     dt, integrator, first = solver.dt, solver.integrator, np.zeros(1, dtype=int)
     again = [
-        Integration(gearbox, constants, course, dt).attempt(state, 0, 1, first, forces=True)
+        Integration(gearbox, constants, course, dt).run(state, 0, 1, first, forces=True)
         for course, state in zip(courses, states, strict=True)
     ]
     external = np.concatenate([done.external for done in again])
@@ -498,8 +627,8 @@ def friction_rates(
     inertias[:_FIRST_SPIN] = gearbox.wheel_inertia, gearbox.wheel_inertia, gearbox.output_inertia
     centres = gearbox.eccentricity * np.array([1, -1]) + np.asarray(gearbox.cam_errors or (0j, 0j))
     cams = centres * np.exp(1j * phi)[:, None]
-    pins = np.tile(pin_centres(gearbox), (phi.size, 1))
-    sleeves = sleeve_centres(gearbox, motion[:, 2] - phi / gearbox.n_lobes)
+    pins = np.tile(tables.pin_centres(gearbox), (phi.size, 1))
+    sleeves = tables.sleeve_centres(gearbox, motion[:, 2] - phi / gearbox.n_lobes)
     bearing = np.zeros((phi.size, 1, inertias.size))
     bearing[..., _OUTPUT] = 1.0
     turning = (motion[:, 6] - omega / gearbox.n_lobes)[:, None] / gearbox.bearing_transition_speed
@@ -612,16 +741,17 @@ def contact_rings(gearbox: CycloidalGearbox) -> tuple[Float, Float, Float]:
     The forces are sums over one wheel; all are for Hertzian contact of the loaded half at the mean load.
     """
     torque = abs(gearbox.load_torque) / 2  # per wheel
+    joint_radius = tables.joint_effective_radius(gearbox)
     stiffness, damping, forces = np.empty((3, 2))
     for stage, (n_sleeves, largest_arm, radius) in enumerate(
         (
             (gearbox.n_pins, gearbox.eccentricity * gearbox.n_lobes, gearbox.pin_radius),
-            (gearbox.n_internal_sleeves, gearbox.internal_pitch_radius, joint_effective_radius(gearbox)),
+            (gearbox.n_internal_sleeves, gearbox.internal_pitch_radius, joint_radius),
         )
     ):
         loaded = max(n_sleeves // 2, 1)
         arms = largest_arm * np.sin(np.pi * (np.arange(loaded) + 0.5) / loaded)
-        contact = stiffness_factor(gearbox) * math.sqrt(radius)
+        contact = tables.stiffness_factor(gearbox) * math.sqrt(radius)
         # torque = contact * twist^1.5 * sum(arm^2.5), and the stiffness is its derivative
         levers = contact * float(np.sum(arms**2.5))
         stiffness[stage] = 2 * (1.5 * torque ** (1 / 3) * levers ** (2 / 3))

@@ -117,9 +117,52 @@ def run_campaign(
     check_n_jobs(n_jobs)
     # In the folder every value is explicit: its files must not follow from the version that reads it.
     campaign = campaign.replace(runs_per_shard=campaign.shard_length)
-    complete_campaign(
-        campaign, Path(out), lambda plans: simulate_anywhere(campaign, plans, n_jobs, scheduler), progress
-    )
+    versions = made_with() | {"pyarrow": import_pyarrow()[0].__version__}
+    store, folder = CampaignStore(Path(out)), Path(out)
+    store.check_content(campaign, versions)
+    check_middle(campaign)
+    folder.mkdir(parents=True, exist_ok=True)
+    with store.hold_lock("campaign"):
+        store.begin_work({"format": FORMAT, "made_with": versions, **campaign.to_dict()})
+        digests = {shard: store.shard_digests(shard) for shard in range(campaign.n_shards)}
+        missing = [shard for shard, names in digests.items() if not names]
+        done = campaign.n_runs - sum(shard_size(campaign, shard) for shard in missing)
+        report = progress or (lambda done, total: None)
+        if done:
+            report(done, campaign.n_runs)
+        if not missing and store.is_finished():
+            return load_campaign(out)
+        needed = sum(shard_size(campaign, shard) for shard in missing) * campaign.n_samples * 4
+        free = shutil.disk_usage(folder).free
+        if needed > free:
+            raise OSError(
+                errno.ENOSPC,
+                f"{folder}: the {len(missing)} shards to be made take {needed / 1e6:.4g} MB, the disk has "
+                f"{free / 1e6:.4g} MB left: make room, or take a folder elsewhere",
+            )
+
+        def count_runs(runs: Iterable[RunResult]) -> Iterator[RunResult]:
+            for number, run in enumerate(runs, done + 1):
+                report(number, campaign.n_runs)
+                yield run
+
+        length = campaign.shard_length
+        plans = (plan for shard in missing for plan in campaign.plans(shard * length, length))
+        try:
+            with contextlib.closing(simulate_anywhere(campaign, plans, n_jobs, scheduler)) as runs:
+                counted = count_runs(runs)
+                for shard in missing:
+                    digests[shard] = store.write_shard(campaign, shard, counted)
+            store.write_manifest(campaign, digests, versions)
+        except OSError as error:
+            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+                raise
+            finished = sum(map(bool, digests.values()))
+            raise OSError(
+                error.errno,
+                f"{folder}: the disk is full; {finished} of {len(digests)} shards are finished and kept: "
+                "make room and run the same campaign again to go on",
+            ) from error
     return load_campaign(out)
 
 
@@ -280,64 +323,6 @@ def import_pyarrow() -> tuple[Any, Any]:
     except ImportError:
         raise ImportError("campaigns need pyarrow for their tables: pip install pyarrow") from None
     return pyarrow, pyarrow.parquet
-
-
-def complete_campaign(
-    campaign: Campaign,
-    folder: Path,
-    results: Callable[[Iterable[RunPlan]], Generator[RunResult, None, None]],
-    progress: Callable[[int, int], object] | None = None,
-) -> None:
-    """Simulate and write the missing runs of a campaign in a folder.
-
-    ``results`` takes plans and yields their results in the same order. Raises as :func:`run_campaign`.
-    """
-    store = CampaignStore(folder)
-    versions = made_with() | {"pyarrow": import_pyarrow()[0].__version__}
-    store.check_content(campaign, versions)
-    check_middle(campaign)
-    folder.mkdir(parents=True, exist_ok=True)
-    with store.hold_lock("campaign"):
-        store.begin_work({"format": FORMAT, "made_with": versions, **campaign.to_dict()})
-        digests = {shard: store.shard_digests(shard) for shard in range(campaign.n_shards)}
-        missing = [shard for shard, names in digests.items() if not names]
-        done = campaign.n_runs - sum(shard_size(campaign, shard) for shard in missing)
-        report = progress or (lambda done, total: None)
-        if done:
-            report(done, campaign.n_runs)
-        if not missing and store.is_finished():
-            return
-        needed = sum(shard_size(campaign, shard) for shard in missing) * campaign.n_samples * 4
-        free = shutil.disk_usage(folder).free
-        if needed > free:
-            raise OSError(
-                errno.ENOSPC,
-                f"{folder}: the {len(missing)} shards to be made take {needed / 1e6:.4g} MB, the disk has "
-                f"{free / 1e6:.4g} MB left: make room, or take a folder elsewhere",
-            )
-
-        def count_runs(runs: Iterable[RunResult]) -> Iterator[RunResult]:
-            for number, run in enumerate(runs, done + 1):
-                report(number, campaign.n_runs)
-                yield run
-
-        length = campaign.shard_length
-        plans = (plan for shard in missing for plan in campaign.plans(shard * length, length))
-        try:
-            with contextlib.closing(results(plans)) as runs:
-                counted = count_runs(runs)
-                for shard in missing:
-                    digests[shard] = store.write_shard(campaign, shard, counted)
-            store.write_manifest(campaign, digests, versions)
-        except OSError as error:
-            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
-                raise
-            finished = sum(map(bool, digests.values()))
-            raise OSError(
-                error.errno,
-                f"{folder}: the disk is full; {finished} of {len(digests)} shards are finished and kept: "
-                "make room and run the same campaign again to go on",
-            ) from error
 
 
 def _find_differences(stored: Any, given: Any, key: str = "") -> Iterator[str]:

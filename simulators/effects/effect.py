@@ -400,9 +400,7 @@ class Effect(BaseEstimator):
         """
         fitted = [self.parameters[name] for name in self.vector_names()]
         low, high = (
-            np.array([(_fit_value(one, one.low), _fit_value(one, one.high)) for one in fitted])
-            .reshape(-1, 2)
-            .T
+            np.array([_fit_value(one, getattr(one, end)) for one in fitted]) for end in ("low", "high")
         )
         return low, high
 

@@ -338,62 +338,48 @@ def load_effects(path: str | os.PathLike[str]) -> dict[str, type[Effect]]:
         raise FileNotFoundError(f"{file}: no such file; give one with subclasses of Effect") from None
     except UnicodeDecodeError as error:
         raise ValueError(f"{file}: is not text in UTF-8 (byte {error.start})") from None
-    module = _run_file(str(file.resolve()), text)
-    kinds = _classes_in(module, Effect)
+    kinds = _classes_in(_run_file(str(file.resolve()), text), Effect)
     if not kinds:
         raise ValueError(f"{file}: defines no subclass of Effect")
-    for kind in kinds:
-        _register_from(kind, str(file.resolve()))  # again, in case it was unregistered
     return {kind.effect_id: kind for kind in kinds}
 
 
 def _run_file(file: str, text: str, *, replace: bool = False) -> types.ModuleType:
-    """Return the module of a file's text, run and registered once in each process."""
+    """Return the module of a file's text, which is run once in each process; register its effects."""
     name = _PREFIX + "".join(letter if letter.isalnum() else "_" for letter in file)
-    module = sys.modules.get(name)
-    if module is not None and vars(module).get("__effects_text__") == text:
-        return module
-    before, module = module, types.ModuleType(name)
-    module.__file__ = file
-    vars(module)["__effects_text__"] = text
-    sys.modules[name] = module  # dataclasses and pickle look there
-    # Tracebacks and inspect can show the text even if this process does not have the file.
-    linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
+    before = sys.modules.get(name)
+    kind: type[Effect] | None = None
+    module = before or types.ModuleType(name)
     try:
-        exec(compile(text, file, "exec"), vars(module))
+        if vars(module).get("__effects_text__") != text:
+            module = types.ModuleType(name)
+            module.__file__ = file
+            vars(module)["__effects_text__"] = text
+            sys.modules[name] = module  # dataclasses and pickle look there
+            # Tracebacks and inspect can show the text even if this process does not have the file.
+            linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
+            exec(compile(text, file, "exec"), vars(module))
+            for defined in (*_classes_in(module, Effect), *_classes_in(module, Simulator)):
+                defined.__reduce__ = _reduce_to_text  # type: ignore[assignment]
         for kind in _classes_in(module, Effect):
-            _register_from(kind, file, replace=replace)
-        for simulator in _classes_in(module, Simulator):
-            simulator.__reduce__ = _reduce_to_text  # type: ignore[assignment]
+            if type(_KNOWN.get(kind.effect_id)) is not kind:
+                register_effect(kind, replace=replace)
     except BaseException as error:
-        sys.modules.pop(name)
-        if before is not None:
-            sys.modules[name] = before
-        if isinstance(error, _NotAnEffect) or not isinstance(error, Exception):
-            raise
-        if isinstance(error, SyntaxError):
+        what = f"{type(error).__name__}: {error}"
+        if kind is not None:
+            line, what = inspect.getsourcelines(kind)[1], str(error)
+        elif isinstance(error, SyntaxError):
             line = error.lineno or 1
         else:
             trace = traceback.extract_tb(error.__traceback__)
             line = next((frame.lineno for frame in reversed(trace) if frame.filename == file), None) or 1
-        raise ValueError(f"{file}, line {line}: {type(error).__name__}: {error}") from error
+        sys.modules.pop(name)
+        if before is not None:
+            sys.modules[name] = before
+        if not isinstance(error, Exception):
+            raise
+        raise ValueError(f"{file}, line {line}: {what}") from error
     return module
-
-
-class _NotAnEffect(ValueError):
-    """Class of a file that cannot be registered; the message names file and line."""
-
-
-def _register_from(kind: type[Effect], file: str, *, replace: bool = False) -> None:
-    """Register an effect of a file, and make its instances picklable."""
-    if type(_KNOWN.get(kind.effect_id)) is kind:
-        return
-    try:
-        register_effect(kind, replace=replace)
-    except (TypeError, ValueError) as error:
-        line = inspect.getsourcelines(kind)[1]
-        raise _NotAnEffect(f"{file}, line {line}: {error}") from None
-    kind.__reduce__ = _reduce_to_text  # type: ignore[assignment]
 
 
 def _classes_in(module: types.ModuleType, base: type[Any]) -> list[type[Any]]:
@@ -413,8 +399,5 @@ def _reduce_to_text(instance: Effect | Simulator) -> tuple[Any, ...]:
 
 def _rebuild_from_text(file: str, text: str, name: str, parameters: dict[str, Any]) -> Effect | Simulator:
     """Return what :func:`_reduce_to_text` took; an effect replaces one of another file with the same name."""
-    kind = getattr(_run_file(file, text, replace=True), name)
-    if issubclass(kind, Effect):
-        _register_from(kind, file, replace=True)
-    instance: Effect | Simulator = kind(**parameters)
+    instance: Effect | Simulator = getattr(_run_file(file, text, replace=True), name)(**parameters)
     return instance

@@ -343,15 +343,18 @@ def test_what_batches_do_not_simulate_is_left_to_the_exact_kernel_or_refused(tmp
 
 @pytest.mark.slow
 @pytest.mark.parametrize("n_together", [1, 4, 7])
-def test_which_runs_share_a_batch_changes_no_byte(whole: Path, tmp_path: Path, n_together: int) -> None:
+def test_which_runs_share_a_batch_changes_no_byte(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n_together: int
+) -> None:
     assert (load_campaign(whole).parameters["kernel"] == "batch").all()
 
-    def in_batches(plans):  # type: ignore[no-untyped-def]
+    def in_batches(_, plans, *__):  # type: ignore[no-untyped-def]
         left = iter(plans)
         while together := list(itertools.islice(left, n_together)):
             yield from _folder.simulate_task(SMALL, together, _folder.made_with())
 
-    _folder.complete_campaign(SMALL, tmp_path / "other", in_batches)
+    monkeypatch.setattr(_folder, "simulate_anywhere", in_batches)
+    run_campaign(SMALL, tmp_path / "other")
     assert contents(tmp_path / "other") == contents(whole)
 
 
@@ -558,7 +561,15 @@ def test_a_crash_at_any_write_loses_at_most_one_shard(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     campaign = SMALL.replace(runs_per_shard=8)
-    _folder.complete_campaign(campaign, tmp_path / "whole", quick_results)
+    made: list[int] = []
+
+    def counted(_, plans, *__):  # type: ignore[no-untyped-def]
+        for plan in plans:
+            made.append(plan.run)
+            yield from quick_results([plan])
+
+    monkeypatch.setattr(_folder, "simulate_anywhere", counted)
+    run_campaign(campaign, tmp_path / "whole")
     expected = contents(tmp_path / "whole")
     write_whole = shards.write_whole
     n_writes = 1 + 3 * campaign.n_shards + 2  # design, shards with their rows, table, manifest
@@ -579,19 +590,13 @@ def test_a_crash_at_any_write_loses_at_most_one_shard(
 
         monkeypatch.setattr(shards, "write_whole", dying)
         with pytest.raises(Crash):
-            _folder.complete_campaign(campaign, folder, quick_results)
+            run_campaign(campaign, folder)
         monkeypatch.setattr(shards, "write_whole", write_whole)
-        made: list[int] = []
-
-        def counted(plans, made=made):  # type: ignore[no-untyped-def]
-            for plan in plans:
-                made.append(plan.run)
-                yield from quick_results([plan])
-
+        made.clear()
         if (folder / "campaign.json").exists() and not (folder / "manifest.json").exists():
             with pytest.raises(ValueError, match=r"not finished, \d of 2 shards are there"):
                 load_campaign(folder)
-        _folder.complete_campaign(campaign, folder, counted)
+        run_campaign(campaign, folder)
         assert contents(folder) == expected, (crash_at, moment)
         finished = (crash_at - 1 + (moment == "after")) // 3 if crash_at else 0
         assert made == list(range(min(8 * finished, 15), 15)), (crash_at, moment)

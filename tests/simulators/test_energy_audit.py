@@ -97,7 +97,7 @@ def energies(integration: Integration, first: int, done: Integrated) -> tuple[np
     one_step = dataclasses.replace(integration, integrator="adams_bashforth")
     memory, in_pins = kernels.new_memory(motion[0]), np.empty((2, len(motion)))
     for i, state in enumerate(motion):
-        one_step.attempt(state, first + i, first + i + 1, np.zeros(0, dtype=int), memory=memory)
+        one_step.run(state, first + i, first + i + 1, np.zeros(0, dtype=int), memory=memory)
         in_pins[:, i] = pin_energy(phi[i], omega[i], state, k.wheel, k.contact, k.mounts, memory)
     has_brake = g.brake_inertia > 0
     twist, twist_rate = motion[:, 3] - motion[:, 2], motion[:, 7] - motion[:, 6]

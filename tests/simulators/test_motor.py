@@ -94,9 +94,7 @@ def together(gearbox, motor, carried, n):
             np.full(3, acceleration),
             np.full(3, gearbox.load_torque),
         ]
-        done = Integration(gearbox, constants, np.array(planned), DT).attempt(
-            state, 0, 1, nothing, memory=memory
-        )
+        done = Integration(gearbox, constants, np.array(planned), DT).run(state, 0, 1, nothing, memory=memory)
         state, torque_in = done.state, done.torques[0, 1]
         result[i] = speed, torque_in, produced
         load = against(motor, angle, speed) + torque_in - cam * acceleration
