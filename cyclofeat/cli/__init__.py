@@ -27,11 +27,10 @@ from typing import Any, Literal
 from cyclofeat import __version__
 from cyclofeat._base.progress import erase_progress, progress_hidden
 from cyclofeat.cli._options import (
-    CommandParser,
+    Arguments,
+    Parser,
     Printed,
     RaisingParser,
-    check_targets,
-    error_text,
     expected_errors,
     print_message,
     warn,
@@ -129,7 +128,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 130
 
 
-def _run_and_print(arguments: argparse.Namespace) -> int:
+def _run_and_print(arguments: Arguments) -> int:
     """Run a command, print each result as soon as it is known, and return the exit code.
 
     Errors of input and surroundings, and any of one file, are results too; other errors are defects of the
@@ -162,12 +161,12 @@ def _run_and_print(arguments: argparse.Namespace) -> int:
     return 2 if failed else 3 * refused
 
 
-def _printed_results(arguments: argparse.Namespace) -> Iterator[Printed]:
+def _printed_results(arguments: Arguments) -> Iterator[Printed]:
     """Run a command and yield what is printed of each result, and of the error that ends it."""
     try:
         if sys.stdout is None:
             raise OSError("standard output is closed: direct it to a file, or to the null device")
-        check_targets(arguments)
+        arguments.check_targets()
         for path in getattr(arguments, "effects_from", ()):
             from cyclofeat.simulators import load_effects
 
@@ -180,7 +179,7 @@ def _printed_results(arguments: argparse.Namespace) -> Iterator[Printed]:
             if isinstance(cause, KeyboardInterrupt):  # as in the import of a compiled module
                 raise KeyboardInterrupt from error
             cause = cause.__cause__ or cause.__context__
-        text = error_text(error, arguments)
+        text = arguments.error_text(error)
         yield Printed("", {"error": text}, text, failed=True)
 
 
@@ -189,16 +188,14 @@ def _close_output() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def make_parser(complete: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentParser:
+def make_parser(complete: Collection[str] = tuple(COMMANDS)) -> RaisingParser:
     """Return the parser of the command line, with the arguments of some commands, by default of all."""
     parser = RaisingParser(
         prog="cyclofeat",
         description="Count and locate the worn lobes of a cycloidal disc from windows of output torque.",
     )
     parser.add_argument("--version", action="version", version=__version__)
-    parsers = parser.add_subparsers(
-        required=True, metavar="COMMAND", dest="command", parser_class=CommandParser
-    )
+    parsers = parser.add_subparsers(required=True, metavar="COMMAND", dest="command", parser_class=Parser)
     for name, (text, output) in COMMANDS.items():
         lines = [f"  cyclofeat {name} {example}".rstrip() for example in EXAMPLES[name]]
         subparser = parsers.add_parser(

@@ -69,16 +69,7 @@ def print_message(message: str) -> None:
     print(message, file=sys.stderr, flush=True)
 
 
-def add_idle(
-    parser: argparse.ArgumentParser, *names: str, beside: Collection[str] = (), without: Collection[str] = ()
-) -> None:
-    """State that arguments have no effect where any of ``beside`` is given, or none of ``without``.
-
-    Arguments are named as people read them: an option like ``--depth``, a positional argument by its metavar.
-    The other side may state a value too, or a pattern for it: ``--quantity motor_current``, ``--model
-    *.skops``.
-    """
-    parser.set_defaults(idle=(*(parser.get_default("idle") or ()), (names, beside, without)))
+Kind = Literal["file", "folder", "model", "page", "recordings"]
 
 
 class RaisingParser(argparse.ArgumentParser):
@@ -89,6 +80,12 @@ class RaisingParser(argparse.ArgumentParser):
         hint = "" if wrong is None else _suggest(wrong[1], re.findall(r"[\w.-]+", wrong[2]))
         raise ValueError(f"{message}{hint}; see {self.prog} --help")
 
+    def parse_args(  # type: ignore[override]
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> Arguments:
+        """Parse as usual."""
+        return super().parse_args(args, Arguments())
+
 
 def _suggest(typed: str, known: Iterable[str]) -> str:
     """Return a question for the known word that is most like the one typed; empty where none is."""
@@ -97,12 +94,13 @@ def _suggest(typed: str, known: Iterable[str]) -> str:
     return "".join(f" (did you mean {near}?)" for near in get_close_matches(typed, known, n=1, cutoff=0.7))
 
 
-class CommandParser(RaisingParser):
-    """Parser of one command, which refuses arguments without effect.
+class Parser(RaisingParser):
+    """Parser of one command, which refuses arguments without effect."""
 
-    Its result also holds ``typed``, the values that were typed, by name, and ``options``, the option of each
-    argument of a function as messages name it: ``sampling_rate=``, ``angle_channel=False``.
-    """
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.idle: list[tuple[Collection[str], Collection[str], Collection[str]]] = []
+        self.targets: dict[str, Kind] = {}
 
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
@@ -121,7 +119,7 @@ class CommandParser(RaisingParser):
         finally:
             for action, default in defaults:
                 action.default = default
-        parsed.typed, parsed.options = {}, {}
+        parsed.typed, parsed.options, parsed.targets = {}, {}, self.targets
         for action in self._actions:
             value = typed.get(action.dest)
             constant = action.const if action.nargs == 0 else ""
@@ -129,7 +127,7 @@ class CommandParser(RaisingParser):
                 parsed.typed[name_of(action)] = value
             if action.option_strings:
                 parsed.options[f"{action.dest}={constant}"] = action.option_strings[0]
-        for names, beside, without in self.get_default("idle") or ():
+        for names, beside, without in self.idle:
             present = next((text for other in beside if (text := _typed_text(parsed.typed, other))), "")
             reason = f"with {present}" if present else ""
             if without and not any(_typed_text(parsed.typed, other) for other in without):
@@ -139,6 +137,115 @@ class CommandParser(RaisingParser):
                 if reason and name in parsed.typed:
                     raise ValueError(f"{name} has no effect {reason}: leave it out")
         return parsed, rest
+
+    def add_idle(self, *names: str, beside: Collection[str] = (), without: Collection[str] = ()) -> None:
+        """State that arguments have no effect where any of ``beside`` is given, or none of ``without``.
+
+        Arguments are named as people read them: an option like ``--depth``, a positional argument by its
+        metavar. The other side may state a value too, or a pattern for it: ``--quantity motor_current``,
+        ``--model *.skops``.
+        """
+        self.idle.append((names, beside, without))
+
+    def add_target(self, option: str, kind: Kind = "file", **parsing: Any) -> None:
+        """Add an option that names a file or folder to write, and ``--force`` with the first of them.
+
+        ``"recordings"`` is a folder where ``--count`` is given, else a file.
+        """
+        if not self.targets:
+            self.add_argument("--force", action="store_true", help="overwrite files that exist")
+        action = self.add_argument(option, **parsing)
+        self.targets[option] = kind
+        if not action.required and action.default is None:
+            self.add_idle("--force", without=self.targets)  # with those to come
+
+    def add_jobs(self, workers: str = "processes", to: argparse._ActionsContainer | None = None) -> None:
+        """Add the option that states how many ``workers`` there are, to the parser or one of its groups."""
+        (to or self).add_argument(
+            "--jobs", dest="n_jobs", type=int, default=-1, metavar="N", help=f"{workers} (default: all cores)"
+        )
+
+    def add_seed(self, drawn: str, default: int = 0) -> None:
+        """Add the option that states the seed of what is ``drawn``."""
+        self.add_argument(
+            "--seed", dest="random_state", type=whole_number(0), default=default, metavar="N",
+            help=f"seed of {drawn} (default {default})",
+        )  # fmt: skip
+
+    def add_reading_options(self, *, sampling_rate: bool = True) -> None:
+        """Add options that state what files do not; ``sampling_rate=False`` where the parser has that one."""
+        group = self.add_argument_group("what the files do not state")
+        channel_of_angle = group.add_mutually_exclusive_group()
+        for option, parsing in _OPTIONS.items():
+            if option != "--sampling-rate" or sampling_rate:
+                to = channel_of_angle if option == "--angle-channel" else group
+                to.add_argument(option, **parsing)
+        channel_of_angle.add_argument(
+            "--no-angle",
+            dest="angle_channel",
+            action="store_const",
+            const=False,
+            help="ignore the shaft's angle",
+        )
+        of_turns = ("--pulses-per-turn", "--counts-per-turn")
+        self.add_idle("--angle-unit", "--angle-absolute", *of_turns, beside=["--no-angle"])
+        self.add_idle("--angle-unit", beside=of_turns)
+
+    def add_model_options(self) -> None:
+        """Add the options that name a model, and the one that cuts the start of each recording."""
+        self.add_model_file()
+        self.add_argument(
+            "--skip",
+            type=float,
+            default=0.0,
+            help="seconds to leave out at the start (run-up of the machine)",
+        )
+
+    def add_model_file(
+        self,
+        description: str = "model file that train wrote, with its card in the same folder (default: the "
+        "packaged model of the quantity, trained on simulated assemblies of rig R2 at 100 to 1,500 RPM and "
+        "3 to 40 Nm)",
+    ) -> None:
+        """Add the options that name a model and state how it is loaded."""
+        self.add_argument("--model", help=description)
+        self.add_argument(
+            "--trust",
+            action="store_true",
+            help="load a joblib model, which can run any code (a .skops model needs no trust)",
+        )
+        self.add_argument(
+            "--allow", action="append", default=[], metavar="NAME",
+            help="accept a version other than the model's, of scikit-learn, numpy, features, ...",
+        )  # fmt: skip
+        self.add_idle("--trust", beside=["--model *.skops"])
+        self.add_idle("--trust", "--allow", without=["--model"])
+
+    def add_history_options(self, default_name: str) -> None:
+        """Add the options that name a history and the gearbox whose recordings are counted."""
+        self.add_argument(
+            "--history", metavar="FILE.sqlite", help="file to which each count is added; created if missing"
+        )
+        self.add_argument(
+            "--gearbox",
+            metavar="NAME",
+            help="name of the gearbox in the history (default the assembly that a file states"
+            f"{default_name})",
+        )
+        self.add_alarm_options()
+        of_history = ("--gearbox", "--false-alarms-per-month", "--recordings-per-month")
+        self.add_idle(*of_history, without=["--history"])
+
+    def add_alarm_options(self) -> None:
+        """Add the options from which the rule of the alarm follows."""
+        self.add_argument(
+            "--false-alarms-per-month", type=positive_number, default=0.1, metavar="N",
+            help="accepted false alarms per gearbox and month (default 0.1)",
+        )  # fmt: skip
+        self.add_argument(
+            "--recordings-per-month", type=positive_number, metavar="N",
+            help="recordings of a gearbox per month (default: the rate so far, over at least an hour)",
+        )  # fmt: skip
 
 
 def name_of(action: argparse.Action) -> str:
@@ -162,31 +269,6 @@ def expected_errors() -> tuple[type[Exception], ...]:
     simulators = sys.modules.get("cyclofeat.simulators")
     failed = () if simulators is None else (simulators.SimulationFailed,)
     return ValueError, TypeError, OSError, ImportError, MemoryError, *failed
-
-
-def error_text(error: Exception, arguments: argparse.Namespace) -> str:
-    """Return the message of an error on one line, with options in place of arguments of functions.
-
-    Messages name an argument first (``speed_rpm must be positive``), then it is an option if that was typed,
-    or with its sign of equality (``give speed_rpm=``, ``channel = 'x' does not exist``). An unexpected error
-    gets its type and its place in the code.
-    """
-    message = " ".join(str(error).split())
-    if isinstance(error, MemoryError):
-        message = f"not enough memory: {message}"
-    elif not isinstance(error, expected_errors()):
-        place = traceback.extract_tb(error.__traceback__)[-1]
-        return f"{type(error).__name__}: {message} ({Path(place.filename).name}, line {place.lineno})"
-    first, space, rest = message.partition(" ")
-    option = arguments.options.get(f"{first}=")
-    if option in arguments.typed:
-        message = f"{option}{space}{rest}"
-
-    def name_option(match: re.Match[str]) -> str:
-        option = arguments.options.get(f"{match[1]}={match[2] or ''}")
-        return match[0] if option is None else option + " " * message.startswith("'", match.end())
-
-    return re.sub(r"\b(\w+) ?=(True|False)?(?!\w)", name_option, message)
 
 
 def whole_number(least: int, most: float = math.inf) -> Callable[[str], int]:
@@ -231,74 +313,6 @@ def list_of(parse: Callable[[str], T]) -> Callable[[str], list[T]]:
     return lambda text: [parse(part) for part in text.split(",")]
 
 
-def add_jobs(parser: argparse._ActionsContainer, workers: str = "processes") -> None:
-    parser.add_argument(
-        "--jobs", dest="n_jobs", type=int, default=-1, metavar="N", help=f"{workers} (default: all cores)"
-    )
-
-
-def add_seed(parser: argparse.ArgumentParser, drawn: str, default: int = 0) -> None:
-    """Add the option that states the seed of what is ``drawn``."""
-    parser.add_argument(
-        "--seed", dest="random_state", type=whole_number(0), default=default, metavar="N",
-        help=f"seed of {drawn} (default {default})",
-    )  # fmt: skip
-
-
-Kind = Literal["file", "folder", "model", "page", "recordings"]
-
-
-def add_target(parser: argparse.ArgumentParser, option: str, kind: Kind = "file", **parsing: Any) -> None:
-    """Add an option that names a file or folder to write, and ``--force`` with the first of them.
-
-    ``"recordings"`` is a folder where ``--count`` is given, else a file.
-    """
-    targets: dict[str, Kind] | None = parser.get_default("targets")
-    if targets is None:
-        targets = {}
-        parser.set_defaults(targets=targets)
-        parser.add_argument("--force", action="store_true", help="overwrite files that exist")
-    action = parser.add_argument(option, **parsing)
-    targets[option] = kind
-    if not action.required and action.default is None:
-        add_idle(parser, "--force", without=targets)  # with those to come
-
-
-def check_targets(arguments: argparse.Namespace) -> None:
-    """Raise the error of each file named that cannot be written, or exists where ``--force`` is not given."""
-    seen: dict[Path, str] = {}
-    for option, kind in getattr(arguments, "targets", {}).items():
-        name = getattr(arguments, option.removeprefix("--").replace("-", "_"))
-        if name is None:
-            continue
-        path = Path(name)
-        other = seen.setdefault(path.resolve(), option)
-        if other != option:
-            raise ValueError(f"{other} and {option} must name different files, both are {path}")
-        written = [path]
-        if kind == "folder" or (kind == "recordings" and arguments.count is not None):
-            check_folder(option, path)
-            written = [path] if path.is_dir() and any(path.iterdir()) else []
-        elif path.is_dir():
-            raise IsADirectoryError(f"{option} must name a file, {path} is a folder")
-        else:
-            check_parent(path, option)
-        if kind == "page":
-            from cyclofeat.report import check_page_path
-
-            check_page_path(path)
-        elif kind == "model":
-            from cyclofeat.models.card import card_path
-            from cyclofeat.models.persistence import check_model_path
-
-            written.append(card_path(check_model_path(path)))
-        for file in written:
-            if file.exists() and not arguments.force:
-                raise FileExistsError(
-                    f"{file} exists: give {option} another name, or --force to overwrite it"
-                )
-
-
 def check_folder(option: str, path: Path) -> None:
     if path.exists() and not path.is_dir():
         raise NotADirectoryError(f"{option} must name a folder, {path} is a file")
@@ -336,31 +350,6 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "--gaps": {"choices": ("refuse", "cut"), "help": "at gaps in the times: an error (default), or cut"},
 }  # fmt: skip
 READING = (*_OPTIONS, "--no-angle")
-
-
-def add_reading_options(parser: argparse.ArgumentParser, *, sampling_rate: bool = True) -> None:
-    """Add options that state what files do not; ``sampling_rate=False`` where the parser has that one."""
-    group = parser.add_argument_group("what the files do not state")
-    channel_of_angle = group.add_mutually_exclusive_group()
-    for option, parsing in _OPTIONS.items():
-        if option != "--sampling-rate" or sampling_rate:
-            to = channel_of_angle if option == "--angle-channel" else group
-            to.add_argument(option, **parsing)
-    channel_of_angle.add_argument(
-        "--no-angle", dest="angle_channel", action="store_const", const=False, help="ignore the shaft's angle"
-    )
-    of_turns = ("--pulses-per-turn", "--counts-per-turn")
-    add_idle(parser, "--angle-unit", "--angle-absolute", *of_turns, beside=["--no-angle"])
-    add_idle(parser, "--angle-unit", beside=of_turns)
-
-
-def reading_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the arguments of ``read_recording`` that were typed."""
-    names = [parsing.get("dest", option[2:].replace("-", "_")) for option, parsing in _OPTIONS.items()]
-    typed = {name: getattr(arguments, name) for name in names}
-    if typed["delimiter"] is not None:
-        typed["delimiter"] = _DELIMITERS[typed["delimiter"]]
-    return {argument: value for argument, value in typed.items() if value is not None}
 
 
 def list_entries(paths: Sequence[str]) -> list[Entry]:
@@ -408,49 +397,6 @@ class FileResult(Generic[T]):
         return Printed(text, file | (facts or {}) | file, refused=refused)
 
 
-def process_files(
-    doing: str,
-    entries: Sequence[Entry],
-    arguments: argparse.Namespace,
-    work: Callable[[Path, Recording], T],
-) -> Iterator[FileResult[T]]:
-    """Read file by file, and yield the result of ``work(path, recording)`` or the error of each.
-
-    No error of one file ends the others. ``doing`` says in the line of progress what is done, such as
-    "counting".
-    """
-    from cyclofeat.datasets.readers import one_line
-
-    options = reading_arguments(arguments)
-    with Progress(doing) as progress:
-        for done, entry in enumerate(entries, 1):
-            recordings: list[Recording] = []
-            results: list[FileResult[T]] = []
-            try:
-                recordings = entry.read(**options)
-            except Exception as error:
-                results.append(FileResult(entry, error=error_text(error, arguments)))
-            for number, recording in enumerate(recordings):
-                title = ""
-                try:
-                    title = name_file(entry.path, one_line(recording))
-                    results.append(FileResult(entry, title, work(entry.path, recording), number=number))
-                except Exception as error:
-                    results.append(FileResult(entry, title, error=error_text(error, arguments)))
-            progress(done, len(entries))
-            yield from results
-
-
-def read_all(paths: Sequence[str], arguments: argparse.Namespace) -> list[Recording]:
-    """Return all recordings that the paths name, read as the options state; the error names each bad file."""
-    entries = list_entries(paths)
-    results = list(process_files("reading recordings", entries, arguments, lambda _, recording: recording))
-    wrong = [name_file(result.path, result.error) for result in results if result.value is None]
-    if wrong:
-        raise ValueError(some_of(wrong, 10, separator="; "))
-    return [result.value for result in results if result.value is not None]
-
-
 def name_file(path: Path, message: str) -> str:
     """Return a message about a file that states the file's path."""
     if re.search(rf"(?<!\w){re.escape(str(path))}(?!\w)", message):
@@ -460,88 +406,141 @@ def name_file(path: Path, message: str) -> str:
     return f"{path}: {message}"
 
 
-def add_model_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that name a model, and the one that cuts the start of each recording."""
-    add_model_file(parser)
-    parser.add_argument(
-        "--skip", type=float, default=0.0, help="seconds to leave out at the start (run-up of the machine)"
-    )
+class Arguments(argparse.Namespace):
+    """What was typed for a command, and what follows from it.
 
+    Beside the values, it holds ``typed``, those that were typed, by name; ``options``, the option of each
+    argument of a function as messages name it: ``sampling_rate=``, ``angle_channel=False``; and ``targets``,
+    what each option that names something to write names.
+    """
 
-def add_model_file(
-    parser: argparse.ArgumentParser,
-    description: str = "model file that train wrote, with its card in the same folder (default: the packaged "
-    "model of the quantity, trained on simulated assemblies of rig R2 at 100 to 1,500 RPM and 3 to 40 Nm)",
-) -> None:
-    """Add the options that name a model and state how it is loaded."""
-    parser.add_argument("--model", help=description)
-    parser.add_argument(
-        "--trust",
-        action="store_true",
-        help="load a joblib model, which can run any code (a .skops model needs no trust)",
-    )
-    parser.add_argument(
-        "--allow", action="append", default=[], metavar="NAME",
-        help="accept a version other than the model's, of scikit-learn, numpy, features, ...",
-    )  # fmt: skip
-    add_idle(parser, "--trust", beside=["--model *.skops"])
-    add_idle(parser, "--trust", "--allow", without=["--model"])
+    def error_text(self, error: Exception) -> str:
+        """Return the message of an error on one line, with options in place of arguments of functions.
 
+        Messages name an argument first (``speed_rpm must be positive``), then it is an option if that was
+        typed, or with its sign of equality (``give speed_rpm=``, ``channel = 'x' does not exist``). An
+        unexpected error gets its type and its place in the code.
+        """
+        message = " ".join(str(error).split())
+        if isinstance(error, MemoryError):
+            message = f"not enough memory: {message}"
+        elif not isinstance(error, expected_errors()):
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            return f"{type(error).__name__}: {message} ({Path(place.filename).name}, line {place.lineno})"
+        first, space, rest = message.partition(" ")
+        option = self.options.get(f"{first}=")
+        if option in self.typed:
+            message = f"{option}{space}{rest}"
 
-def add_history_options(parser: argparse.ArgumentParser, default_name: str) -> None:
-    """Add the options that name a history and the gearbox whose recordings are counted."""
-    parser.add_argument(
-        "--history", metavar="FILE.sqlite", help="file to which each count is added; created if missing"
-    )
-    parser.add_argument(
-        "--gearbox",
-        metavar="NAME",
-        help=f"name of the gearbox in the history (default the assembly that a file states{default_name})",
-    )
-    add_alarm_options(parser)
-    of_history = ("--gearbox", "--false-alarms-per-month", "--recordings-per-month")
-    add_idle(parser, *of_history, without=["--history"])
+        def name_option(match: re.Match[str]) -> str:
+            option = self.options.get(f"{match[1]}={match[2] or ''}")
+            return match[0] if option is None else option + " " * message.startswith("'", match.end())
 
+        return re.sub(r"\b(\w+) ?=(True|False)?(?!\w)", name_option, message)
 
-def add_alarm_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options from which the rule of the alarm follows."""
-    parser.add_argument(
-        "--false-alarms-per-month", type=positive_number, default=0.1, metavar="N",
-        help="accepted false alarms per gearbox and month (default 0.1)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--recordings-per-month", type=positive_number, metavar="N",
-        help="recordings of a gearbox per month (default: the rate so far, over at least an hour)",
-    )  # fmt: skip
+    def check_targets(self) -> None:
+        """Raise the error of each file named that cannot be written, or exists without ``--force``."""
+        seen: dict[Path, str] = {}
+        for option, kind in self.targets.items():
+            name = getattr(self, option.removeprefix("--").replace("-", "_"))
+            if name is None:
+                continue
+            path = Path(name)
+            other = seen.setdefault(path.resolve(), option)
+            if other != option:
+                raise ValueError(f"{other} and {option} must name different files, both are {path}")
+            written = [path]
+            if kind == "folder" or (kind == "recordings" and self.count is not None):
+                check_folder(option, path)
+                written = [path] if path.is_dir() and any(path.iterdir()) else []
+            elif path.is_dir():
+                raise IsADirectoryError(f"{option} must name a file, {path} is a folder")
+            else:
+                check_parent(path, option)
+            if kind == "page":
+                from cyclofeat.report import check_page_path
 
+                check_page_path(path)
+            elif kind == "model":
+                from cyclofeat.models.card import card_path
+                from cyclofeat.models.persistence import check_model_path
 
-def alarm_rates(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the arguments of ``History.state`` that the options state."""
-    return {name: getattr(arguments, name) for name in ("false_alarms_per_month", "recordings_per_month")}
+                written.append(card_path(check_model_path(path)))
+            for file in written:
+                if file.exists() and not self.force:
+                    raise FileExistsError(
+                        f"{file} exists: give {option} another name, or --force to overwrite it"
+                    )
 
+    def reading_arguments(self) -> dict[str, Any]:
+        """Return the arguments of ``read_recording`` that were typed."""
+        names = [parsing.get("dest", option[2:].replace("-", "_")) for option, parsing in _OPTIONS.items()]
+        typed = {name: getattr(self, name) for name in names}
+        if typed["delimiter"] is not None:
+            typed["delimiter"] = _DELIMITERS[typed["delimiter"]]
+        return {argument: value for argument, value in typed.items() if value is not None}
 
-def read_model(arguments: argparse.Namespace, quantity: str | None = None) -> LobeModel:
-    """Return the model that the options name, or the packaged one of a quantity, stated on stderr."""
-    if "pandas" not in sys.modules:
-        # scikit-learn imports pandas if it can: half a second that no count needs.
-        hidden = cast("dict[str, None]", sys.modules)
-        hidden["pandas"] = None
-        try:
-            import_module("sklearn.base")
-        finally:
-            del hidden["pandas"]
-    from cyclofeat.models import load_default_model, load_model
-    from cyclofeat.models.persistence import as_lobe_model
+    def process_files(
+        self, doing: str, paths: Sequence[str], work: Callable[[Path, Recording], T]
+    ) -> Iterator[FileResult[T]]:
+        """Read file by file, and yield the result of ``work(path, recording)`` or the error of each.
 
-    if arguments.model is None:
-        model = load_default_model(quantity or arguments.quantity or QUANTITIES[0])
-        name = model_name(arguments, model.card_["quantity"])
-        note(f"model: {name}, trained on {model.card_['description']}")
+        No error of one file ends the others. ``doing`` says in the line of progress what is done, such as
+        "counting".
+        """
+        from cyclofeat.datasets.readers import one_line
+
+        options, entries = self.reading_arguments(), list_entries(paths)
+        with Progress(doing) as progress:
+            for done, entry in enumerate(entries, 1):
+                recordings: list[Recording] = []
+                results: list[FileResult[T]] = []
+                try:
+                    recordings = entry.read(**options)
+                except Exception as error:
+                    results.append(FileResult(entry, error=self.error_text(error)))
+                for number, recording in enumerate(recordings):
+                    title = ""
+                    try:
+                        title = name_file(entry.path, one_line(recording))
+                        results.append(FileResult(entry, title, work(entry.path, recording), number=number))
+                    except Exception as error:
+                        results.append(FileResult(entry, title, error=self.error_text(error)))
+                progress(done, len(entries))
+                yield from results
+
+    def read_all(self, paths: Sequence[str]) -> list[Recording]:
+        """Return all recordings that the paths name; the error names each bad file."""
+        results = list(self.process_files("reading recordings", paths, lambda _, recording: recording))
+        wrong = [name_file(result.path, result.error) for result in results if result.value is None]
+        if wrong:
+            raise ValueError(some_of(wrong, 10, separator="; "))
+        return [result.value for result in results if result.value is not None]
+
+    def alarm_rates(self) -> dict[str, Any]:
+        """Return the arguments of ``History.state`` that the options state."""
+        return {name: getattr(self, name) for name in ("false_alarms_per_month", "recordings_per_month")}
+
+    def read_model(self, packaged: str = "") -> LobeModel:
+        """Return the model that the options name, or the packaged one of a quantity, stated on stderr."""
+        if "pandas" not in sys.modules:
+            # scikit-learn imports pandas if it can: half a second that no count needs.
+            hidden = cast("dict[str, None]", sys.modules)
+            hidden["pandas"] = None
+            try:
+                import_module("sklearn.base")
+            finally:
+                del hidden["pandas"]
+        from cyclofeat.models import load_default_model, load_model
+        from cyclofeat.models.persistence import as_lobe_model
+
+        if self.model is not None and not packaged:
+            return as_lobe_model(load_model(self.model, trusted=self.trust, allow=self.allow))
+        model = load_default_model(packaged or self.quantity or QUANTITIES[0])
+        card = model.card_
+        note(f"model: packaged, {in_words(card['quantity'])}, trained on {card['description']}")
         return model
-    loaded = load_model(arguments.model, trusted=arguments.trust, allow=arguments.allow)
-    return as_lobe_model(loaded)
 
-
-def model_name(arguments: argparse.Namespace, quantity: str | None = None) -> str:
-    """Return what names the model in a result: its file, or which of the packaged ones it is."""
-    return arguments.model or f"packaged, {in_words(quantity or arguments.quantity or QUANTITIES[0])}"
+    def model_name(self, quantity: str) -> str:
+        """Return what names the model in a result: its file, or the quantity of the packaged one."""
+        return self.model or f"packaged, {in_words(quantity)}"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cyclofeat.cli._options import add_idle, add_seed, whole_number
+from cyclofeat.cli._options import Arguments, Parser, whole_number
 
 if TYPE_CHECKING:
     from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig
@@ -16,7 +16,7 @@ _RIGS = ("r0", "r1", "r2", "published")
 _LOBES = ("--worn-count", "--worn-lobes", "--removed-lobes")
 
 
-def add_machine(parser: argparse.ArgumentParser, *, drawn: Sequence[str] = ("--rig",)) -> None:
+def add_machine(parser: Parser, *, drawn: Sequence[str] = ("--rig",)) -> None:
     """Add the options that state which gearbox is simulated, with which lobes worn.
 
     ``drawn`` are the options that make ``--seed`` draw something.
@@ -43,16 +43,16 @@ def add_machine(parser: argparse.ArgumentParser, *, drawn: Sequence[str] = ("--r
         "--material", choices=("steel", "abs"), default="steel",
         help="material of the gearbox (default: steel)",
     )  # fmt: skip
-    add_seed(parser, "assembly, drift and noise", default=1000)
-    add_idle(parser, "--depth", "--wear-um", beside=["--removed-lobes"])
-    add_idle(parser, "--depth", beside=["--wear-um"])
-    add_idle(parser, "--depth", "--wear-um", "--wheels", without=_LOBES)
-    add_idle(parser, "--material", beside=["--rig"])  # which states its own gearbox
-    add_idle(parser, "--seed", without=drawn)
+    parser.add_seed("assembly, drift and noise", default=1000)
+    parser.add_idle("--depth", "--wear-um", beside=["--removed-lobes"])
+    parser.add_idle("--depth", beside=["--wear-um"])
+    parser.add_idle("--depth", "--wear-um", "--wheels", without=_LOBES)
+    parser.add_idle("--material", beside=["--rig"])  # which states its own gearbox
+    parser.add_idle("--seed", without=drawn)
     add_rig(parser, "the papers' free output without errors")
 
 
-def add_rig(parser: argparse.ArgumentParser, default: str) -> None:
+def add_rig(parser: Parser, default: str) -> None:
     parser.add_argument(
         "--rig",
         metavar="RIG",
@@ -61,11 +61,11 @@ def add_rig(parser: argparse.ArgumentParser, default: str) -> None:
         f"assembly draws from its ranges and variants (default: {default})",
     )
     add_effects(parser)
-    add_idle(parser, "--effects-from", without=["--rig"])
-    add_idle(parser, "--effects-from", beside=[f"--rig {name}" for name in _RIGS])  # they name none
+    parser.add_idle("--effects-from", without=["--rig"])
+    parser.add_idle("--effects-from", beside=[f"--rig {name}" for name in _RIGS])  # they name none
 
 
-def add_effects(parser: argparse.ArgumentParser) -> None:
+def add_effects(parser: Parser) -> None:
     parser.add_argument(
         "--effects-from", metavar="FILE.py", action="append", default=[],
         help="Python file with effects and simulators of your own, which rigs may then name "
@@ -73,7 +73,7 @@ def add_effects(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def defects_of(arguments: argparse.Namespace) -> LobeDefects:
+def defects_of(arguments: Arguments) -> LobeDefects:
     from cyclofeat.simulators import LobeDefects
 
     wheels = {"both": (0, 1), "1": (0,), "2": (1,)}[arguments.wheels]
@@ -97,13 +97,13 @@ def _lobes_from_0(text: str) -> tuple[int, ...]:
     return numbers
 
 
-def gearbox_of(arguments: argparse.Namespace) -> CycloidalGearbox:
+def gearbox_of(arguments: Arguments) -> CycloidalGearbox:
     from cyclofeat.simulators import CycloidalGearbox
 
     return CycloidalGearbox.abs() if arguments.material == "abs" else CycloidalGearbox.steel()
 
 
-def rig_of_machine(arguments: argparse.Namespace) -> Rig | None:
+def rig_of_machine(arguments: Arguments) -> Rig | None:
     """Return the rig named; None for the bare gearbox."""
     if arguments.rig is not None:
         return rig_of(arguments)
@@ -114,7 +114,7 @@ def rig_of_machine(arguments: argparse.Namespace) -> Rig | None:
     return Rig(gearbox_of(arguments), name="nominal")  # the motor is drawn, as parts of rigs are
 
 
-def rig_of(arguments: argparse.Namespace, default: str = "") -> Rig:
+def rig_of(arguments: Arguments, default: str = "") -> Rig:
     """Return the rig named or described, else the one of the name ``default``."""
     from cyclofeat.datasets import rig_preset
     from cyclofeat.simulators import Rig

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 from cyclofeat._base.progress import Progress
-from cyclofeat.cli._options import Printed, add_target, note, positive_number
+from cyclofeat.cli._options import Arguments, Parser, Printed, note, positive_number
 from cyclofeat.cli._rigs import add_machine, defects_of, gearbox_of, rig_of_machine
 
 # Forces of every sample at the papers' rate would fill the memory while the machine settles.
@@ -14,8 +13,8 @@ _SAMPLING_RATE = 6400.0
 _LONGEST = 20.0
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_target(parser, "--out", "page", required=True, metavar="FILE.html", help="page to write")
+def add_arguments(parser: Parser) -> None:
+    parser.add_target("--out", "page", required=True, metavar="FILE.html", help="page to write")
     add_machine(parser)
     parser.add_argument(
         "--duration", type=positive_number, help="simulated seconds, up to 20 (default: one output turn)"
@@ -25,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> Printed:
+def run(arguments: Arguments) -> Printed:
     """Simulate the assembly that ``simulate`` makes of the same options, and write the page."""
     from cyclofeat.report import write_animation
     from cyclofeat.simulators import Rig

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.progress import Progress
 from cyclofeat._base.quantities import number_of
-from cyclofeat.cli._options import SIMULATION_PACE, Printed, add_idle, add_jobs, add_target, note_duration
+from cyclofeat.cli._options import SIMULATION_PACE, Arguments, Parser, Printed, note_duration
 from cyclofeat.cli._rigs import add_effects
 
 if TYPE_CHECKING:
@@ -16,28 +15,28 @@ if TYPE_CHECKING:
     from cyclofeat.simulators.campaign import CampaignData
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     parser.add_argument("design", nargs="?", metavar="DESIGN", help="design of the campaign, JSON")
     parser.add_argument(
         "--out", metavar="FOLDER", help="folder to write; a campaign that it holds in part is completed"
     )
     where = parser.add_mutually_exclusive_group()
-    add_jobs(where)
+    parser.add_jobs(to=where)
     where.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers simulate")
     parser.add_argument(
         "--kernel", choices=("exact", "batch", "auto"),
         help="kernel in place of the design's: many runs at once in single precision, where possible (auto) "
         "or always, with an error where impossible (batch); or one by one in double precision (exact)",
     )  # fmt: skip
-    add_target(parser, "--example", metavar="FILE", help="write a design to edit, and do nothing else")
+    parser.add_target("--example", metavar="FILE", help="write a design to edit, and do nothing else")
     parser.add_argument("--verify", metavar="FOLDER", help="compare a finished campaign with its manifest")
     add_effects(parser)
     simulation = ("DESIGN", "--out", "--jobs", "--scheduler", "--kernel")
-    add_idle(parser, *simulation, "--verify", "--effects-from", beside=["--example"])
-    add_idle(parser, *simulation, beside=["--verify"])
+    parser.add_idle(*simulation, "--verify", "--effects-from", beside=["--example"])
+    parser.add_idle(*simulation, beside=["--verify"])
 
 
-def run(arguments: argparse.Namespace) -> Printed:
+def run(arguments: Arguments) -> Printed:
     """Simulate a campaign, verify one, or write an example of a design."""
     from cyclofeat.datasets import rig_preset
     from cyclofeat.simulators import Campaign, load_campaign, run_campaign

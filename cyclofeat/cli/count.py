@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 import itertools
 import operator
@@ -16,22 +15,7 @@ from typing import TYPE_CHECKING, Any
 from cyclofeat._base.files import name_in_errors
 from cyclofeat._base.progress import Progress
 from cyclofeat._base.quantities import QUANTITIES, lobes_text, number_of, probability_text
-from cyclofeat.cli._options import (
-    FILES,
-    FileResult,
-    Printed,
-    add_history_options,
-    add_model_options,
-    add_reading_options,
-    add_target,
-    alarm_rates,
-    list_entries,
-    model_name,
-    note,
-    process_files,
-    read_model,
-    reading_arguments,
-)
+from cyclofeat.cli._options import FILES, Arguments, FileResult, Parser, Printed, note
 
 if TYPE_CHECKING:
     from cyclofeat.counting import LobeCount, LobeModel
@@ -91,7 +75,7 @@ class RecordingCounter:
     The gearbox is that of the options, else the assembly that a file states, else the one of this name.
     """
 
-    def __init__(self, arguments: argparse.Namespace, default_gearbox: str = "") -> None:
+    def __init__(self, arguments: Arguments, default_gearbox: str = "") -> None:
         if arguments.gearbox == "":
             raise ValueError("--gearbox must be a name, got an empty one")
         self.arguments, self.default_gearbox = arguments, default_gearbox
@@ -113,7 +97,7 @@ class RecordingCounter:
         """Return the model that the options name, or the packaged one of a quantity."""
         name = quantity if self.arguments.model is None else ""
         if name not in self._models:
-            self._models[name] = read_model(self.arguments, quantity)
+            self._models[name] = self.arguments.read_model(quantity)
         return self._models[name]
 
     def without_start(self, recording: Recording) -> Recording:
@@ -131,7 +115,7 @@ class RecordingCounter:
         count = model.count(recording)
         of_record = record_warnings(recording.replace(n_lobes=model.n_lobes_))
         count = replace(count, warnings=(*count.warnings, *of_record))
-        name = model_name(self.arguments, recording.quantity)
+        name = self.arguments.model_name(recording.quantity)
         turns = model.windower_.output_turns
         counted = Counted(count, recording.quantity, recording.duration, turns, name)
         if self.history is not None:
@@ -148,7 +132,7 @@ class RecordingCounter:
         if self.history is not None:
             self.history.write()
             if counted is not None:
-                counted.state = self.history.state(counted.gearbox, **alarm_rates(self.arguments))
+                counted.state = self.history.state(counted.gearbox, **self.arguments.alarm_rates())
 
 
 def _start_time(path: Path, recording: Recording) -> float:
@@ -166,21 +150,20 @@ def _start_time(path: Path, recording: Recording) -> float:
     return (start if start.tzinfo else start.replace(tzinfo=UTC)).timestamp()
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     parser.add_argument("files", nargs="+", metavar="FILE", help=FILES)
-    add_model_options(parser)
-    add_target(
-        parser, "--report", "page", metavar="FILE.html", help="page to write: the counts and their evidence"
+    parser.add_model_options()
+    parser.add_target(
+        "--report", "page", metavar="FILE.html", help="page to write: the counts and their evidence"
     )
-    add_target(parser, "--csv", metavar="FILE.csv", help="table to write: one row per recording")
+    parser.add_target("--csv", metavar="FILE.csv", help="table to write: one row per recording")
     parser.add_argument("--strict", action="store_true", help="exit with code 3 if a recording is refused")
-    add_history_options(parser, "")
-    add_reading_options(parser)
+    parser.add_history_options("")
+    parser.add_reading_options()
 
 
-def run(arguments: argparse.Namespace) -> Iterator[Printed]:
+def run(arguments: Arguments) -> Iterator[Printed]:
     """Count file by file, with a row of the table each, then write the report."""
-    entries = list_entries(arguments.files)
     results: list[FileResult[Counted]] = []
     if arguments.csv:
         _write_row(arguments.csv, "w", {column: column for column in COLUMNS})
@@ -191,7 +174,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
             counter.write(counted)
             return counted
 
-        for result in process_files("counting", entries, arguments, count_file):
+        for result in arguments.process_files("counting", arguments.files, count_file):
             results.append(result)
             if arguments.csv:
                 row: dict[str, Any] = {"file": str(result.path), "error": result.error}
@@ -223,11 +206,11 @@ def _write_report(results: list[FileResult[Counted]], counter: RecordingCounter)
     arguments = counter.arguments
     done = [(one.entry, one.number, one.value) for one in results if one.value is not None]
     quantities = [one.quantity for _, _, one in done] or [arguments.quantity or QUANTITIES[0]]
-    settings = {"model": ", ".join(dict.fromkeys(model_name(arguments, each) for each in quantities))}
+    settings = {"model": ", ".join(dict.fromkeys(arguments.model_name(each) for each in quantities))}
     if arguments.skip:
         settings["left out at the start"] = f"{arguments.skip:g} s"
     # Read again, one at a time: all recordings together may be larger than memory.
-    options = reading_arguments(arguments)
+    options = arguments.reading_arguments()
     counted = (
         CountedRecording(
             str(entry.path), counter.without_start(recordings[number]), one.count,

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import argparse
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
 from cyclofeat.cli import command_module, make_parser
-from cyclofeat.cli._options import Printed, add_jobs, add_target, check_targets
+from cyclofeat.cli._options import Arguments, Parser, Printed
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_target(parser, "--out", "folder", default="demo", help="folder to write (default: demo)")
-    add_jobs(parser)
+def add_arguments(parser: Parser) -> None:
+    parser.add_target("--out", "folder", default="demo", help="folder to write (default: demo)")
+    parser.add_jobs()
 
 
-def run(arguments: argparse.Namespace, *, assemblies: int = 24, recordings: int = 16) -> Iterator[Printed]:
+def run(arguments: Arguments, *, assemblies: int = 24, recordings: int = 16) -> Iterator[Printed]:
     """Train on simulated assemblies of rig R1, simulate other recordings, count them, compare with the truth.
 
     The folder then holds ``recordings/``, ``model.skops``, ``count.html`` and ``evaluation.html``.
@@ -35,7 +34,7 @@ def run(arguments: argparse.Namespace, *, assemblies: int = 24, recordings: int 
     lines = [[*map(str, call), *["--force"] * arguments.force] for call in calls]
     parsed = [make_parser([command]).parse_args([command, *words]) for command, *words in lines]
     for call in parsed:
-        check_targets(call)  # errors now rather than after the simulation
+        call.check_targets()  # errors now rather than after the simulation
     for line, call in zip(lines, parsed, strict=True):
         command = shlex.join(["cyclofeat", *line])
         yield Printed(f"\n$ {command}", {"command": command})

@@ -2,27 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.progress import Progress
 from cyclofeat._base.quantities import QUANTITIES, number_of
-from cyclofeat.cli._options import (
-    Printed,
-    add_idle,
-    add_jobs,
-    add_model_file,
-    add_reading_options,
-    add_seed,
-    add_target,
-    note,
-    note_duration,
-    read_all,
-    read_model,
-    whole_number,
-)
+from cyclofeat.cli._options import Arguments, Parser, Printed, note, note_duration, whole_number
 from cyclofeat.cli.train import add_counter_options, untrained_model
 
 if TYPE_CHECKING:
@@ -32,10 +18,9 @@ if TYPE_CHECKING:
 _PAPERS = "Shannon entropy (papers)"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     parser.add_argument("files", nargs="+", metavar="FILE", help="labelled recordings or folders")
-    add_model_file(
-        parser,
+    parser.add_model_file(
         "model to test on the recordings: a file that train wrote, with its card in the same folder, or a "
         f"packaged model, {', '.join(QUANTITIES)} (default: cross-validate the model that train would make)",
     )
@@ -44,15 +29,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--folds", dest="n_splits", type=whole_number(2), default=5, metavar="N",
         help="number of folds (default 5)",
     )  # fmt: skip
-    add_seed(parser, "folds and counters")
-    add_jobs(parser, "processes that fit folds side by side")
-    add_target(parser, "--report", "page", metavar="FILE.html", help="page to write")
-    add_reading_options(parser)
+    parser.add_seed("folds and counters")
+    parser.add_jobs("processes that fit folds side by side")
+    parser.add_target("--report", "page", metavar="FILE.html", help="page to write")
+    parser.add_reading_options()
     of_training = ("--counter", "--samples-per-turn", "--wear", "--folds", "--jobs")
-    add_idle(parser, *of_training, beside=["--model"])
+    parser.add_idle(*of_training, beside=["--model"])
 
 
-def run(arguments: argparse.Namespace) -> Iterator[Printed]:
+def run(arguments: Arguments) -> Iterator[Printed]:
     """Test a stored model, or cross-validate the one that train would make, then write the page."""
     from cyclofeat.counting import Protocol, evaluate
 
@@ -61,12 +46,9 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     )
     if arguments.model is None:
         model = untrained_model(arguments)
-    elif arguments.model in QUANTITIES:
-        packaged = argparse.Namespace(**vars(arguments) | {"model": None, "quantity": arguments.model})
-        model = read_model(packaged)
     else:
-        model = read_model(arguments)
-    recordings = read_all(arguments.files, arguments)
+        model = arguments.read_model(arguments.model if arguments.model in QUANTITIES else "")
+    recordings = arguments.read_all(arguments.files)
     if any(recording.defect_count is None or recording.assembly is None for recording in recordings):
         raise ValueError("evaluate needs files that state defect_count and assembly, some do not")
     settings = {

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 
 from cyclofeat._base.progress import Progress
 from cyclofeat._base.quantities import number_of
-from cyclofeat.cli._options import Printed, add_reading_options, add_seed, add_target, note, read_all
+from cyclofeat.cli._options import Arguments, Parser, Printed, note
 
 _PRINTED = 12
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "files", nargs="+", metavar="FILE", help="labelled recordings or folders, of one speed"
     )
@@ -22,21 +21,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="transformers, such as LobeMap SpectralEntropy (default: all)",
     )
-    add_seed(parser, "bootstrap and folds")
-    add_target(
-        parser, "--report", "page", metavar="FILE.html", help="page to write: table, histograms, and the code"
+    parser.add_seed("bootstrap and folds")
+    parser.add_target(
+        "--report", "page", metavar="FILE.html", help="page to write: table, histograms, and the code"
     )
-    add_reading_options(parser)
+    parser.add_reading_options()
 
 
-def run(arguments: argparse.Namespace) -> Iterator[Printed]:
+def run(arguments: Arguments) -> Iterator[Printed]:
     """Compute all features of all windows, rank them, then write the page."""
     from cyclofeat.counting import rank_features
     from cyclofeat.counting.evaluation.rank_features import features_held_out
     from cyclofeat.features import TorqueFeatures
     from cyclofeat.recordings import Windower
 
-    recordings = read_all(arguments.files, arguments)
+    recordings = arguments.read_all(arguments.files)
     X, y, groups = Windower().transform(recordings)
     speed, n_lobes = recordings[0].input_speed_hz, recordings[0].n_lobes
     assert speed is not None  # else windows have no length

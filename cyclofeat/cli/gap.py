@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import dataclasses
 from collections.abc import Iterator
@@ -15,16 +14,12 @@ from cyclofeat._base.quantities import beyond_text, in_words, number_of, unit_te
 from cyclofeat._base.training import import_jax
 from cyclofeat.cli._options import (
     READING,
+    Arguments,
+    Parser,
     Printed,
-    add_idle,
-    add_jobs,
-    add_reading_options,
-    add_seed,
-    add_target,
     check_folder,
     note,
     note_duration,
-    read_all,
     whole_number,
 )
 from cyclofeat.cli._rigs import add_effects
@@ -43,7 +38,7 @@ _OF_GAP = (
 )  # fmt: skip
 
 
-def add_check(parser: argparse.ArgumentParser) -> None:
+def add_check(parser: Parser) -> None:
     parser.add_argument(
         "--check",
         action="store_true",
@@ -61,12 +56,12 @@ def add_check(parser: argparse.ArgumentParser) -> None:
         help=f"simulated rigs with known effects that --check uses (default {_RIGS}); more rigs give "
         "more precise sizes",
     )  # fmt: skip
-    add_idle(parser, "--recordings", beside=["MEASURED"])
-    add_idle(parser, "--recordings", "--rigs", without=["--check"])
-    add_idle(parser, *_OF_GAP, "--cache", beside=["--check"])
+    parser.add_idle("--recordings", beside=["MEASURED"])
+    parser.add_idle("--recordings", "--rigs", without=["--check"])
+    parser.add_idle(*_OF_GAP, "--cache", beside=["--check"])
 
 
-def run_check(arguments: argparse.Namespace) -> Printed:
+def run_check(arguments: Arguments) -> Printed:
     """Check the recordings named, or as many planned ones."""
     from cyclofeat.gap import Condition, check_recordings
     from cyclofeat.gap.posterior.of_model import posterior_of_world
@@ -80,7 +75,7 @@ def run_check(arguments: argparse.Namespace) -> Printed:
 
     recordings: list[Recording] | list[Condition]
     if arguments.measured:
-        recordings = read_all(arguments.measured, arguments)
+        recordings = arguments.read_all(arguments.measured)
     else:
         middle = Condition(sum(posterior.world.speeds_rpm) / 2, sum(posterior.world.loads_nm) / 2)
         recordings = [middle] * arguments.recordings
@@ -109,9 +104,9 @@ def run_check(arguments: argparse.Namespace) -> Printed:
     return Printed("\n  ".join(lines), result.to_dict())
 
 
-def add_preparation(parser: argparse.ArgumentParser) -> None:
-    add_target(
-        parser, "--prepare", metavar="FILE",
+def add_preparation(parser: Parser) -> None:
+    parser.add_target(
+        "--prepare", metavar="FILE",
         help="learn --posterior for the model from simulated rigs, at conditions like those of MEASURED if "
         "there are some (of input torque without them: --quantity input_torque), and write it to FILE, .npz; "
         "with --posterior, start from that one",
@@ -127,11 +122,11 @@ def add_preparation(parser: argparse.ArgumentParser) -> None:
         help=f"simulated machines that --prepare learns from (default {_MACHINES}: about an hour on two "
         "cores); more of them can be added later with the same --cache",
     )  # fmt: skip
-    add_idle(parser, "--machines", "--effects", without=["--prepare"])
-    add_idle(parser, *_OF_GAP, "--check", beside=["--prepare"])
+    parser.add_idle("--machines", "--effects", without=["--prepare"])
+    parser.add_idle(*_OF_GAP, "--check", beside=["--prepare"])
 
 
-def prepare_posterior(arguments: argparse.Namespace) -> Printed:
+def prepare_posterior(arguments: Arguments) -> Printed:
     """Simulate rigs of the model, learn from them, and write the posterior."""
     if arguments.cache is None:
         raise ValueError(
@@ -180,7 +175,7 @@ def read_posterior(named: str | None) -> EffectPosterior:
         ) from None
 
 
-def world_of(arguments: argparse.Namespace, model: Rig) -> World:
+def world_of(arguments: Arguments, model: Rig) -> World:
     """Return the world of the model, around the conditions of the recordings where there are some."""
     from cyclofeat.gap import World
     from cyclofeat.gap.measured import MeasuredRig
@@ -188,7 +183,7 @@ def world_of(arguments: argparse.Namespace, model: Rig) -> World:
     quantity = arguments.quantity or World.quantity
     world = World(rig=model, quantity=quantity, random_state=arguments.random_state)
     if arguments.measured:
-        world = MeasuredRig.of(read_all(arguments.measured, arguments), model).world(world)
+        world = MeasuredRig.of(arguments.read_all(arguments.measured), model).world(world)
     if arguments.effects is None:
         return world
     known = {effect.effect_id: effect for effect in world.effects or ()}
@@ -196,7 +191,7 @@ def world_of(arguments: argparse.Namespace, model: Rig) -> World:
     return dataclasses.replace(world, effects=effects, most=min(world.most, len(effects)))
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "measured",
         nargs="*",
@@ -221,13 +216,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="recordings on which the corrected model is judged: a folder, a share of MEASURED like 0.4, or "
         "those at the middle of at least three speeds or loads",
     )  # fmt: skip
-    add_target(parser, "--out", "page", metavar="FILE", help="page to write, .html")
-    add_target(
-        parser, "--save-simulator", metavar="FILE",
+    parser.add_target("--out", "page", metavar="FILE", help="page to write, .html")
+    parser.add_target(
+        "--save-simulator", metavar="FILE",
         help="corrected model to write, .json, with the effects and sizes that the recordings leave possible",
     )  # fmt: skip
-    add_target(
-        parser, "--train", "model", metavar="FILE",
+    parser.add_target(
+        "--train", "model", metavar="FILE",
         help="train a counter on the corrected model, write it, and try it on all recordings beside the "
         "packaged one (about four minutes on two cores)",
     )  # fmt: skip
@@ -245,20 +240,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="all recordings are of one gearbox that was not taken apart between them",
     )
-    add_seed(parser, "all simulations")
-    add_jobs(parser)
-    add_reading_options(parser)
-    add_idle(
-        parser, "--simulator", "--posterior", "--hold-out", "--save-simulator", "--one-assembly", "--cache",
+    parser.add_seed("all simulations")
+    parser.add_jobs()
+    parser.add_reading_options()
+    parser.add_idle(
+        "--simulator", "--posterior", "--hold-out", "--save-simulator", "--one-assembly", "--cache",
         "--jobs", beside=["--simulated"],
     )  # fmt: skip
-    add_idle(parser, "--train", without=["--save-simulator"])
-    add_idle(parser, "--effects-from", without=["--simulator", "--posterior"])
-    add_idle(parser, "--quantity", without=["MEASURED", "--prepare"])
-    add_idle(parser, *(option for option in READING if option != "--quantity"), without=["MEASURED"])
+    parser.add_idle("--train", without=["--save-simulator"])
+    parser.add_idle("--effects-from", without=["--simulator", "--posterior"])
+    parser.add_idle("--quantity", without=["MEASURED", "--prepare"])
+    parser.add_idle(*(option for option in READING if option != "--quantity"), without=["MEASURED"])
 
 
-def run(arguments: argparse.Namespace) -> Iterator[Printed]:
+def run(arguments: Arguments) -> Iterator[Printed]:
     """Compare, name, correct, judge, then write corrected model and report; or only prepare, or check."""
     if arguments.cache is not None:
         check_folder("--cache", Path(arguments.cache))
@@ -276,7 +271,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
     gap_settings = GapSettings(
         **{name: getattr(arguments, name) for name in typed}, pictures=arguments.out is not None
     )
-    recordings = read_all(arguments.measured, arguments)
+    recordings = arguments.read_all(arguments.measured)
     if arguments.simulated is None:
         model, posterior = _model_and_posterior(arguments)
         fitted, held_out = _split_recordings(arguments, recordings)
@@ -293,7 +288,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
         if held_out is not None:
             settings["recordings held out"] = f"{len(held_out)}"
     else:
-        simulated = read_all([arguments.simulated], arguments)
+        simulated = arguments.read_all([arguments.simulated])
         with Progress("comparing recordings"):
             result = compare_recordings(recordings, simulated, settings=gap_settings)
         settings = {
@@ -325,7 +320,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
         yield Printed(f"report: {arguments.out}", {})
 
 
-def try_counters(arguments: argparse.Namespace, recordings: list[Recording]) -> list[dict[str, Any]]:
+def try_counters(arguments: Arguments, recordings: list[Recording]) -> list[dict[str, Any]]:
     """Train a counter on the corrected model, and count the recordings with it and with the packaged one."""
     from cyclofeat.cli import make_parser, train
     from cyclofeat.models import load_default_model, load_model
@@ -358,7 +353,7 @@ def try_counters(arguments: argparse.Namespace, recordings: list[Recording]) -> 
     return rows
 
 
-def _model_and_posterior(arguments: argparse.Namespace) -> tuple[Rig | None, EffectPosterior | None]:
+def _model_and_posterior(arguments: Arguments) -> tuple[Rig | None, EffectPosterior | None]:
     """Return the model and the posterior as far as they are named."""
     from cyclofeat.gap.posterior.of_model import is_of_model
     from cyclofeat.simulators import Rig
@@ -377,7 +372,7 @@ def _model_and_posterior(arguments: argparse.Namespace) -> tuple[Rig | None, Eff
 
 
 def _split_recordings(
-    arguments: argparse.Namespace, recordings: list[Recording]
+    arguments: Arguments, recordings: list[Recording]
 ) -> tuple[list[Recording], list[Recording] | None]:
     """Return the recordings to fit, and those to judge on."""
     from cyclofeat.gap import hold_out
@@ -388,5 +383,5 @@ def _split_recordings(
     with contextlib.suppress(ValueError):
         by = float(by)
     if isinstance(by, str) and by not in ("speed", "load"):
-        return recordings, read_all([by], arguments)
+        return recordings, arguments.read_all([by])
     return hold_out(recordings, by, random_state=arguments.random_state)

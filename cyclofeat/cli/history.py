@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 
 from cyclofeat._base.quantities import number_of
-from cyclofeat.cli._options import Printed, add_alarm_options, add_target, alarm_rates, note
+from cyclofeat.cli._options import Arguments, Parser, Printed, note
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     parser.add_argument("file", metavar="FILE", help="history that count or watch has written")
     parser.add_argument(
         "--gearbox", action="append", metavar="NAME", help="gearbox to show; may be repeated (default all)"
     )
-    add_alarm_options(parser)
-    add_target(parser, "--report", "page", metavar="FILE.html", help="page to write: the counts over time")
+    parser.add_alarm_options()
+    parser.add_target("--report", "page", metavar="FILE.html", help="page to write: the counts over time")
     parser.add_argument("--strict", action="store_true", help="exit with code 3 if there is an alarm")
 
 
-def run(arguments: argparse.Namespace) -> Iterator[Printed]:
+def run(arguments: Arguments) -> Iterator[Printed]:
     """Yield the state of each gearbox, then write the page."""
     from cyclofeat.history import History
     from cyclofeat.history.alarm import time_text
@@ -30,7 +29,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
             raise ValueError(f"{arguments.file} holds no recording")
         states = []
         for name in names:
-            state = history.state(name, **alarm_rates(arguments))
+            state = history.state(name, **arguments.alarm_rates())
             states.append(state)
             n = state.defect_count
             count = "never counted" if n is None else number_of(n, "worn lobe")

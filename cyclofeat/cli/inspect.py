@@ -2,33 +2,23 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 from collections.abc import Iterator
 from typing import Any
 
-from cyclofeat.cli._options import (
-    FILES,
-    Printed,
-    add_reading_options,
-    add_target,
-    list_entries,
-    note,
-    process_files,
-    reading_arguments,
-)
+from cyclofeat.cli._options import FILES, Arguments, Parser, Printed, note
 
 _MOST_DRAWN, _SIZE = 12, (9.0, 3.6)  # inches
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     parser.add_argument("files", nargs="+", metavar="FILE", help=FILES)
     what = f"page to write, on which one can zoom the recordings (the first {_MOST_DRAWN})"
-    add_target(parser, "--report", "page", metavar="FILE.html", help=what)
-    add_reading_options(parser)
+    parser.add_target("--report", "page", metavar="FILE.html", help=what)
+    parser.add_reading_options()
 
 
-def run(arguments: argparse.Namespace) -> Iterator[Printed]:
+def run(arguments: Arguments) -> Iterator[Printed]:
     from cyclofeat.datasets import describe
     from cyclofeat.datasets.readers import list_channels
 
@@ -37,8 +27,8 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
         from cyclofeat.report import Report
 
         report = Report("Recordings")
-    options, drawn, entries = reading_arguments(arguments), 0, list_entries(arguments.files)
-    for result in process_files("inspecting", entries, arguments, lambda _, one: (describe(one), one)):
+    options, drawn, files = arguments.reading_arguments(), 0, arguments.files
+    for result in arguments.process_files("inspecting", files, lambda _, one: (describe(one), one)):
         channels: dict[str, str | None] = {}  # none where the file cannot be opened
         with contextlib.suppress(Exception):
             channels = list_channels(result.path, **options)

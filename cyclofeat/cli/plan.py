@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
-from cyclofeat.cli._options import Printed, add_idle, positive_number, whole_number
+from cyclofeat.cli._options import Arguments, Parser, Printed, positive_number, whole_number
 from cyclofeat.cli._rigs import add_rig, rig_of
 
 _TABULATED_RPM = 500.0
 _DEPTHS_UM = (5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--worn-count", dest="worn", type=int, required=True, metavar="N",
         help="tell N worn lobes from N + 1; with --wear, N worn lobes from none",
@@ -40,11 +39,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="output turns recorded (default 5)",
     )  # fmt: skip
     add_rig(parser, "r1")
-    add_idle(parser, "--depth", beside=["--wear"])
-    add_idle(parser, "--load", "--turns", "--rig", without=["--wear"])
+    parser.add_idle("--depth", beside=["--wear"])
+    parser.add_idle("--load", "--turns", "--rig", without=["--wear"])
 
 
-def run(arguments: argparse.Namespace) -> Printed:
+def run(arguments: Arguments) -> Printed:
     from cyclofeat.counting import plan_measurement
 
     typed = ["worn", "noise_nm", "confidence", "depth", "speed_rpm"]

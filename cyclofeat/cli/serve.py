@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 from collections.abc import Iterator
 
-from cyclofeat.cli._options import Printed, add_model_file, note, read_model, whole_number
+from cyclofeat.cli._options import Arguments, Parser, Printed, note, whole_number
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_model_file(parser)
+def add_arguments(parser: Parser) -> None:
+    parser.add_model_file()
     parser.add_argument(
         "--port", type=whole_number(0, 65_535), default=8765, metavar="N",
         help="port on this machine (default 8765; 0: any free port)",
@@ -18,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-browser", action="store_true", help="print the address and open no browser")
 
 
-def run(arguments: argparse.Namespace) -> Iterator[Printed]:
+def run(arguments: Arguments) -> Iterator[Printed]:
     """Yield the address of the page, then serve it until Ctrl-C."""
     try:
         from cyclofeat.serve.app import Address, make_app, serve
@@ -26,7 +25,7 @@ def run(arguments: argparse.Namespace) -> Iterator[Printed]:
         raise ImportError(f"serve needs starlette, uvicorn and jinja2 (extra serve): {error}") from error
     model = []
     if arguments.model is not None:
-        read_model(arguments)  # its errors now, not at the first count
+        arguments.read_model()  # its errors now, not at the first count
         model = ["--model", os.path.abspath(arguments.model)]
         model += ["--trust"] * arguments.trust + [f"--allow={name}" for name in arguments.allow]
     address = Address.of_port(arguments.port)

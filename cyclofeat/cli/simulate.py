@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import itertools
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,9 +13,9 @@ from cyclofeat._base.progress import Progress
 from cyclofeat._base.quantities import QUANTITIES, number_of
 from cyclofeat.cli._options import (
     SIMULATION_PACE,
+    Arguments,
+    Parser,
     Printed,
-    add_idle,
-    add_target,
     list_of,
     note_duration,
     positive_number,
@@ -29,9 +28,9 @@ if TYPE_CHECKING:
     from cyclofeat.recordings import Recording
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_target(
-        parser, "--out", "recordings", required=True,
+def add_arguments(parser: Parser) -> None:
+    parser.add_target(
+        "--out", "recordings", required=True,
         help="file to write, .csv or .npz; with --count, a folder, with a manifest recordings.csv",
     )  # fmt: skip
     add_machine(parser, drawn=("--rig", "--quantity motor_current", "--count"))
@@ -57,11 +56,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="quantity to record (default output_torque); for a current, a rig without a motor gets one",
     )  # fmt: skip
     parser.add_argument("--no-angle", action="store_true", help="do not write the shaft's angle")
-    add_idle(parser, "--worn-count", "--worn-lobes", "--removed-lobes", "--material", beside=["--count"])
-    add_idle(parser, "--worn-counts", without=["--count"])
+    parser.add_idle("--worn-count", "--worn-lobes", "--removed-lobes", "--material", beside=["--count"])
+    parser.add_idle("--worn-counts", without=["--count"])
 
 
-def run(arguments: argparse.Namespace) -> Printed:
+def run(arguments: Arguments) -> Printed:
     """Write one recording, or a folder of many."""
     from cyclofeat.datasets import make_rig_recording, write_recording
     from cyclofeat.datasets.readers import one_line, write_folder
@@ -99,7 +98,7 @@ def run(arguments: argparse.Namespace) -> Printed:
     return Printed(f"{file}: {one_line(recording)}", {"file": file, "defect_count": recording.defect_count})
 
 
-def _simulate_many(arguments: argparse.Namespace) -> Iterator[Recording]:
+def _simulate_many(arguments: Arguments) -> Iterator[Recording]:
     """Yield recordings with each number of worn lobes in turn, at the next speed and load each time."""
     from cyclofeat.datasets import make_rig_recordings
 

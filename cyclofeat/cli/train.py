@@ -12,17 +12,13 @@ from cyclofeat._base.quantities import number_of
 from cyclofeat._base.training import import_jax
 from cyclofeat.cli._options import (
     READING,
+    Arguments,
+    Parser,
     Printed,
-    add_idle,
-    add_jobs,
-    add_reading_options,
-    add_seed,
-    add_target,
     note,
     note_duration,
     positive_number,
     range_of,
-    read_all,
     whole_number,
 )
 from cyclofeat.cli._rigs import add_rig, rig_of
@@ -57,9 +53,9 @@ _RADIAL_SHARE = 1 / 3
 _PER_TURN = 128
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_target(
-        parser, "--out", "model", required=True,
+def add_arguments(parser: Parser) -> None:
+    parser.add_target(
+        "--out", "model", required=True,
         help="model file to write: model.skops (safe) or model.joblib (a pickle)",
     )  # fmt: skip
     parser.add_argument(
@@ -100,21 +96,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="sampling rate in Hz (default for simulated recordings: 25600). The model counts recordings "
         "with this rate or a higher one",
     )  # fmt: skip
-    add_seed(parser, "simulation and training")
+    parser.add_seed("simulation and training")
     parser.add_argument(
         "--kernel", choices=("exact", "batch", "auto"), default="auto",
         help="many assemblies at once in single precision: where possible (auto, the default) or always, "
         "with an error where impossible (batch); or one by one in double precision (exact)",
     )  # fmt: skip
-    add_jobs(parser, "threads of the simulation")
+    parser.add_jobs("threads of the simulation")
     add_rig(parser, "r2")
-    add_reading_options(parser, sampling_rate=False)
-    add_idle(parser, *_SIMULATION, beside=["recordings"])
-    add_idle(parser, *_OF_FILES, without=["recordings"])
-    add_idle(parser, *_OF_COUNTER, beside=["--domain-of"])
+    parser.add_reading_options(sampling_rate=False)
+    parser.add_idle(*_SIMULATION, beside=["recordings"])
+    parser.add_idle(*_OF_FILES, without=["recordings"])
+    parser.add_idle(*_OF_COUNTER, beside=["--domain-of"])
 
 
-def _add_models(parser: argparse.ArgumentParser) -> None:
+def _add_models(parser: Parser) -> None:
     parser.add_argument(
         "--coarser", metavar="MODEL",
         help="model with fewer samples per turn, which the file is to hold too: it counts the recordings "
@@ -126,7 +122,7 @@ def _add_models(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def add_counter_options(parser: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGroup:
+def add_counter_options(parser: Parser) -> argparse._MutuallyExclusiveGroup:
     """Add the options that choose what is trained; return the group of options about wear."""
     parser.add_argument(
         "--counter", choices=("trees", "rows"), default="trees",
@@ -143,7 +139,7 @@ def add_counter_options(parser: argparse.ArgumentParser) -> argparse._MutuallyEx
         help="times that --counter rows sees each window, in other variants (default 40, more where they are "
         "few); of ten thousand and more, 80 count better, in twice the time",
     )  # fmt: skip
-    add_idle(parser, "--epochs", without=["--counter rows"])
+    parser.add_idle("--epochs", without=["--counter rows"])
     wear = parser.add_mutually_exclusive_group()
     wear.add_argument(
         "--wear", dest="wear_um", type=range_of("um", 200), metavar="LOW:HIGH",
@@ -153,7 +149,7 @@ def add_counter_options(parser: argparse.ArgumentParser) -> argparse._MutuallyEx
     return wear
 
 
-def untrained_model(arguments: argparse.Namespace) -> LobeModel:
+def untrained_model(arguments: Arguments) -> LobeModel:
     """Return the model that the options choose, to be trained on recordings."""
     from cyclofeat.counting import LobeModel
     from cyclofeat.recordings.windower import lobe_windower
@@ -174,7 +170,7 @@ def untrained_model(arguments: argparse.Namespace) -> LobeModel:
     )  # fmt: skip
 
 
-def run(arguments: argparse.Namespace) -> Printed:
+def run(arguments: Arguments) -> Printed:
     """Read or simulate recordings, train on them, and write the model."""
     from cyclofeat.models import load_model, save_model
 
@@ -185,7 +181,7 @@ def run(arguments: argparse.Namespace) -> Printed:
         arguments.quantity = arguments.quantity or trained.card_["quantity"]
     model = untrained_model(arguments) if trained is None else trained
     if arguments.recordings:
-        recordings = read_all(arguments.recordings, arguments)
+        recordings = arguments.read_all(arguments.recordings)
         origin = f"{number_of(len(recordings), 'recording')} from files"
     else:
         recordings, name = _simulated_recordings(arguments)
@@ -220,7 +216,7 @@ def run(arguments: argparse.Namespace) -> Printed:
     return Printed("\n  ".join(lines), {"file": arguments.out, **card})
 
 
-def _simulated_recordings(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
+def _simulated_recordings(arguments: Arguments) -> tuple[list[Recording], str]:
     """Return simulated recordings and the name of their rig."""
     from cyclofeat.counting import samples_per_turn_at
     from cyclofeat.datasets import make_rig_recordings

@@ -16,18 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from cyclofeat._base.files import check_parent
-from cyclofeat.cli._options import (
-    Printed,
-    add_history_options,
-    add_model_options,
-    add_reading_options,
-    error_text,
-    name_file,
-    note,
-    positive_number,
-    reading_arguments,
-    warn,
-)
+from cyclofeat.cli._options import Arguments, Parser, Printed, name_file, note, positive_number, warn
 from cyclofeat.cli.count import Counted, RecordingCounter
 
 # A file that cannot be read is bad, and not only half written, after this many times the time to settle.
@@ -158,11 +147,11 @@ class DoneList:
             self._unwritten.clear()
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "folder", metavar="FOLDER", help="where recordings arrive; folders in it are left out"
     )
-    add_model_options(parser)
+    parser.add_model_options()
     parser.add_argument("--once", action="store_true", help="count the files of the folder and stop")
     parser.add_argument("--done", metavar="FILE", help="list of counted files, which the next start skips")
     parser.add_argument(
@@ -180,11 +169,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--strict", action=argparse.BooleanOptionalAction, default=True,
         help="exit with code 3 at the end if a recording was refused (default)",
     )  # fmt: skip
-    add_history_options(parser, ", else the name of the folder")
-    add_reading_options(parser)
+    parser.add_history_options(", else the name of the folder")
+    parser.add_reading_options()
 
 
-def run(arguments: argparse.Namespace) -> Iterator[Printed]:
+def run(arguments: Arguments) -> Iterator[Printed]:
     """Count until asked to stop; with ``--once`` the files of the folder."""
     from cyclofeat.datasets.readers import MANIFEST, SOURCES
 
@@ -234,12 +223,12 @@ def _stop_on_request() -> Iterator[Callable[[], bool]]:
 
 
 def _count_arrivals(
-    arguments: argparse.Namespace, watch: FolderWatch, counter: RecordingCounter, stops: Callable[[], bool]
+    arguments: Arguments, watch: FolderWatch, counter: RecordingCounter, stops: Callable[[], bool]
 ) -> Iterator[Printed]:
     """Look, count, wait."""
     from cyclofeat.datasets import read_recording
 
-    options = reading_arguments(arguments)
+    options = arguments.reading_arguments()
     troubles: set[str] = set()
 
     def write_counts(counted: Counted | None = None) -> None:
@@ -263,7 +252,7 @@ def _count_arrivals(
             except FileNotFoundError:
                 continue  # removed since
             except Exception as error:  # one bad file must not end the watch, whatever is wrong with it
-                watch.mark_failed(path, name_file(path, error_text(error, arguments)))
+                watch.mark_failed(path, name_file(path, arguments.error_text(error)))
                 continue
             write_counts(counted)
             lines, facts = counted.describe()

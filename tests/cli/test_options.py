@@ -59,7 +59,7 @@ def said(capsys, command, *given, **values):
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_an_argument_without_effect_is_refused_by_name_before_any_work(capsys, command):
-    for names, beside, without in PARSERS[command].get_default("idle") or ():
+    for names, beside, without in PARSERS[command].idle:
         for name in names:
             for other in beside:
                 reason = f"with {other.replace('*', 'x')}"
@@ -76,7 +76,7 @@ def test_an_argument_without_effect_is_refused_by_name_before_any_work(capsys, c
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_rules_of_arguments_without_effect_name_arguments_of_the_command(command):
-    rules = PARSERS[command].get_default("idle") or ()
+    rules = PARSERS[command].idle
     names = {name.split()[0] for rule in rules for part in rule for name in part}
     assert names <= set(ACTIONS[command])
 
@@ -121,7 +121,7 @@ def test_an_argument_of_any_spelling_may_be_refused(words, message, capsys):
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_option_that_names_something_is_known_to_be_written_or_not(command):
-    targets = PARSERS[command].get_default("targets") or {}
+    targets = PARSERS[command].targets
     for name, action in ACTIONS[command].items():
         names_something = action.option_strings and action.nargs != 0 and not (action.type or action.choices)
         if names_something and (command, name) not in GONE_ON_WITH:
@@ -133,7 +133,7 @@ def test_every_option_that_names_something_is_known_to_be_written_or_not(command
     [
         (command, option, kind)
         for command, parser in PARSERS.items()
-        for option, kind in (parser.get_default("targets") or {}).items()
+        for option, kind in parser.targets.items()
     ],
 )
 def test_nothing_is_overwritten_unasked(capsys, tmp_path, command, option, kind):
@@ -144,7 +144,7 @@ def test_nothing_is_overwritten_unasked(capsys, tmp_path, command, option, kind)
         content = path / "kept"
     content.write_text("kept", encoding="utf-8")
     refused = f"{path} exists: give {option} another name, or --force to overwrite it"
-    idle = PARSERS[command].get_default("idle") or ()
+    idle = PARSERS[command].idle
     others = [f"{one[0]} {tmp_path / 'b.json'}" for names, _, one in idle if option in names and one]
 
     def answer(*more):
