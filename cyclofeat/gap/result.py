@@ -44,7 +44,6 @@ _VERDICTS = {
     "equivalent": "Model and recordings agree within the margins",
     "unresolved": "No single difference is clear: more recordings may show one",
 }
-_N_REMAINING = 3  # differences that a text lists
 
 
 @dataclass(frozen=True)
@@ -274,33 +273,6 @@ class GapResult(EffectRows[FoundEffect], WithCard):
         helpful = [row.what for row in self.next_measurements if names & {*row.decides}]
         return text + (f"; most would be decided by {helpful[0]}" if helpful else "")
 
-    def __str__(self) -> str:
-        """Return the answer as ``cyclofeat gap`` prints it."""
-        lines = [f"{self.headline} (p = {self.p:.2g}, adjusted over all comparisons)"]
-        for row in self.of_state("missing", "probably missing"):
-            beside = [str(self.effect(tie)) for tie in row.ties]
-            others = f", or {', '.join(beside)}" if beside else ""
-            lines.append(f"{row.state}: {row}{others}: {row.name}")
-            lines += [f"  {'; '.join(map(str, row.sizes))}"] if row.sizes else []
-        lines += [f"  note: {self.size_note}"] if self.size_note else []
-        if self.undecided_text:
-            lines.append(f"{self.undecided_text}: {some_of(self.of_state('undecided'))}")
-        small = [f"{row.effect} (seen {row.visible_from})" for row in self.of_state("too small to matter")]
-        lines += [f"too small to matter: {', '.join(small)}"] if small else []
-        if self.remainder is not None:
-            lines.append(f"left unexplained: {LEFT[self.remainder.cause]} ({p_words(self.remainder.p)})")
-            for left in self.remainder.rows[:_N_REMAINING] if self.remainder.unexplained else ():
-                lines.append(f"  {cell_name(left)}: {mean_difference_words(left.difference, left.unit)}")
-        lines += [f"measure next: {measurement}" for measurement in self.next_measurements[:1]]
-        for proof in self.proof:
-            closed, text = proof.result, "too little disagreement to state how far it shrank"
-            if not math.isnan(closed.grr):
-                within = f" ({closed.low:.0%} to {closed.high:.0%})" if closed.low <= closed.high else ""
-                text = f"{closed.grr:.0%} of the gap closed{within}"
-            lines.append(f"held out{f' at {proof.condition.text}' if proof.condition else ''}: {text}")
-        notes = dict.fromkeys(note for note in self.warnings if note != self.size_note)
-        return "\n".join([*lines, *(f"note: {note}" for note in notes)])
-
     def to_dict(self) -> dict[str, Any]:
         """Return plain values that JSON can hold, as ``cyclofeat gap --json`` prints them.
 
@@ -409,21 +381,26 @@ class GapResult(EffectRows[FoundEffect], WithCard):
         return draw_plot(self, kind, ax, **options)
 
     def _card(self) -> Card:
-        rows: dict[str, object] = {
-            "conditions": "; ".join(where.condition.text for where in self.where),
-            "recordings": sum(where.n_recordings for where in self.where),
-            "recordings against model": f"{self.verdict} (p = {self.p:.2g})",
-        }
+        n, conditions = (
+            sum(where.n_recordings for where in self.where),
+            [one.condition.text for one in self.where],
+        )
+        against = f"against the model: {self.verdict} (p = {self.p:.2g})"
+        rows: dict[str, object] = {"recordings": f"{n} at {'; '.join(conditions)}; {against}"}
         for row in self.of_state("missing", "probably missing"):
-            rows[f"{row.state}: {row.effect}"] = "; ".join(
-                [f"probability {probability_text(row.probability)}", *map(str, row.sizes)]
-            )
-        rows["undecided"] = self.undecided_text
+            either = ", or ".join(map(str, [row, *map(self.effect, row.ties)]))
+            rows[f"{row.state}: {either}"] = "; ".join(map(str, row.sizes)) or row.name
+        rows["undecided"] = some_of(self.of_state("undecided"))
         if self.remainder is not None:
-            rows["left unexplained"] = f"{LEFT[self.remainder.cause]} ({p_words(self.remainder.p)})"
-        for proof in self.proof:
-            at = "" if proof.condition is None else f" at {proof.condition.text}"
-            rows[f"gap closed{at}"] = f"{proof.result.grr:.0%}"
+            clearest = self.remainder.rows[:1] if self.remainder.unexplained else ()
+            differences = [
+                f", most of all {cell_name(one)}: {mean_difference_words(one.difference, one.unit)}"
+                for one in clearest
+            ]
+            left = f"{LEFT[self.remainder.cause]} ({p_words(self.remainder.p)})"
+            rows["left unexplained"] = "".join([left, *differences])
+        rows["measure next"] = "".join(map(str, self.next_measurements[:1]))
+        rows["gap closed on recordings held out"] = "; ".join(map(str, self.proof))
         code = 'result.to_frame("sizes")' if self.named else 'result.to_frame("where")'
         return Card(self.headline, rows, self._draw_first_overlay, self.warnings, code)
 

@@ -72,6 +72,13 @@ class Proof:
     n_recordings: int
     condition: Condition | None = None  # of the recordings; None where it was not stated
 
+    def __str__(self) -> str:
+        closed, at = self.result, f" at {self.condition.text}" if self.condition else ""
+        if math.isnan(closed.grr):
+            return f"too little disagreement{at} to state how far it shrank"
+        within = f" ({closed.low:.0%} to {closed.high:.0%})" if closed.low <= closed.high else ""
+        return f"{closed.grr:.0%}{within}{at}"
+
     @property
     def result(self) -> ProofRow:
         """Row of the corrected model on all recordings."""
