@@ -237,10 +237,8 @@ def plan_measurement(
 
     Notes
     -----
-    *Table.* Simulated assemblies of rig R1 (an assumption: brake rotor 0.02 kg m2 behind 10 kNm/rad, 3 Nm rms
-    drift below 1.5 Hz), neighbouring worn lobes, a counter trained on the same rig at the same noise and all
-    depths. On another rig, expect less. The next worse entry in noise and depth answers. The probability is
-    (right + 1)/(assemblies + 2), Laplace's rule of succession.
+    *Table.* Of rig R1 (an assumption: brake rotor 0.02 kg m2 behind 10 kNm/rad, 3 Nm rms drift below 1.5 Hz),
+    neighbouring worn lobes, a counter trained on the same rig at the same noise: see ``docs/counting.md``.
 
     *Simulation.* The same assemblies are simulated healthy and worn, without noise. Let h_k be the mean power
     of lobe line k over the healthy ones, d_k the change of its amplitude by the wear, and w = 6 noise_nm^2 /

@@ -127,10 +127,8 @@ class WaveletEnvelopeSpectrum(WaveletTransformer):
 
     Parameters
     ----------
-    sampling_rate : float
-        Samples per second in Hz, or per input turn for windows on equal steps of the angle.
-    wavelet : str, pywt.Wavelet or sequence of four filters, default="mb32.3"
-        Wavelet, see :func:`cyclofeat.signal.wavelets.as_wavelet`.
+    sampling_rate, wavelet
+        See :class:`WaveletLevelStatistics`; samples per input turn for windows on equal steps of the angle.
     shaft_hz : float, default=500/60
         Speed of the input shaft in turns per second; 1 for windows on equal steps of the angle.
     n_pins : int, default=16

@@ -659,18 +659,14 @@ class WindowStream:
     """
 
     def __init__(self, windower: Windower, sampling_rate: float, **labels: Any) -> None:
-        if windower.reduction is None or windower.samples_per_turn is None:
-            raise ValueError(
-                f"windower must have reduction and samples_per_turn to cut a stream, got {windower}"
-            )
         if windower.skip_s or windower.overlap:
             raise ValueError(f"windower must have no skip_s or overlap for a stream, got {windower}")
         self._windower = windower
         self._rate = sampling_rate
         self._labels = labels
-        self._per_turn = float(windower.samples_per_turn)
+        self._per_turn = windower._samples_per_turn
         self._length = windower._angle_length()
-        self._grid = AngleGrid(windower.samples_per_turn, 0)  # filters follow from the first window
+        self._grid = AngleGrid(self._per_turn, 0)  # filters follow from the first window
         self._pieces: list[tuple[Float, Float]] = []
         self._first_sample = 0  # of those kept
         self._first_point: int | None = None  # of the next window
@@ -729,4 +725,4 @@ class WindowStream:
         start = grid[begin : begin + 1]
         cut = values[np.newaxis, begin : begin + self._length], samples_at(start, angle) / self._rate, start
         reject_constant_windows(recording, cut, first_sample / self._rate)
-        return StreamWindow(window_set([recording], [cut], self._per_turn), recording, first_sample)
+        return StreamWindow(window_set([recording], [cut], float(self._per_turn)), recording, first_sample)

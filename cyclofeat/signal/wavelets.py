@@ -112,10 +112,9 @@ def level_of(frequency_hz: float, sampling_rate: float) -> int:
             f"frequency_hz must lie between 0 and half the sampling rate ({sampling_rate / 2:g} Hz), "
             f"got {frequency_hz!r}"
         )
-    level = int(np.floor(np.log2(sampling_rate / frequency_hz)))
-    low, high = level_band(level, sampling_rate)
-    # Rounding of the logarithm at a band's very edge.
-    return level + 1 if frequency_hz < low else level - 1 if frequency_hz >= high else level
+    # Powers of two and what they multiply, from 0.5 to 1: exact at a band's very edge.
+    (mantissa, exponent), (below, lower) = math.frexp(sampling_rate), math.frexp(frequency_hz)
+    return exponent - lower - (mantissa <= below)
 
 
 def dwt(X: ArrayLike, wavelet: AnyWavelet = "mb32.3", levels: int = 12) -> list[Float]:

@@ -132,9 +132,7 @@ class LobeCounter(Counter):
     *Single lobes.* If ``pattern_`` is ``"any"``, lobes are taken to be independent given the fold: with the
     probability p_k of lobe k the count is Poisson-binomial, and given a count n a set S of n lobes has a
     probability in proportion to the product over S of p_k/(1 - p_k) (the conditional Bernoulli law; Chen and
-    Liu, Statistica Sinica 7 (1997) 875). The contact zones of neighbouring lobes overlap, so that the effect
-    of a row is not the sum of its single lobes: train on rows and on separate lobes
-    (``make_rig_recordings(lobes="mixed")``) to count both.
+    Liu, Statistica Sinica 7 (1997) 875). ``docs/counting.md`` says how to train for rows and separate lobes.
 
     *Where a slot begins.* Lobes are numbered as on the disc if a tachometer states the passage of lobe 0.
     Otherwise slots are begun at several places within a lobe, and the place with the most decided lobes is
@@ -206,17 +204,12 @@ class LobeCounter(Counter):
             If JAX or Optax is missing for networks; if there is one class only, shapes do not match, ``worn``
             is given without ``passage``, disagrees with ``y``, or marks no rows of neighbours for networks.
         """
-        self._fit_cross_val_proba(X, y, groups, worn, passage)
+        self._fit_cross_val_proba(X, y, groups, worn=worn, passage=passage)
         return self
 
     @fit_context(prefer_skip_nested_validation=True)
     def _fit_cross_val_proba(
-        self,
-        X: ArrayLike,
-        y: ArrayLike,
-        groups: ArrayLike | None = None,
-        worn: ArrayLike | None = None,
-        passage: ArrayLike | None = None,
+        self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None, **marks: ArrayLike | None
     ) -> Float:
         """Fit; return calibrated probabilities of the windows by parts that have not seen their assembly.
 
@@ -224,7 +217,7 @@ class LobeCounter(Counter):
         """
         windows, labels, rank = self._labelled(X, y)
         member = assemblies_of(groups, len(windows))
-        known, begins = self._known_lobes(labels, worn, passage)
+        known, begins = self._known_lobes(labels, **marks)
         seed = drawn_seed(self.random_state)
         network = self.kind == "network"
         n_splits = (3 if network else 5) if self.n_splits is None else self.n_splits
@@ -370,7 +363,7 @@ class LobeCounter(Counter):
         return lines
 
     def _known_lobes(
-        self, y: NDArray[Any], worn: ArrayLike | None, passage: ArrayLike | None
+        self, y: NDArray[Any], worn: ArrayLike | None = None, passage: ArrayLike | None = None
     ) -> tuple[Bool | None, Float | None]:
         """Return the table of worn lobes and when lobe 0 passes, checked; None where they are not known."""
         if worn is None:

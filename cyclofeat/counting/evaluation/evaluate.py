@@ -11,10 +11,9 @@ import joblib
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
-from sklearn.model_selection import StratifiedGroupKFold
 from sklearn.utils import check_array
 
-from cyclofeat._base.checks import one_of, repr_of
+from cyclofeat._base.checks import one_of, repr_of, whole
 from cyclofeat._base.quantities import number_of
 from cyclofeat.counting.evaluation.assembly_folds import (
     Float,
@@ -22,6 +21,7 @@ from cyclofeat.counting.evaluation.assembly_folds import (
     Int,
     aligned_proba,
     fit_clone,
+    grouped_folds,
     of_windows,
 )
 from cyclofeat.counting.evaluation.evaluation import Evaluation
@@ -88,8 +88,7 @@ class Protocol:
     def __post_init__(self) -> None:
         if not 0 < self.confidence < 1:
             raise ValueError(f"confidence must lie between 0 and 1, got {self.confidence!r}")
-        if self.n_splits < 2:
-            raise ValueError(f"n_splits must be at least 2, got {self.n_splits!r}")
+        whole("n_splits", self.n_splits, 2)
         one_of("hold_out", self.hold_out, ("stratified", "leave-one-condition-out", "nothing"))
 
 
@@ -183,26 +182,21 @@ class LabelledData:
         groups: ArrayLike | None,
         lobes: tuple[ArrayLike, ArrayLike] | None = None,
     ) -> LabelledData:
-        recordings: list[Any] = []
+        given: NDArray[Any]
         if isinstance(X, (list, tuple, np.ndarray)) and len(X) and all(isinstance(x, Recording) for x in X):
-            recordings = list(X)
-            if y is None:
-                y = np.array([recording.defect_count for recording in recordings])
-            if groups is None and all(recording.assembly is not None for recording in recordings):
-                groups = np.array([recording.assembly for recording in recordings])
-        if groups is None:
-            raise ValueError(_LEAK)
-        given: NDArray[Any] = np.empty(len(recordings), dtype=object)
-        given[:] = recordings
-        if not recordings:
+            given = np.fromiter(X, dtype=object)
+            y = [recording.defect_count for recording in given] if y is None else y
+            stated = [recording.assembly for recording in given]
+            groups = stated if groups is None and None not in stated else groups
+        else:
             given = check_array(X, dtype=[np.float64, np.float32], input_name="X")
             constant = np.flatnonzero(given.max(axis=1) == given.min(axis=1))
             if constant.size and given.shape[1] > 1:  # a single feature instead of a window may be constant
                 raise ValueError(f"X must hold windows with variation, but window {constant[0]} is constant")
-        labels, assemblies = (
-            of_windows("y", np.asarray(y), len(given)),
-            of_windows("groups", groups, len(given)),
-        )
+        if groups is None:
+            raise ValueError(_LEAK)
+        labels = of_windows("y", np.asarray(y), len(given))
+        assemblies = of_windows("groups", groups, len(given))
         for label in labels.tolist():
             if not isinstance(label, Real):
                 raise ValueError(f"y must hold defect counts (numbers), got {label!r}")
@@ -252,10 +246,7 @@ def folds_of(protocol: Protocol, data: LabelledData, conditions: NDArray[Any] | 
                 f"class {label} has {number_of(n_assemblies, 'assembly')}, fewer than n_splits = "
                 f"{protocol.n_splits}: each fold holds out another; record more or take fewer folds"
             )
-    splitter = StratifiedGroupKFold(
-        n_splits=protocol.n_splits, shuffle=True, random_state=protocol.random_state
-    )
-    return list(splitter.split(data.X, data.y, data.groups))
+    return grouped_folds(data.y, data.groups, protocol.n_splits, protocol.random_state)
 
 
 @dataclass

@@ -62,7 +62,7 @@ def window_faults(recording: Recording, windows: WindowSet, stop_s: Float, n_lob
     angle, rate = recording.input_angle(n_lobes), recording.sampling_rate
     # A window may have any speed, of a run-up too.
     stated = recording.input_speed_hz
-    of_speed = "" if angle is None else _speed_fault(angle, rate, stated)
+    of_speed = "" if angle is None or stated is None else _speed_fault(angle, rate, stated)
     speeds, evidence = faults.local_speeds(windows.X, windows.sampling_rate, 1.0, n_lobes)
     reasons = []
     for k, (start, stop) in enumerate(zip(windows.start_s.tolist(), stop_s.tolist(), strict=True)):
@@ -158,10 +158,8 @@ def _mark_leaps(advance: Float) -> NDArray[np.bool_]:
     return (advance < _ANGLE_STEPS[0]) | (advance > _ANGLE_STEPS[1])
 
 
-def _speed_fault(angle: Float, sampling_rate: float, input_speed_hz: float | None) -> str:
+def _speed_fault(angle: Float, sampling_rate: float, input_speed_hz: float) -> str:
     """Return how the usual speed of the angle differs from the stated one."""
-    if input_speed_hz is None:
-        return ""
     speed = float(np.median(np.diff(angle))) / (2 * np.pi) * sampling_rate
     if abs(speed / input_speed_hz - 1) > _SLIP:
         return f"its angle turns at {60 * speed:.4g} RPM, but {60 * input_speed_hz:.4g} RPM are stated"

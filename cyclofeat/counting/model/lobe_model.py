@@ -404,9 +404,8 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         ndarray, shape (n_recordings,)
             Values of ``classes_``.
         """
-        answers = self.count_all(recordings)
-        label_of = dict(zip(self.counter_.classes_.tolist(), self.classes_.tolist(), strict=True))
-        return np.array([label_of[answer.defect_count] for answer in answers], dtype=self.classes_.dtype)
+        counts = [answer.defect_count for answer in self.count_all(recordings)]
+        return np.asarray(self.classes_[np.searchsorted(self.counter_.classes_, counts)])
 
     def predict_proba(self, recordings: Iterable[Recording]) -> Float:
         """Return the probability of each count for each recording, refused or not.

@@ -130,8 +130,8 @@ class RadialWear:
         if network is not None:
             counter = network.set_params(n_lines=_n_lines(n_lobes, per_turn))
             table = windows.part(first).worn_table(n_lobes)
-            passage = passage_of_lobe_zero(windows.start_angle[first], n_lobes)
-            proba = counter._fit_cross_val_proba(np.concatenate(runs), count, member, table, passage)
+            marks = {"worn": table, "passage": passage_of_lobe_zero(windows.start_angle[first], n_lobes)}
+            proba = counter._fit_cross_val_proba(np.concatenate(runs), count, member, **marks)
         else:
             trees = CountingTrees(n_trees, max_features=0.2, random_state=random_state)
             counter = GroupCalibratedCounter(trees, random_state=random_state)
