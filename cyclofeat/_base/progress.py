@@ -8,7 +8,7 @@ import threading
 import time
 import warnings
 from collections.abc import Generator, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar
 from typing import Any, Self, TextIO
 
@@ -146,16 +146,17 @@ class Progress:
         self.stream.flush()
 
 
-class Steps:
+class Steps(ExitStack):
     """Callable ``steps(text)`` that names the step that begins: a :class:`Progress` or, elsewhere, a line."""
 
     def __init__(self, stream: TextIO | None = None) -> None:
+        super().__init__()
         self.stream = sys.stderr if stream is None else stream
         self._step: Progress | None = None
 
     def __call__(self, text: str) -> None:
-        self.__exit__(None)
-        self._step = Progress(text, self.stream).__enter__()
+        self.close()
+        self._step = self.enter_context(Progress(text, self.stream))
         if not (self.stream.isatty() or is_hidden()):
             self.stream.write(f"{text}\n")
             self.stream.flush()
@@ -164,14 +165,6 @@ class Steps:
         """Report how much of the step is done, from which the time left follows."""
         if self._step is not None:
             self._step(done, total)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if self._step is not None:
-            self._step.__exit__(kind)
-            self._step = None
 
 
 def seconds_text(seconds: float) -> str:

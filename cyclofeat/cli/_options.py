@@ -172,8 +172,11 @@ class Parser(RaisingParser):
             help=f"seed of {drawn} (default {default})",
         )  # fmt: skip
 
-    def add_reading_options(self, *, sampling_rate: bool = True) -> None:
-        """Add options that state what files do not; ``sampling_rate=False`` where the parser has that one."""
+    def add_reading_options(self, *, sampling_rate: bool = True, recordings: str = "") -> None:
+        """Add options that state what files do not; ``sampling_rate=False`` where the parser has that one.
+
+        Without ``recordings``, an argument, they have no effect, but for the quantity.
+        """
         group = self.add_argument_group("what the files do not state")
         channel_of_angle = group.add_mutually_exclusive_group()
         for option, parsing in _OPTIONS.items():
@@ -190,6 +193,10 @@ class Parser(RaisingParser):
         of_turns = ("--pulses-per-turn", "--counts-per-turn")
         self.add_idle("--angle-unit", "--angle-absolute", *of_turns, beside=["--no-angle"])
         self.add_idle("--angle-unit", beside=of_turns)
+        if recordings:
+            always = ("--quantity",) if sampling_rate else ("--quantity", "--sampling-rate")
+            others = (option for option in (*_OPTIONS, "--no-angle") if option not in always)
+            self.add_idle(*others, without=[recordings])
 
     def add_model_options(self) -> None:
         """Add the options that name a model, and the one that cuts the start of each recording."""
@@ -349,26 +356,6 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "--table-line": _COUNT | {"help": "line of the column names in text files, from 1"},
     "--gaps": {"choices": ("refuse", "cut"), "help": "at gaps in the times: an error (default), or cut"},
 }  # fmt: skip
-READING = (*_OPTIONS, "--no-angle")
-
-
-def list_entries(paths: Sequence[str]) -> list[Entry]:
-    """Return the files named, and the files of the folders named, as their manifests state.
-
-    The error of a folder that holds no recordings, or a wrong manifest, is raised when it is read.
-    """
-    from cyclofeat.datasets.readers import Entry, folder_entries
-
-    def raise_error(error: Exception, *_: object, **__: object) -> list[Recording]:
-        raise error
-
-    entries: list[Entry] = []
-    for path in map(Path, paths):
-        try:
-            entries += folder_entries(path) if path.is_dir() else [Entry(path)]
-        except Exception as error:
-            entries.append(Entry(path, reader=partial(raise_error, error)))
-    return entries
 
 
 @dataclass(frozen=True)
@@ -381,19 +368,15 @@ class FileResult(Generic[T]):
     error: str = ""
     number: int = 0  # of the recording in its file
 
-    @property
-    def path(self) -> Path:
-        return self.entry.path
-
     def format_result(
         self, lines: Sequence[str] = (), facts: dict[str, Any] | None = None, *, refused: bool = False
     ) -> Printed:
         """Return the title, the lines and the facts, or the error, with the file's path."""
-        file = {"file": str(self.path)}  # first, and not the name that a recording states
+        file = {"file": str(self.entry.path)}  # first, and not the name that a recording states
         text = "\n".join([self.title, *(f"  {line}" for line in lines)])
         if self.error:
             failure = file | {"error": self.error} | (facts or {})
-            return Printed(text, failure, name_file(self.path, self.error), failed=True)
+            return Printed(text, failure, name_file(self.entry.path, self.error), failed=True)
         return Printed(text, file | (facts or {}) | file, refused=refused)
 
 
@@ -485,12 +468,21 @@ class Arguments(argparse.Namespace):
     ) -> Iterator[FileResult[T]]:
         """Read file by file, and yield the result of ``work(path, recording)`` or the error of each.
 
-        No error of one file ends the others. ``doing`` says in the line of progress what is done, such as
-        "counting".
+        Files are those named, and those of the folders named, as their manifests state. No error of one file,
+        or folder, ends the others. ``doing`` says in the line of progress what is done, such as "counting".
         """
-        from cyclofeat.datasets.readers import one_line
+        from cyclofeat.datasets.readers import Entry, folder_entries, one_line
 
-        options, entries = self.reading_arguments(), list_entries(paths)
+        def raise_error(error: Exception, *_: object, **__: object) -> list[Recording]:
+            raise error
+
+        entries: list[Entry] = []
+        for path in map(Path, paths):
+            try:
+                entries += folder_entries(path) if path.is_dir() else [Entry(path)]
+            except Exception as error:
+                entries.append(Entry(path, reader=partial(raise_error, error)))
+        options = self.reading_arguments()
         with Progress(doing) as progress:
             for done, entry in enumerate(entries, 1):
                 recordings: list[Recording] = []
@@ -512,10 +504,16 @@ class Arguments(argparse.Namespace):
     def read_all(self, paths: Sequence[str]) -> list[Recording]:
         """Return all recordings that the paths name; the error names each bad file."""
         results = list(self.process_files("reading recordings", paths, lambda _, recording: recording))
-        wrong = [name_file(result.path, result.error) for result in results if result.value is None]
+        wrong = [name_file(result.entry.path, result.error) for result in results if result.value is None]
         if wrong:
             raise ValueError(some_of(wrong, 10, separator="; "))
         return [result.value for result in results if result.value is not None]
+
+    def write_report(self, write: Callable[..., Path], *shown: Any, **options: Any) -> None:
+        """Write the page that ``--report`` names; arguments before and behind its path are given."""
+        with Progress("writing the report"):
+            path = write(*shown, self.report, **options)
+        note(f"report: {path}")
 
     def alarm_rates(self) -> dict[str, Any]:
         """Return the arguments of ``History.state`` that the options state."""

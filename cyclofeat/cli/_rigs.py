@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from cyclofeat.cli._options import Arguments, Parser, whole_number
 
 if TYPE_CHECKING:
-    from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig
+    from cyclofeat.simulators import LobeDefects, Rig
 
 _RIGS = ("r0", "r1", "r2", "published")
 _LOBES = ("--worn-count", "--worn-lobes", "--removed-lobes")
@@ -97,21 +97,15 @@ def _lobes_from_0(text: str) -> tuple[int, ...]:
     return numbers
 
 
-def gearbox_of(arguments: Arguments) -> CycloidalGearbox:
-    from cyclofeat.simulators import CycloidalGearbox
+def machine_of(arguments: Arguments) -> tuple[Rig, bool]:
+    """Return the rig named, or the bare gearbox; and whether parts of it are drawn by the seed."""
+    from cyclofeat.simulators import CycloidalGearbox, Rig
 
-    return CycloidalGearbox.abs() if arguments.material == "abs" else CycloidalGearbox.steel()
-
-
-def rig_of_machine(arguments: Arguments) -> Rig | None:
-    """Return the rig named; None for the bare gearbox."""
     if arguments.rig is not None:
-        return rig_of(arguments)
-    if getattr(arguments, "quantity", "") != "motor_current":
-        return None
-    from cyclofeat.simulators import Rig
-
-    return Rig(gearbox_of(arguments), name="nominal")  # the motor is drawn, as parts of rigs are
+        return rig_of(arguments), True
+    gearbox = CycloidalGearbox.abs() if arguments.material == "abs" else CycloidalGearbox.steel()
+    motor = getattr(arguments, "quantity", "") == "motor_current"  # which is drawn
+    return Rig(gearbox, name="nominal"), motor
 
 
 def rig_of(arguments: Arguments, default: str = "") -> Rig:

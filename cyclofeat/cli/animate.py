@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cyclofeat._base.progress import Progress
 from cyclofeat.cli._options import Arguments, Parser, Printed, note, positive_number
-from cyclofeat.cli._rigs import add_machine, defects_of, gearbox_of, rig_of_machine
+from cyclofeat.cli._rigs import add_machine, defects_of, machine_of
 
 # Forces of every sample at the papers' rate would fill the memory while the machine settles.
 _SAMPLING_RATE = 6400.0
@@ -27,11 +27,9 @@ def add_arguments(parser: Parser) -> None:
 def run(arguments: Arguments) -> Printed:
     """Simulate the assembly that ``simulate`` makes of the same options, and write the page."""
     from cyclofeat.report import write_animation
-    from cyclofeat.simulators import Rig
     from cyclofeat.simulators.sampling import recording_seed
 
-    rig = rig_of_machine(arguments)
-    machine = Rig(gearbox_of(arguments)) if rig is None else rig
+    machine, drawn = machine_of(arguments)
     duration = arguments.duration
     if duration is None:
         duration = machine.gearbox.n_lobes / machine.gearbox.input_speed_hz
@@ -42,8 +40,8 @@ def run(arguments: Arguments) -> Printed:
             defects_of(arguments),
             duration=duration,
             sampling_rate=_SAMPLING_RATE,
-            random_state=0 if rig is None else recording_seed(arguments.random_state, rig.name, 0),
-            start_angle=0.0 if rig is None else None,
+            random_state=recording_seed(arguments.random_state, machine.name, 0) if drawn else 0,
+            start_angle=None if drawn else 0.0,
             forces=True,
             points=True,
         )

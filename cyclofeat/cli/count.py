@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cyclofeat._base.files import name_in_errors
-from cyclofeat._base.progress import Progress
 from cyclofeat._base.quantities import QUANTITIES, lobes_text, number_of, probability_text
 from cyclofeat.cli._options import FILES, Arguments, FileResult, Parser, Printed, note
 
 if TYPE_CHECKING:
     from cyclofeat.counting import LobeCount, LobeModel
-    from cyclofeat.history import GearboxState, History
+    from cyclofeat.history import History
     from cyclofeat.recordings import Recording
 
 COLUMNS = (
@@ -31,23 +30,21 @@ COLUMNS = (
 
 @dataclass
 class Counted:
-    """Answer for a recording and what is said with it; ``state`` where there is a history of its gearbox."""
+    """Answer for a recording of a quantity: in lines, with what supports it, and as values for JSON."""
 
     count: LobeCount
     quantity: str
-    duration: float  # of the recording, s
-    output_turns: float  # of a window
-    model: str  # its name
-    gearbox: str = ""
-    state: GearboxState | None = None
+    lines: list[str]
+    facts: dict[str, Any]
+    gearbox: str = ""  # of which there is a history
 
-    def describe(self) -> tuple[list[str], dict[str, Any]]:
-        """Return the answer, then line by line what supports it, and plain values for JSON."""
-        count = self.count
+    @classmethod
+    def of(cls, count: LobeCount, recording: Recording, output_turns: float, model: str) -> Counted:
+        """Describe the answer that a model of this name gave by windows of so many output turns."""
         first, last = count.windows[0], count.windows[-1]
         window = round(first.stop_s - first.start_s, 9)
         # Rounding of a window to whole samples leaves a residue that is no time.
-        unused = max(0.0, round(self.duration - last.stop_s, 6))
+        unused = max(0.0, round(recording.duration - last.stop_s, 6))
         probability = probability_text(count.probability[count.defect_count])
         lines = [f"{number_of(count.defect_count, 'worn lobe')} (probability {probability})"]
         if count.refused:
@@ -57,16 +54,12 @@ class Counted:
             lines.append(f"positions: {lobes} (counted from 1)")
         if count.wear_um is not None:
             lines.append(f"wear: {count.wear_um}")
-        windows = f"{number_of(count.n_windows, 'window')} of {number_of(self.output_turns, 'output turn')}"
+        windows = f"{number_of(count.n_windows, 'window')} of {number_of(output_turns, 'output turn')}"
         lines.append(f"from {windows} ({window:.3g} s), {unused:.3g} s unused")
         lines += [f"note: {warning}" for warning in count.warnings]
-        facts = {**count.to_dict(), "model": self.model, "window_s": window, "unused_s": unused}
+        facts = {**count.to_dict(), "model": model, "window_s": window, "unused_s": unused}
         facts["windows"] = [window.to_dict() for window in count.windows]
-        if self.state is not None:
-            lines.append(f"{self.gearbox}: {self.state}")
-            state = {"alarm": self.state.alarm, "history": self.state.to_dict()}
-            facts |= {"gearbox": self.gearbox, **state}
-        return lines, facts
+        return cls(count, recording.quantity, lines, facts)
 
 
 class RecordingCounter:
@@ -116,8 +109,7 @@ class RecordingCounter:
         of_record = record_warnings(recording.replace(n_lobes=model.n_lobes_))
         count = replace(count, warnings=(*count.warnings, *of_record))
         name = self.arguments.model_name(recording.quantity)
-        turns = model.windower_.output_turns
-        counted = Counted(count, recording.quantity, recording.duration, turns, name)
+        counted = Counted.of(count, recording, model.windower_.output_turns, name)
         if self.history is not None:
             assembly = self.default_gearbox if recording.assembly is None else str(recording.assembly)
             counted.gearbox = self.arguments.gearbox or assembly
@@ -132,7 +124,10 @@ class RecordingCounter:
         if self.history is not None:
             self.history.write()
             if counted is not None:
-                counted.state = self.history.state(counted.gearbox, **self.arguments.alarm_rates())
+                state = self.history.state(counted.gearbox, **self.arguments.alarm_rates())
+                counted.lines.append(f"{counted.gearbox}: {state}")
+                kept = {"gearbox": counted.gearbox, "alarm": state.alarm, "history": state.to_dict()}
+                counted.facts |= kept
 
 
 def _start_time(path: Path, recording: Recording) -> float:
@@ -177,7 +172,7 @@ def run(arguments: Arguments) -> Iterator[Printed]:
         for result in arguments.process_files("counting", arguments.files, count_file):
             results.append(result)
             if arguments.csv:
-                row: dict[str, Any] = {"file": str(result.path), "error": result.error}
+                row: dict[str, Any] = {"file": str(result.entry.path), "error": result.error}
                 if result.value is not None:
                     count = result.value.count
                     row |= count.to_dict()
@@ -188,10 +183,10 @@ def run(arguments: Arguments) -> Iterator[Printed]:
             if result.value is None:
                 yield result.format_result()
                 continue
-            (answer, *lines), facts = result.value.describe()
+            answer, *lines = result.value.lines
             name, _, description = result.title.partition(": ")
             yield replace(result, title=f"{name}: {answer}").format_result(
-                [*lines, f"recording: {description}"], facts,
+                [*lines, f"recording: {description}"], result.value.facts,
                 refused=result.value.count.refused and arguments.strict,
             )  # fmt: skip
     if arguments.csv:
@@ -220,11 +215,9 @@ def _write_report(results: list[FileResult[Counted]], counter: RecordingCounter)
         for recordings in [entry.read(**options)]
         for _, number, one in of_file
     )  # fmt: skip
-    failures = {str(result.path): result.error for result in results if result.error}
-    with Progress("writing the report"):
-        model = counter.model_of(quantities[0])
-        path = write_count_report(model, counted, arguments.report, failures=failures, settings=settings)
-    note(f"report: {path}")
+    failures = {str(result.entry.path): result.error for result in results if result.error}
+    counted_by = counter.model_of(quantities[0])
+    arguments.write_report(write_count_report, counted_by, counted, failures=failures, settings=settings)
 
 
 def _write_row(path: str, mode: str, row: dict[str, Any]) -> None:

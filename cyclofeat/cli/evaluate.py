@@ -77,11 +77,9 @@ def run(arguments: Arguments) -> Iterator[Printed]:
         from cyclofeat.report import write_evaluation_report
 
         sources = [recording.source for recording in recordings]
-        with Progress("writing the report"):
-            page = write_evaluation_report(
-                results, arguments.report, sources=sources, folds=folds, settings=settings
-            )
-        note(f"report: {page}")
+        arguments.write_report(
+            write_evaluation_report, results, sources=sources, folds=folds, settings=settings
+        )
 
 
 def _print_scores(results: dict[str, Evaluation], how: str) -> Printed:

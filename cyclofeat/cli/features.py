@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from cyclofeat._base.progress import Progress
 from cyclofeat._base.quantities import number_of
-from cyclofeat.cli._options import Arguments, Parser, Printed, note
+from cyclofeat.cli._options import Arguments, Parser, Printed
 
 _PRINTED = 12
 
@@ -55,8 +55,4 @@ def run(arguments: Arguments) -> Iterator[Printed]:
     if arguments.report:
         from cyclofeat.report import write_features_report
 
-        with Progress("writing the report"):
-            page = write_features_report(
-                table, features, y, groups, arguments.report, transformer=transformer
-            )
-        note(f"report: {page}")
+        arguments.write_report(write_features_report, table, features, y, groups, transformer=transformer)

@@ -12,16 +12,7 @@ from cyclofeat._base.checks import different_names
 from cyclofeat._base.progress import Progress, Steps
 from cyclofeat._base.quantities import beyond_text, in_words, number_of, unit_text
 from cyclofeat._base.training import import_jax
-from cyclofeat.cli._options import (
-    READING,
-    Arguments,
-    Parser,
-    Printed,
-    check_folder,
-    note,
-    note_duration,
-    whole_number,
-)
+from cyclofeat.cli._options import Arguments, Parser, Printed, check_folder, note, note_duration, whole_number
 from cyclofeat.cli._rigs import add_effects
 
 if TYPE_CHECKING:
@@ -163,12 +154,12 @@ def prepare_posterior(arguments: Arguments) -> Printed:
     return Printed(text, facts)
 
 
-def read_posterior(named: str | None) -> EffectPosterior:
+def read_posterior(named: str) -> EffectPosterior:
     """Return the posterior of a file, or the one that comes with the package."""
     from cyclofeat.gap import load_posterior
 
     try:
-        return load_posterior() if named in (None, PACKAGED) else load_posterior(named)
+        return load_posterior() if named == PACKAGED else load_posterior(named)
     except FileNotFoundError as error:
         raise FileNotFoundError(
             f"no such posterior: {error.filename}; write one with --prepare FILE, and give --posterior FILE"
@@ -242,7 +233,7 @@ def add_arguments(parser: Parser) -> None:
     )
     parser.add_seed("all simulations")
     parser.add_jobs()
-    parser.add_reading_options()
+    parser.add_reading_options(recordings="MEASURED")
     parser.add_idle(
         "--simulator", "--posterior", "--hold-out", "--save-simulator", "--one-assembly", "--cache",
         "--jobs", beside=["--simulated"],
@@ -250,7 +241,6 @@ def add_arguments(parser: Parser) -> None:
     parser.add_idle("--train", without=["--save-simulator"])
     parser.add_idle("--effects-from", without=["--simulator", "--posterior"])
     parser.add_idle("--quantity", without=["MEASURED", "--prepare"])
-    parser.add_idle(*(option for option in READING if option != "--quantity"), without=["MEASURED"])
 
 
 def run(arguments: Arguments) -> Iterator[Printed]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from cyclofeat._base.quantities import number_of
-from cyclofeat.cli._options import Arguments, Parser, Printed, note
+from cyclofeat.cli._options import Arguments, Parser, Printed
 
 
 def add_arguments(parser: Parser) -> None:
@@ -47,5 +47,4 @@ def run(arguments: Arguments) -> Iterator[Printed]:
         if arguments.report:
             from cyclofeat.report import write_history_report
 
-            path = write_history_report(history, arguments.report, states=states)
-            note(f"report: {path}")
+            arguments.write_report(write_history_report, history, states=states)

@@ -31,11 +31,11 @@ def run(arguments: Arguments) -> Iterator[Printed]:
     for result in arguments.process_files("inspecting", files, lambda _, one: (describe(one), one)):
         channels: dict[str, str | None] = {}  # none where the file cannot be opened
         with contextlib.suppress(Exception):
-            channels = list_channels(result.path, **options)
+            channels = list_channels(result.entry.path, **options)
         if result.value is None:
             yield result.format_result(facts={"channels": channels})
             if report is not None:
-                report.add_heading(str(result.path)).add_text(result.error)
+                report.add_heading(str(result.entry.path)).add_text(result.error)
             continue
         facts, recording = result.value
         lines = [f"started:   {facts['start_time']} (UTC)"] if facts["start_time"] else []
@@ -52,7 +52,7 @@ def run(arguments: Arguments) -> Iterator[Printed]:
         yield result.format_result(lines, {**facts, "channels": channels})
         drawn += 1
         if report is not None and drawn <= _MOST_DRAWN:
-            report.add_heading(str(result.path)).add_text("\n\n".join(lines))
+            report.add_heading(str(result.entry.path)).add_text("\n\n".join(lines))
             report.add_figure(recording, size=_SIZE).add(recording)
     if report is not None:
         note(f"report: {report.write(arguments.report)}")

@@ -22,7 +22,7 @@ from cyclofeat.cli._options import (
     range_of,
     whole_number,
 )
-from cyclofeat.cli._rigs import add_machine, defects_of, gearbox_of, rig_of, rig_of_machine
+from cyclofeat.cli._rigs import add_machine, defects_of, machine_of, rig_of
 
 if TYPE_CHECKING:
     from cyclofeat.recordings import Recording
@@ -65,7 +65,7 @@ def run(arguments: Arguments) -> Printed:
     from cyclofeat.datasets import make_rig_recording, write_recording
     from cyclofeat.datasets.readers import one_line, write_folder
     from cyclofeat.recordings import Recording
-    from cyclofeat.simulators import Rig, simulate
+    from cyclofeat.simulators import simulate
     from cyclofeat.simulators.sampling import draw_conditions
 
     file, (speed, *speeds), (load, *loads) = arguments.out, arguments.speeds, arguments.loads
@@ -78,11 +78,10 @@ def run(arguments: Arguments) -> Printed:
     if speeds or loads:
         raise ValueError("--speeds and --loads must be one number each without --count")
     with Progress(f"simulating {arguments.duration:g} s"):
-        defects, named = defects_of(arguments), rig_of_machine(arguments)
-        rig = named or Rig(gearbox_of(arguments), name="nominal")
+        defects, (rig, drawn) = defects_of(arguments), machine_of(arguments)
         rig = draw_conditions(rig, speed, load, np.random.SeedSequence(arguments.random_state))
         length = {"duration": arguments.duration, "sampling_rate": arguments.sampling_rate}
-        if named is None:
+        if not drawn:
             recording = Recording.from_run(
                 simulate(rig.gearbox, defects, **length), quantity=arguments.quantity, assembly="nominal",
                 run="simulated",

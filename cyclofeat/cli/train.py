@@ -11,7 +11,6 @@ from cyclofeat._base.progress import Progress, Steps
 from cyclofeat._base.quantities import number_of
 from cyclofeat._base.training import import_jax
 from cyclofeat.cli._options import (
-    READING,
     Arguments,
     Parser,
     Printed,
@@ -35,8 +34,6 @@ _OF_COUNTER = (
     "--counter", "--samples-per-turn", "--wear", "--mixed-wear", "--coarser", "--max-count",
     "--lobes",
 )  # fmt: skip
-# The rig states the rest.
-_OF_FILES = tuple(option for option in READING if option not in ("--quantity", "--sampling-rate"))
 
 # Simulated speeds and loads reach from the nominal ones over the first to the nominal ones times it; from the
 # lowest to the highest at which the rig was recorded, the second.
@@ -104,9 +101,8 @@ def add_arguments(parser: Parser) -> None:
     )  # fmt: skip
     parser.add_jobs("threads of the simulation")
     add_rig(parser, "r2")
-    parser.add_reading_options(sampling_rate=False)
+    parser.add_reading_options(sampling_rate=False, recordings="recordings")
     parser.add_idle(*_SIMULATION, beside=["recordings"])
-    parser.add_idle(*_OF_FILES, without=["recordings"])
     parser.add_idle(*_OF_COUNTER, beside=["--domain-of"])
 
 

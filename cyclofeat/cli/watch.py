@@ -255,9 +255,8 @@ def _count_arrivals(
                 watch.mark_failed(path, name_file(path, arguments.error_text(error)))
                 continue
             write_counts(counted)
-            lines, facts = counted.describe()
-            facts = {"time": _time_text(), "file": str(path), **facts}
-            text = f"{facts['time']} {path.name}: {'; '.join(lines)}"
+            facts = {"time": _time_text(), "file": str(path), **counted.facts}
+            text = f"{facts['time']} {path.name}: {'; '.join(counted.lines)}"
             yield Printed(text, facts, refused=counted.count.refused and arguments.strict)
             watch.mark_counted(path)
             write_done()

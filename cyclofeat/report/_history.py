@@ -15,7 +15,7 @@ from cyclofeat.history import GearboxState, History, HistoryRow
 from cyclofeat.history.alarm import time_text
 from cyclofeat.report import _figures
 from cyclofeat.report._figures import Axis, Line, Picture, Plot, Span
-from cyclofeat.report._page import check_page_path, count_heading, count_text, describe_origin, write_page
+from cyclofeat.report._page import check_page_path, count_text, describe_origin, write_page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -95,7 +95,9 @@ def _gearbox_section(state: GearboxState, rows: Sequence[HistoryRow]) -> dict[st
         }
     return {
         "name": state.gearbox,
-        "answer": "Never counted" if state.defect_count is None else count_heading(state.defect_count),
+        "answer": "Never counted"
+        if state.defect_count is None
+        else count_text(state.defect_count).capitalize(),
         "alarm": state.alarm,
         "state": str(state),
         "rates": state.rates,
@@ -194,8 +196,8 @@ def _draw_plot(plot: Plot, ax: Axes) -> None:
     ax.xaxis.set_major_formatter(ConciseDateFormatter(dates))  # type: ignore[no-untyped-call]
     if of_values.whole:
         ax.locator_params(axis="y", integer=True)
-    ax.set_xlabel(of_time.quantity)
-    ax.set_ylabel(of_values.quantity + (f" ({of_values.unit})" if of_values.unit else ""))
+    unit = f" ({of_values.unit})" if of_values.unit else ""
+    ax.set(xlabel=of_time.quantity, ylabel=of_values.quantity + unit)
     if len(plot.lines) > 1:
         ax.legend(loc="upper left", fontsize="small")
 

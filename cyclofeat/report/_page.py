@@ -81,7 +81,7 @@ def template_environment(*packages: str) -> jinja2.Environment:
         lstrip_blocks=True,
     )
     environment.globals.update(version=__version__, versions_line=versions_line, range_text=range_text)
-    words = (count_heading, count_text, number_of, percent_text, probability_text)
+    words = (count_text, number_of, percent_text, probability_text)
     environment.filters.update({function.__name__: function for function in words})
     return environment
 
@@ -116,12 +116,6 @@ def count_text(count: int, lobes: Iterable[int] | None = (), n_lobes: int | None
     text = number_of(count, "worn lobe") if count else "no worn lobe"
     numbers = quantities.lobes_text(lobes, n_lobes)
     return f"{text}: {numbers}" if numbers else text
-
-
-def count_heading(count: int) -> str:
-    """Return the number of worn lobes in words, with a capital."""
-    text = count_text(count)
-    return text[0].upper() + text[1:]
 
 
 def percent_text(share: float) -> str:

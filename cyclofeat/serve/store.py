@@ -71,18 +71,17 @@ class Store:
 
     async def add_file(self, name: str, content: AsyncIterable[bytes], folder: str | None = None) -> str:
         """Store a recording, in a folder or by itself, and return its name."""
-        if folder is None:
-            stored = self._unused_name(plain_name(name))
-            await self._write_file(self.recordings / stored, content)
-            self.items[stored] = False
-            return stored
-        if not self.items.get(folder):
-            raise Refused(404, f"no such folder: {folder!r}")
-        # A manifest names its files: none may get another name than its own.
         stored = plain_name(name)
-        if (self.recordings / folder / stored).exists():
+        if folder is None:
+            stored = self._unused_name(stored)
+        elif not self.items.get(folder):
+            raise Refused(404, f"no such folder: {folder!r}")
+        elif (self.recordings / folder / stored).exists():
+            # A manifest names its files: none may get another name than its own.
             raise Refused(409, f"two files of the folder would be called {stored!r}: rename one")
-        await self._write_file(self.recordings / folder / stored, content)
+        await self._write_file(self.recordings / (folder or "") / stored, content)
+        if folder is None:
+            self.items[stored] = False
         return stored
 
     def claim_name(self, name: str) -> str:
