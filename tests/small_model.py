@@ -8,7 +8,7 @@ import numpy as np
 
 from cyclofeat import Recording
 from cyclofeat.counting import LobeCounter, LobeModel
-from cyclofeat.counting.estimators import _lobe_network
+from cyclofeat.counting.estimators import _lobe_network, lobe_counter
 
 RATE = 2000.0
 SPEED = 500 / 60
@@ -101,5 +101,7 @@ def wear_model(counter="trees"):
 
 def make_networks_small(patch):
     """Train narrow networks on few batches, which is enough for recordings as simple as these."""
-    patch.setattr(_lobe_network, "_HIDDEN", (128, 64))
-    patch.setattr(_lobe_network, "_LEAST_STEPS", 150)
+    layers = functools.partial(_lobe_network.network_layers, widths=(128, 64))
+    patch.setattr(_lobe_network, "network_layers", layers)
+    train = functools.partial(_lobe_network.train_network, least_steps=150)
+    patch.setattr(lobe_counter, "train_network", train)

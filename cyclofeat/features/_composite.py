@@ -109,13 +109,9 @@ class TorqueFeatures(WindowTransformer):
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         names = _ALL if isinstance(self.features, str) else tuple(self.features)
-        if not names:
-            raise ValueError(f"features must be 'all' or names of parts, got {self.features!r}")
-        for name in names:
-            if name not in _PARTS:
-                raise ValueError(f"features must be 'all' or hold names of {', '.join(_PARTS)}; got {name!r}")
-            if names.count(name) > 1:
-                raise ValueError(f"features must hold each name once, got {name!r} {names.count(name)} times")
+        if not names or not {*names} <= _PARTS.keys() or len({*names}) < len(names):
+            known = ", ".join(_PARTS)
+            raise ValueError(f"features must be 'all' or different names of {known}; got {self.features!r}")
         own: dict[str, dict[str, Any]] = {
             "NormalizedEntropy": {"normalize": True},
             "WaveletEnvelopeSpectrum": {"shaft_hz": self.input_speed_hz, "n_pins": self.n_lobes + 1},

@@ -14,9 +14,6 @@ from cyclofeat.features.registry import REGISTRY
 from cyclofeat.signal import lobes
 from cyclofeat.signal.windows import Float
 
-# Contrast of a line that is absent between its neighbours, in dB (assumption).
-_NO_CONTRAST_DB = -5.0
-
 
 @dataclass(eq=False, repr=False)
 class LobeMap(base.WindowTransformer):
@@ -49,9 +46,9 @@ class LobeMap(base.WindowTransformer):
 
     Notes
     -----
-    Run-out (order 1) and lobes (order 16/15) are resolved over a whole output turn, 1.8 s at 500 RPM.
-    Windows must hold half of one. A window of less than two lobe periods (0.225 s at 500 RPM) and one without
-    torque variation have slots 0 and lines -30 dB. No feature depends on the scale of the torque.
+    Windows must hold half an output turn (``docs/windows.rst``). A window of less than two lobe periods
+    (0.225 s at 500 RPM) and one without torque variation have slots 0 and lines -30 dB. No feature depends on
+    the scale of the torque.
 
     Examples
     --------
@@ -94,16 +91,6 @@ class LobeMap(base.WindowTransformer):
             for name in ("lobe_line_prominence", "lobe_line_contrast")
             for line in range(1, self.n_lines + 1)
         ]
-
-    def lowest_visible(self) -> Float:
-        """Return the value of each feature below which a line does not stand out: lower, it is as absent.
-
-        Returns
-        -------
-        ndarray, shape (n_features,)
-            0 dB of prominence, -5 dB of contrast (*assumption*), and minus infinity for slots.
-        """
-        return np.repeat([-np.inf, 0.0, _NO_CONTRAST_DB], [2 * self.n_lobes, self.n_lines, self.n_lines])
 
     def _compute_features(self, X: NDArray[Any]) -> Float:
         return self.from_lines(self.lines(X))

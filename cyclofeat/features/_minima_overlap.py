@@ -184,8 +184,7 @@ class WaveletMinimaOverlap(WaveletTransformer):
         reached = lobes.highest_frequency(self.input_speed_hz, self.n_lobes, 1, self.speed_tolerance)
         n_lines = min(lobes.N_LINES, int(self.sampling_rate / 2 / reached))
         comb = lobes.LobeComb(self.n_lobes, n_lines, speed_tolerance=self.speed_tolerance)
-        windows = np.asarray(X, dtype=np.float64)
-        return lobes.lobe_lines(windows, self.sampling_rate, self.input_speed_hz, comb)
+        return lobes.lobe_lines(np.asarray(X, dtype=float), self.sampling_rate, self.input_speed_hz, comb)
 
 
 def _hash_window(window: Float) -> bytes:

@@ -16,7 +16,7 @@ from cyclofeat import signal
 from cyclofeat._base.sklearn_private import Interval, StrOptions
 from cyclofeat.features.base import POSITIVE, WindowTransformer, at_least, parameter
 from cyclofeat.features.registry import REGISTRY, band_qualifier
-from cyclofeat.signal.density import band_slice, checked_bands, narrowband_mask
+from cyclofeat.signal.density import band_slice, checked_bands
 from cyclofeat.signal.welch import AMPLITUDE_WINDOWS, EIGHT_SEGMENTS, PRESETS, welch_frequencies
 from cyclofeat.signal.windows import Float
 
@@ -39,6 +39,8 @@ class SpectralTransformer(WindowTransformer):
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         self.frequencies_ = welch_frequencies(X.shape[1], self.sampling_rate)
+        # Raises where a parameter does not fit.
+        self._from_psd(self.frequencies_, np.zeros((1, self.frequencies_.size)))
 
     @abstractmethod
     def _from_psd(self, frequencies: Float, psd: Float) -> Float:
@@ -68,8 +70,7 @@ class CourseTransformer(SpectralTransformer):
         """Return the function of density, frequencies and band that gives the value."""
 
     def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
-        self.frequencies_ = welch_frequencies(max(1, X.shape[1] // self.n_parts), self.sampling_rate)
-        band_slice(self.frequencies_, self.band)  # raises where the band does not fit
+        super()._fit_windows(X[:, : max(1, X.shape[1] // self.n_parts)], y)
 
     def _feature_names(self) -> list[str]:
         stated = [self.preset, *([] if self.band is None else [band_qualifier(self.band)])]
@@ -119,9 +120,7 @@ class SpectralEntropy(CourseTransformer):
 
     Notes
     -----
-    The entropy depends on the length of the windows, through resolution and zero-padding: under
-    ``"matlab_pwelch"`` constant torque has 1.26 bits in windows of 46,080 samples and 1.05 bits in 57,600, as
-    its spectrum is that of the Hamming window. Compare windows of one length only.
+    Compare windows of one length only, on which the entropy depends (``docs/windows.rst``).
 
     Examples
     --------
@@ -250,11 +249,6 @@ class NarrowbandRatio(SpectralTransformer):
     half_width_hz: float = parameter(5.0, Interval(Real, 0, None, closed="left"))
     n_harmonics: int | None = parameter(None, at_least(1), None)
 
-    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
-        super()._fit_windows(X, y)
-        # Raises where the harmonics do not fit.
-        narrowband_mask(self.frequencies_, self.fundamental_hz, self.half_width_hz, self.n_harmonics)
-
     def _feature_names(self) -> list[str]:
         count = "all" if self.n_harmonics is None else f"{self.n_harmonics}"
         width = f"{count}x{self.fundamental_hz:.12g}Hz+-{self.half_width_hz:.12g}Hz"
@@ -290,10 +284,6 @@ class BandPower(SpectralTransformer):
     """
 
     bands: Sequence[tuple[float, float]] | None = parameter(*BAND)
-
-    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
-        super()._fit_windows(X, y)
-        checked_bands(self.frequencies_, self.bands)  # raises where a band does not fit
 
     def _feature_names(self) -> list[str]:
         bands = checked_bands(self.frequencies_, self.bands)
@@ -334,10 +324,6 @@ class WelchPSD(SpectralTransformer):
 
     band: tuple[float, float] | None = parameter(*BAND)
     decibels: bool = parameter(False, "boolean")
-
-    def _fit_windows(self, X: NDArray[Any], y: ArrayLike | None) -> None:
-        super()._fit_windows(X, y)
-        band_slice(self.frequencies_, self.band)  # raises where the band does not fit
 
     def _feature_names(self) -> list[str]:
         row = REGISTRY["psd_level" if self.decibels else "psd"]

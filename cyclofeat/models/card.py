@@ -102,7 +102,6 @@ def make_card(
     sampling_rate: float | None,
     assemblies: Collection[Any] | None,
     scores: Evaluation | Mapping[str, Any] | None,
-    description: str,
 ) -> dict[str, Any]:
     """Make the card of a counter, without the sum and size of its file."""
     if isinstance(counter, LobeModel):
@@ -138,7 +137,7 @@ def make_card(
         "classes": inner.classes_,
         FEATURES: feature_definitions(counter),
         "training": {
-            "description": description or own_card.get("description", ""),
+            "description": own_card.get("description", ""),
             "assemblies": own_card.get("assemblies") if assemblies is None else list(assemblies),
             **{key: own_card[key] for key in _OF_TRAINING if key in own_card},
         },

@@ -62,7 +62,6 @@ def save_model(
     sampling_rate: float | None = None,
     assemblies: Collection[Any] | None = None,
     scores: Evaluation | Mapping[str, Any] | None = None,
-    description: str = "",
 ) -> Path:
     """Write a model or a counter, and its card beside it, and return the model file's path.
 
@@ -81,8 +80,6 @@ def save_model(
         Assemblies in training. Default: those on the model's card.
     scores : Evaluation or mapping, optional
         What is known of its accuracy. Default: the cross-validation on the model's card.
-    description : str
-        Where the training data come from. Default: that on the model's card.
 
     Returns
     -------
@@ -114,7 +111,7 @@ def save_model(
     target = check_model_path(path)
     _check_counter(counter)
     data = dump_model(target, counter)
-    card = make_card(target, counter, sampling_rate, assemblies, scores, description)
+    card = make_card(target, counter, sampling_rate, assemblies, scores)
     card |= {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data)}
     text = json.dumps(card, indent=2, allow_nan=False) + "\n"
     write_whole(target, lambda file: file.write(data))
@@ -198,11 +195,6 @@ def load_model(
     return loaded
 
 
-def default_model_path(quantity: str = "output_torque") -> Path:
-    """Return the path of the packaged model of a quantity; its card lies beside it."""
-    return _DEFAULTS / f"{one_of('quantity', quantity, QUANTITIES)}.skops"
-
-
 def load_default_model(quantity: str = "output_torque") -> LobeModel:
     """Read the packaged model of a quantity.
 
@@ -228,7 +220,8 @@ def load_default_model(quantity: str = "output_torque") -> LobeModel:
     >>> model.samples_per_turn_, model.coarser_.samples_per_turn_
     (128, 37)
     """
-    loaded: LobeModel = load_model(default_model_path(quantity), allow=_TESTED_WITH)
+    file = _DEFAULTS / f"{one_of('quantity', quantity, QUANTITIES)}.skops"
+    loaded: LobeModel = load_model(file, allow=_TESTED_WITH)
     return loaded
 
 

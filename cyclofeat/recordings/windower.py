@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -634,25 +634,15 @@ def _reflect_ends(values: Float, margin: int) -> Float:
     return np.concatenate([before, values, 2 * values[-1] - values[-2 : -margin - 2 : -1]])
 
 
-class StreamWindow(NamedTuple):
-    """One window of a stream; its ``start_s`` counts from the first sample of ``recording``.
-
-    The recording holds the window's samples, and 64 samples of the grid beside it where there are as many;
-    ``first_sample`` is the number of samples of the stream before these.
-    """
-
-    windows: WindowSet
-    recording: Recording
-    first_sample: int
-
-
 class WindowStream:
     """Cut samples that arrive in pieces into the windows of a :class:`~cyclofeat.Windower`.
 
-    A window is cut when the samples beside it (:class:`StreamWindow`) have arrived. Its samples do not depend
-    on the sizes of the pieces. They are those of :meth:`Windower.windows` up to rounding while the speed is
-    steady; where the speed varies, that method may choose another rate of its filters by the whole record
-    (errors of 0.1 %). Samples of at most one window, those beside it and the last piece are kept.
+    A window is cut when 64 samples of the grid behind it have arrived. With it come a recording of its
+    samples and those beside it, at whose first sample ``start_s`` is 0, and the number of samples before it.
+    Its samples do not depend on the sizes of the pieces. They are those of :meth:`Windower.windows` up to
+    rounding while the speed is steady; where the speed varies, that method may choose another rate of its
+    filters by the whole record (errors of 0.1 %). Samples of at most one window, those beside it and the last
+    piece are kept.
 
     The windower needs ``samples_per_turn`` and ``reduction``; windows follow one another from the first
     sample on. ``labels`` are other parameters of the :class:`~cyclofeat.Recording` of each window.
@@ -671,7 +661,7 @@ class WindowStream:
         self._first_sample = 0  # of those kept
         self._first_point: int | None = None  # of the next window
 
-    def push(self, torque: Float, angle: Float) -> Iterator[StreamWindow]:
+    def push(self, torque: Float, angle: Float) -> Iterator[tuple[WindowSet, Recording, int]]:
         """Take the next samples and input angles (rad), and yield the windows that they complete.
 
         A window that is constant, or of too few samples, raises ``ValueError`` and is left out.
@@ -685,7 +675,7 @@ class WindowStream:
             angles = self._join_pieces()[1]
             yield self._next_window(int(np.searchsorted(angles, last)) + 1)
 
-    def finish(self) -> Iterator[StreamWindow]:
+    def finish(self) -> Iterator[tuple[WindowSet, Recording, int]]:
         """Yield the windows that are whole without what may have come behind them."""
         while self._pieces and self._last_angle() + ROUNDING >= self._end_of_window():
             yield self._next_window(self._join_pieces()[1].size)
@@ -703,7 +693,7 @@ class WindowStream:
             self._pieces = [(torque, angle)]
         return self._pieces[0]
 
-    def _next_window(self, stop: int) -> StreamWindow:
+    def _next_window(self, stop: int) -> tuple[WindowSet, Recording, int]:
         """Cut the next window from the samples before ``stop``."""
         torque, angle = (values[:stop].copy() for values in self._join_pieces())
         if not self._grid.decimation:
@@ -725,4 +715,4 @@ class WindowStream:
         start = grid[begin : begin + 1]
         cut = values[np.newaxis, begin : begin + self._length], samples_at(start, angle) / self._rate, start
         reject_constant_windows(recording, cut, first_sample / self._rate)
-        return StreamWindow(window_set([recording], [cut], float(self._per_turn)), recording, first_sample)
+        return window_set([recording], [cut], float(self._per_turn)), recording, first_sample

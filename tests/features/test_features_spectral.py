@@ -179,10 +179,13 @@ def test_threads_change_nothing():
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        ({"features": ["LobeMap", "Entropy"]}, "hold names of TorqueStatistics, .*; got 'Entropy'"),
-        ({"features": ["LobeMap", "LobeMap"]}, "each name once, got 'LobeMap' 2 times"),
-        ({"features": []}, r"'all' or names of parts, got \[\]"),
-        ({"features": [3]}, "got 3"),
+        (
+            {"features": ["LobeMap", "Entropy"]},
+            r"names of TorqueStatistics.*got \['LobeMap', 'Entropy'\]",
+        ),
+        ({"features": ["LobeMap", "LobeMap"]}, r"different names of .*; got \['LobeMap', 'LobeMap'\]"),
+        ({"features": []}, r"'all' or different names of .*; got \[\]"),
+        ({"features": [3]}, r"got \[3\]"),
         ({"wavelet": "db99"}, "got 'db99'"),
         (
             {"sampling_rate": 600.0, "features": ["LobeMap"]},

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cyclofeat import __version__
+from cyclofeat import __version__, models
 from cyclofeat._base.quantities import QUANTITIES
 from cyclofeat.cli import main
 from cyclofeat.datasets import make_rig_recordings, write_recording
 from cyclofeat.models import load_default_model
 from cyclofeat.models.card import card_path, feature_definitions, read_card
-from cyclofeat.models.persistence import default_model_path
 
 COUNTS = (0, 2, 4, 6)
 
@@ -26,7 +26,7 @@ def rig_recordings(quantity, seed, **options):
 
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_each_quantity_has_a_small_model_of_this_version(quantity):
-    path = default_model_path(quantity)
+    path = Path(models.__file__).with_name("default") / f"{quantity}.skops"
     card = read_card(path)
     assert path.stat().st_size + card_path(path).stat().st_size < 3_000_000
     # Models of another version are refused: make default-models.

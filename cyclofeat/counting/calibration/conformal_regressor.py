@@ -14,8 +14,9 @@ from sklearn.model_selection import GroupKFold
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat._base.sklearn_private import Interval, fit_context
-from cyclofeat.counting.evaluation.assembly_folds import Float, Int, assemblies_of, drawn_seed
+from cyclofeat.counting.evaluation.assembly_folds import assemblies_of, drawn_seed
 from cyclofeat.features.base import CheckedEstimator, at_least, parameter
+from cyclofeat.signal.windows import Float, Int
 
 # Added to the spread of the trees, as a share of its median: an error is never sure to be nothing.
 _LEAST_SPREAD = 0.25

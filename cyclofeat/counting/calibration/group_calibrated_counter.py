@@ -15,7 +15,6 @@ from cyclofeat._base.sklearn_private import fit_context
 from cyclofeat.counting.calibration.pooling import learn_dependence, pool_opinions, pool_weights, safe_log
 from cyclofeat.counting.estimators.trees import Counter
 from cyclofeat.counting.evaluation.assembly_folds import (
-    Float,
     assemblies_of,
     drawn_seed,
     fit_clone,
@@ -23,6 +22,7 @@ from cyclofeat.counting.evaluation.assembly_folds import (
     held_out_proba,
 )
 from cyclofeat.features.base import at_least, parameter
+from cyclofeat.signal.windows import Float
 
 
 @dataclass(eq=False, repr=False)

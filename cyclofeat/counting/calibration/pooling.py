@@ -6,8 +6,8 @@ import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 from scipy.special import logsumexp, softmax
 
-from cyclofeat.counting.evaluation.assembly_folds import Float, Int
 from cyclofeat.counting.evaluation.scores import window_weights
+from cyclofeat.signal.windows import Float, Int
 
 # A zero of a tree ensemble means "not seen in training", not "impossible".
 _LEAST_PROBABILITY = 1e-3

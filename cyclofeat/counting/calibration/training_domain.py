@@ -14,17 +14,13 @@ from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat._base.sklearn_private import Interval, fit_context
-from cyclofeat.counting.evaluation.assembly_folds import (
-    Float,
-    Int,
-    assemblies_of,
-    drawn_seed,
-    grouped_folds,
-    of_windows,
-)
+from cyclofeat.counting.evaluation.assembly_folds import assemblies_of, drawn_seed, grouped_folds, of_windows
 from cyclofeat.features import LobeMap
 from cyclofeat.features.base import CheckedEstimator, at_least, parameter
+from cyclofeat.signal.windows import Float, Int
 
+# Values from which slots, prominence and contrast of lines count (assumption): lower lines are as absent.
+_ABSENT_DB = [-np.inf, 0.0, -5.0]
 # Line or slot in the name of a feature of the lobe map.
 _NUMBERED = re.compile(r"\((k|slot)(\d+)")
 
@@ -189,7 +185,9 @@ class TrainingDomain(CheckedEstimator):
 def lowest_seen(counter: Any) -> Float | None:
     """Return the values below which lobe lines are absent, of a fitted counter of a lobe map; else None."""
     lobe_map = _features_of(counter)
-    return lobe_map.lowest_visible() if isinstance(lobe_map, LobeMap) else None
+    if not isinstance(lobe_map, LobeMap):
+        return None
+    return np.repeat(_ABSENT_DB, [2 * lobe_map.n_lobes, lobe_map.n_lines, lobe_map.n_lines])
 
 
 def feature_words(counter: Any, n_features: int) -> list[str]:

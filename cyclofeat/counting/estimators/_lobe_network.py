@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base.training import first_weights, import_jax, make_descent, make_dropout
-from cyclofeat.counting.evaluation.assembly_folds import Float, Int
-from cyclofeat.signal.windows import Complex
+from cyclofeat.signal.windows import Complex, Float, Int
 
 Array = Any  # of numpy or JAX
 Weights = Mapping[str, Array]
@@ -75,9 +74,11 @@ def log_odds(
     return rows, (x.mean(1) @ weights["sound"] + weights["sound_bias"])[:, 0]
 
 
-def network_layers(n_inputs: int, n_lengths: int) -> dict[str, tuple[int, int, float]]:
+def network_layers(
+    n_inputs: int, n_lengths: int, widths: tuple[int, int] = _HIDDEN
+) -> dict[str, tuple[int, int, float]]:
     """Return the layers for :func:`first_weights`."""
-    first, second = _HIDDEN
+    first, second = widths
     return {
         "hidden_1": (n_inputs, first, 2.0), "hidden_2": (first, second, 2.0), "row": (second, n_lengths, 0.3),
         "sound": (second, 1, 0.0),
@@ -93,6 +94,7 @@ def train_network(
     n_lengths: int,
     n_epochs: int | None,
     random_state: int,
+    least_steps: int = _LEAST_STEPS,
 ) -> dict[str, NDArray[np.float16]]:
     """Train a network.
 
@@ -116,7 +118,7 @@ def train_network(
     batch = _BATCH if n >= 4 * _BATCH else _SMALL_BATCH
     per_epoch = max(n // batch, 1)
     if n_epochs is None:
-        n_epochs = max(_EPOCHS, _LEAST_STEPS // per_epoch)
+        n_epochs = max(_EPOCHS, least_steps // per_epoch)
     first_state, step = _optimiser(n_lines, n_lobes, n_epochs * per_epoch)
     state, key = first_state(weights), jax.random.PRNGKey(random_state)
     for _ in range(n_epochs):

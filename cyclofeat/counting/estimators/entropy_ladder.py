@@ -13,8 +13,8 @@ from sklearn.isotonic import IsotonicRegression
 
 from cyclofeat._base.sklearn_private import fit_context
 from cyclofeat.counting.estimators.trees import Counter
-from cyclofeat.counting.evaluation.assembly_folds import Float
 from cyclofeat.features.base import parameter
+from cyclofeat.signal.windows import Float
 
 
 @dataclass(eq=False, repr=False)

@@ -16,7 +16,6 @@ from cyclofeat._base.sklearn_private import Interval, StrOptions, fit_context
 from cyclofeat.counting.calibration.pooling import learn_dependence, pool_opinions, pool_weights, safe_log
 from cyclofeat.counting.estimators._lobe_network import PLACES, Weights, log_odds, place_turns, train_network
 from cyclofeat.counting.estimators.lobe_positions import (
-    Bool,
     best_sets,
     coarse_views,
     lobe_logits,
@@ -29,9 +28,7 @@ from cyclofeat.counting.estimators.lobe_positions import (
 )
 from cyclofeat.counting.estimators.trees import Counter, CountingTrees
 from cyclofeat.counting.evaluation.assembly_folds import (
-    Float,
     Folds,
-    Int,
     aligned_proba,
     assemblies_of,
     drawn_seed,
@@ -42,7 +39,7 @@ from cyclofeat.counting.evaluation.assembly_folds import (
 from cyclofeat.features import LobeMap
 from cyclofeat.features.base import INPUT_SPEED_HZ, POSITIVE, SPEED_TOLERANCE, at_least, parameter
 from cyclofeat.signal import lobes
-from cyclofeat.signal.windows import Complex
+from cyclofeat.signal.windows import Bool, Complex, Float, Int
 
 # Trees for the lobes.
 _LOBE_TREES = 200

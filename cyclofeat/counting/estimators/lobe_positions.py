@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from sklearn.linear_model import LogisticRegression
 
 from cyclofeat.counting.estimators.trees import CountingTrees
-from cyclofeat.counting.evaluation.assembly_folds import Float, Int
 from cyclofeat.signal import lobes
-from cyclofeat.signal.windows import Complex
-
-Bool = NDArray[np.bool_]
+from cyclofeat.signal.windows import Bool, Complex, Float, Int
 
 # Points of each slot in fine views.
 _POINTS = 8

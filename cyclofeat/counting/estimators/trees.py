@@ -11,8 +11,9 @@ from sklearn.base import ClassifierMixin
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from cyclofeat.counting.evaluation.assembly_folds import Float, Int, ordered_classes
+from cyclofeat.counting.evaluation.assembly_folds import ordered_classes
 from cyclofeat.features.base import CheckedEstimator
+from cyclofeat.signal.windows import Float, Int
 
 # Kinds of numbers that windows are kept in.
 _KINDS = [np.float64, np.float32]

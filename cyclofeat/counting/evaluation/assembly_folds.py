@@ -14,9 +14,8 @@ from sklearn.utils.metadata_routing import MetadataRouter, get_routing_for_objec
 from sklearn.utils.multiclass import check_classification_targets
 
 from cyclofeat.features.base import reject_short_windows
+from cyclofeat.signal.windows import Float, Int
 
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
 Folds = list[tuple[NDArray[np.intp], NDArray[np.intp]]]
 
 

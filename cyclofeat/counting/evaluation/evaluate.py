@@ -16,9 +16,7 @@ from sklearn.utils import check_array
 from cyclofeat._base.checks import one_of, repr_of, whole
 from cyclofeat._base.quantities import number_of
 from cyclofeat.counting.evaluation.assembly_folds import (
-    Float,
     Folds,
-    Int,
     aligned_proba,
     fit_clone,
     grouped_folds,
@@ -39,6 +37,7 @@ from cyclofeat.counting.evaluation.scores import (
     window_weights,
 )
 from cyclofeat.recordings import Recording
+from cyclofeat.signal.windows import Float, Int
 
 if TYPE_CHECKING:
     from cyclofeat.counting.model.lobe_count import LobeCount

@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,6 @@ from cyclofeat._base import draw_plot
 from cyclofeat._base.checks import one_of
 from cyclofeat._base.displays import Card, WithCard, data_frame, draw_confusion
 from cyclofeat._base.quantities import number_of
-from cyclofeat.counting.evaluation.assembly_folds import Float, Int
 from cyclofeat.counting.evaluation.scores import (
     N_BINS,
     Interval,
@@ -24,12 +23,11 @@ from cyclofeat.counting.evaluation.scores import (
     limits_at_ends,
     window_weights,
 )
+from cyclofeat.signal.windows import Float, Int
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
-
-Table = Literal["classes", "assemblies", "windows"]
 
 
 @dataclass(frozen=True)
@@ -172,7 +170,7 @@ class Evaluation(WithCard):
             result["by_condition"] = {str(name): value for name, value in self.by_condition.items()}
         return result
 
-    def to_frame(self, table: Table = "classes") -> pd.DataFrame:
+    def to_frame(self, table: Literal["classes", "assemblies", "windows"] = "classes") -> pd.DataFrame:
         """Return one table of the result as a data frame.
 
         Parameters
@@ -185,7 +183,7 @@ class Evaluation(WithCard):
             One row per true count (``recall`` with its interval, ``precision``), per assembly, or per window
             (its fold, and the probability of each count where there is one).
         """
-        if one_of("table", table, get_args(Table)) == "classes":
+        if one_of("table", table, ("classes", "assemblies", "windows")) == "classes":
             return data_frame(self.class_scores())
         if table == "assemblies":
             return data_frame({"assembly": self.groups, "accuracy": self.group_accuracy})

@@ -15,8 +15,6 @@ from threadpoolctl import threadpool_limits
 
 from cyclofeat._base.displays import data_frame
 from cyclofeat.counting.evaluation.assembly_folds import (
-    Float,
-    Int,
     assemblies_of,
     grouped_folds,
     of_windows,
@@ -24,6 +22,7 @@ from cyclofeat.counting.evaluation.assembly_folds import (
 )
 from cyclofeat.counting.evaluation.scores import bootstrap_weights
 from cyclofeat.features.base import reject_short_windows
+from cyclofeat.signal.windows import Float, Int
 
 if TYPE_CHECKING:
     import pandas as pd

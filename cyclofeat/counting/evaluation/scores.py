@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.counting.evaluation.assembly_folds import Float, Int
+from cyclofeat.signal.windows import Float, Int
 
 Interval = tuple[float, float]
 #: Number of bins of the confidence from 0 to 1.

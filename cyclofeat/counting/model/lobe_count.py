@@ -238,10 +238,6 @@ class AnsweredWindows:
     # None where the model learned no depth of wear, or there is no run.
     runs: Float | None = None
 
-    def __len__(self) -> int:
-        """Number of windows."""
-        return len(self.proba)
-
     @classmethod
     def join_parts(cls, parts: Sequence[AnsweredWindows]) -> AnsweredWindows:
         """Return the answers of parts of one recording, one after the other."""
@@ -259,10 +255,10 @@ class AnsweredWindows:
     def find_refusals(self, doubt: str) -> tuple[str, list[str]]:
         """Return why the recording is refused, and why each window is; empty where it is not."""
         # A faulty signal explains that the speed is not found, a wrong speed that windows lie outside.
-        if doubt and sum(map(bool, self.faults)) <= len(self) / 2:
-            return doubt, [doubt] * len(self)
+        if doubt and sum(map(bool, self.faults)) <= len(self.proba) / 2:
+            return doubt, [doubt] * len(self.proba)
         reasons = self.window_reasons()
-        return most_frequent(reasons) if sum(map(bool, reasons)) > len(self) / 2 else "", reasons
+        return most_frequent(reasons) if sum(map(bool, reasons)) > len(self.proba) / 2 else "", reasons
 
     def window_reasons(self) -> list[str]:
         """Return why each window is left out; empty where it is not.

@@ -624,7 +624,7 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
                 f"no depth of wear, and a less accurate count: {turns} in a row of one recording are needed"
             )
         count = int(classes[probability.argmax()])
-        n_windows = len(answered)
+        n_windows = len(answered.proba)
         if any(answered.faults) and not reason:
             left_out = f"{sum(map(bool, answered.faults))} of {number_of(n_windows, 'window')} left out"
             notes.append(f"{left_out}: {most_frequent(answered.faults)}")

@@ -13,8 +13,8 @@ from cyclofeat._base.quantities import number_of
 from cyclofeat.counting.model._verdicts import window_faults
 from cyclofeat.counting.model.lobe_count import AnsweredWindows, LobeCount, PreparedWindows, WindowCount
 from cyclofeat.counting.model.lobe_model import LobeModel
-from cyclofeat.recordings import Recording
-from cyclofeat.recordings.windower import StreamWindow, WindowStream, ends_by_angle
+from cyclofeat.recordings import Recording, WindowSet
+from cyclofeat.recordings.windower import WindowStream, ends_by_angle
 from cyclofeat.signal.windows import Float
 
 
@@ -153,7 +153,7 @@ class LobeStream:
         self._angles = (float(angles[0]) if self._angles is None else self._angles[0], float(angles[-1]))
         self._n_samples += torque.size
         for window in self._windows.push(torque, angles):
-            self._count_window(window)
+            self._count_window(*window)
         return self._take_counted()
 
     def result(self) -> LobeCount:
@@ -172,7 +172,7 @@ class LobeStream:
         doubt, notes = "", []
         if self.block_turns is None:
             for window in self._windows.finish():
-                self._count_window(window)
+                self._count_window(*window)
         else:  # behind one that raised an error
             self._count_blocks(np.empty(0))
         if not self._answers:
@@ -197,9 +197,8 @@ class LobeStream:
         counted, self._counted = self._counted, []
         return counted
 
-    def _count_window(self, window: StreamWindow) -> None:
+    def _count_window(self, windows: WindowSet, recording: Recording, first_sample: int) -> None:
         """Count one window: alone, so that its answer does not depend on the pieces."""
-        windows, recording = window.windows, window.recording
         assert recording.angle is not None
         length = windows.X.shape[1], windows.sampling_rate
         stop_s = ends_by_angle(windows.start_angle, *length, recording.angle, self.sampling_rate)
@@ -214,7 +213,7 @@ class LobeStream:
             if len(self._run) >= wear.n_windows:  # the window completes a run
                 of_run = wear.answers(np.array(self._run), [""] * len(self._run))
                 self._run = []
-        self._keep_answers(dataclasses.replace(answered, runs=of_run), window.first_sample)
+        self._keep_answers(dataclasses.replace(answered, runs=of_run), first_sample)
 
     def _count_blocks(self, torque: Float) -> None:
         """Count the blocks that the samples complete."""

@@ -18,11 +18,11 @@ from cyclofeat.counting.calibration.pooling import pool_windows
 from cyclofeat.counting.estimators.lobe_counter import LobeCounter
 from cyclofeat.counting.estimators.lobe_positions import passage_of_lobe_zero
 from cyclofeat.counting.estimators.trees import CountingTrees
-from cyclofeat.counting.evaluation.assembly_folds import Float
 from cyclofeat.features import LobeMap
 from cyclofeat.recordings import Recording, WindowSet
 from cyclofeat.recordings.windower import SAMPLES_PER_TURN
 from cyclofeat.signal.lobes import LobeComb, LobeLines, line_contrast, lobe_frequency, lobe_lines
+from cyclofeat.signal.windows import Float
 
 #: Windows of a run at most: more turns lower the noise, but assemblies then differ by more than noise.
 MOST_WINDOWS = 5
