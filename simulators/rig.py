@@ -34,7 +34,7 @@ from cyclofeat.simulators.effects import (
     library,
 )
 from cyclofeat.simulators.effects._gearbox import GEARBOX_NUMBERS
-from cyclofeat.simulators.effects._parameter import is_distribution, reject_unknown, to_plain, value_text
+from cyclofeat.simulators.effects.effect import is_distribution, reject_unknown, to_plain, value_text
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.machine import Machine, PlannedRun, RandomState, draw_effects, seed_sequence
 from cyclofeat.simulators.motor import Motor
@@ -235,8 +235,8 @@ class Rig(Replaceable, WithCard):
     @property
     def has_brake(self) -> bool:
         """True if a brake's rotor turns behind the torque meter, if only in a variant."""
-        every = [effect for effects in self.effect_sets() for effect in effects]
-        return self.gearbox.brake_inertia > 0 or any(isinstance(one, BrakeRotor) for one in every)
+        brakes = (isinstance(one, BrakeRotor) for effects in self.effect_sets() for one in effects)
+        return self.gearbox.brake_inertia > 0 or any(brakes)
 
     @property
     def has_motor(self) -> bool:
@@ -605,10 +605,8 @@ class Rig(Replaceable, WithCard):
         """
         given = dict(_check_object("the file", content))
         reject_unknown(given, ["format", "note", *(item.name for item in dataclasses.fields(cls))])
-        note, form = given.pop("note", ""), given.pop("format", FORMAT)
-        if not isinstance(note, str):
-            raise TypeError(f"note must be text, got {repr_of(note)}")
-        if form != FORMAT:
+        given.pop("note", None)
+        if (form := given.pop("format", FORMAT)) != FORMAT:
             raise ValueError(f"format must be {FORMAT!r}, got {repr_of(form)}")
         if "gearbox" in given:
             values = dict(_check_object("gearbox", given["gearbox"]))

@@ -16,7 +16,7 @@ import numpy as np
 from cyclofeat._base import checks
 from cyclofeat.simulators.defects import MOST_WEAR_UM, LobeDefects
 from cyclofeat.simulators.effects import Drift, Effect, Gain, Hum, Noise, Offset, TorqueMeterLowPass
-from cyclofeat.simulators.effects._parameter import EffectParameter, from_plain, is_distribution, to_plain
+from cyclofeat.simulators.effects.effect import EffectParameter, from_plain, is_distribution, to_plain
 from cyclofeat.simulators.effects.library import child_seed
 from cyclofeat.simulators.machine import MachineRun, PlannedRun
 from cyclofeat.simulators.rig import DEFECTS, Rig

@@ -471,7 +471,7 @@ class Sampling:
     n_steps: int
     steps: NDArray[np.int64]
     ratio: Fraction
-    decimation: str
+    picks: bool  #: samples are values of single steps, without a filter
 
     @classmethod
     def plan(cls, duration: float, sampling_rate: float, solver: Solver) -> Sampling:
@@ -493,12 +493,7 @@ class Sampling:
             raise ValueError(f"duration must take at most {LARGEST_N_STEPS:g} steps of dt, got {n_steps:.3g}")
         time = np.arange(n_samples) / sampling_rate
         steps = np.minimum(np.rint(time / dt).astype(int), n_steps - 1)
-        return cls(time, n_steps, steps, ratio, solver.decimation)
-
-    @property
-    def picks(self) -> bool:
-        """True if samples are values of single steps, without a filter."""
-        return self.decimation == "pick" or self.ratio == 1
+        return cls(time, n_steps, steps, ratio, picks=solver.decimation == "pick" or ratio == 1)
 
     def decimate(self, channel: Float) -> Float:
         """Return the samples of the result from one value per step."""

@@ -11,8 +11,7 @@ from cyclofeat.simulators.batch._frames import describe_lane, keep_first
 from cyclofeat.simulators.batch._lanes import (
     add_exactly,
     advance_state,
-    edge_force,
-    edge_place,
+    contact_force,
     first_normal,
     flank_arms,
     flank_force,
@@ -35,16 +34,19 @@ from cyclofeat.simulators.batch._vectors import (
     fill_lanes,
     first_bit,
     lane_count,
+    larger,
     largest_lane,
     load,
     magnitude,
+    root,
     round_to,
+    smaller,
     store,
 )
 
 # Of all modules whose functions and constants are compiled here: numba's cache on disk notices changes of
 # this file only.
-SOURCES_CHECKSUM = 0x2A547D32
+SOURCES_CHECKSUM = 0x2C76B43F
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -104,26 +106,36 @@ def _flank_moments(flanks, row, n, n_rows, normal, turned, speeds, tables, lanes
 @inner_njit(fastmath=FASTMATH, forceinline=True)
 def _edge_moments(edges, row, n, normal, turned, speeds, tables, lanes):
     """Moments of the forces of all edges, as of the flanks."""
+    rate, _, omega = speeds
     t = tables.lanes
     on_wheel, on_cam = fill_lanes(0.0, t, lanes), fill_lanes(0.0, t, lanes)
     contact = _load_contact(rows.STIFFNESS, t, lanes)
-    wheel, pin_radius = (speeds[0], speeds[2]), load(t, rows.PIN_RADIUS, lanes)
+    pin_radius = load(t, rows.PIN_RADIUS, lanes)
     for _ in range(n):
         frame = _load_frame(edges, row, lanes)
-        way = pin_way(frame, turned)
+        v, u, cam_n, cam_t = pin_way(frame, turned)
         side = load(edges, row + rows.E_SIDE, lanes)
         is_chord = magnitude(side) < 0.5
-        over, along = load(edges, row + rows.E_OVER, lanes), load(edges, row + rows.E_ALONG, lanes)
-        place, inside = edge_place(way[0], way[1], over, along, is_chord, pin_radius)
+        # Height of the pin's centre along n, and its ways along u and beside the edge.
+        above, across = load(edges, row + rows.E_OVER, lanes) + v, load(edges, row + rows.E_ALONG, lanes) + u
+        aside, height = choose(is_chord, smaller(across, 0.0), across), pin_radius + above
+        # Square of the pin's radius less that of its distance.
+        inside = -(above * (height + pin_radius) + aside * aside)
         if bits_of(inside > 0.0) != 0:
+            distance = root(height * height + aside * aside)
+            both = distance + pin_radius
+            inverse = 1.0 / (distance * both)  # one quotient for two
+            depth = larger(inside * distance * inverse, 0.0)
+            along, tilt = height * both * inverse, aside * both * inverse
+            cam_arm, arm = cam_n * tilt - cam_t * along, (frame[0] + v) * tilt - (frame[1] + u) * along
             at_pit = magnitude(side + 1.0) < 0.5
             radius = choose(at_pit, load(t, rows.PIT_RADIUS, lanes), load(t, rows.TIP_RADIUS, lanes))
             span = choose(is_chord, load(t, rows.TIP_SPAN, lanes), 0.0)
-            edge = (pin_radius, load(t, rows.TURN, lanes), radius, span)
-            force, cam_arm, arm, along, tilt = edge_force(frame, way, place, inside, edge, wheel, contact)
-            on_chord = load(t, rows.CHORD_NY, lanes) * place[0] + load(t, rows.CHORD_NX, lanes) * place[1]
-            across = choose(is_chord, on_chord, side * place[1])
-            force = choose(across >= 0.0, load(edges, row + rows.E_WEIGHT, lanes), 0.0) * force
+            turn = smaller(larger(along + load(t, rows.TURN, lanes) * tilt, 0.0), 1.0)
+            force = contact_force(depth, rate * arm + omega * cam_arm, radius + turn * span, contact)
+            on_chord = load(t, rows.CHORD_NY, lanes) * height + load(t, rows.CHORD_NX, lanes) * across
+            beyond = choose(is_chord, on_chord, side * across)
+            force = choose(beyond >= 0.0, load(edges, row + rows.E_WEIGHT, lanes), 0.0) * force
             on_wheel = on_wheel - force * arm
             on_cam = on_cam - force * cam_arm
             press_pin(tables.spins, force, along, tilt, normal, turned, tables, lanes)

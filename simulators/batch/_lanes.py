@@ -106,41 +106,6 @@ def flank_force(gap, u, radii, rate, contact):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def edge_place(v, u, over, along, is_chord, pin_radius):
-    """Place of the pin's centre from an edge, and the square of the pin's radius less that of its distance.
-
-    The place is the height along n, and the ways along u and beside the edge.
-    """
-    above, across = over + v, along + u
-    aside = choose(is_chord, smaller(across, 0.0), across)
-    height = pin_radius + above
-    return (height, across, aside), -(above * (height + pin_radius) + aside * aside)
-
-
-@inner_njit(fastmath=FASTMATH, forceinline=True)
-def edge_force(frame, way, place, inside, edge, wheel, contact):
-    """Force of an edge, its lever arms as of a flank, and its direction's parts along n and t.
-
-    ``way`` is the result of :func:`pin_way`, ``place`` and ``inside`` that of :func:`edge_place`; ``edge`` is
-    the pin's radius, by how much the direction turns the effective radius, that radius and its span;
-    ``wheel`` the rate of the wheel and the speed of the input.
-    """
-    v, u, cam_n, cam_t = way
-    height, _, aside = place
-    pin_radius, turn, radius, span = edge
-    distance = root(height * height + aside * aside)
-    both = distance + pin_radius
-    inverse = 1.0 / (distance * both)  # one quotient for two
-    depth = larger(inside * distance * inverse, 0.0)
-    normal, tilt = height * both * inverse, aside * both * inverse
-    cam_arm = cam_n * tilt - cam_t * normal
-    arm = (frame[0] + v) * tilt - (frame[1] + u) * normal
-    radius = radius + smaller(larger(normal + turn * tilt, 0.0), 1.0) * span
-    force = contact_force(depth, wheel[0] * arm + wheel[1] * cam_arm, radius, contact)
-    return force, cam_arm, arm, normal, tilt
-
-
-@inner_njit(fastmath=FASTMATH, forceinline=True)
 def joint_sums(turn, cam, first, pitch_radius, speeds):
     """Sums over which the contacts of all sleeves of one wheel run: see :func:`sleeve_force`.
 

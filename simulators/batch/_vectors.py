@@ -150,48 +150,47 @@ def _typed(result: Any, kinds: Iterable[Any], emit: Callable[..., Any]) -> Any:
     return result(*kinds), lambda context, builder, sig, values: emit(builder, *values)
 
 
-def _of_vectors(emit: Callable[..., Any], n: int) -> Any:
-    """An intrinsic from one or two vectors to a vector of their type."""
+def _library_function(name: str) -> Any:
+    """An intrinsic of one vector that LLVM has."""
 
-    def type_and_code(*args: Any) -> Any:
-        vector = _common_vector(args)
-        if vector is None:
-            return None
-        kinds = _as_arguments(args, vector)
-        return _typed(
-            vector, kinds, lambda builder, *x: emit(builder, vector, *_spread_all(builder, x, kinds, vector))
-        )
+    def type_and_code(context: Any, vector: Any) -> Any:
+        kind, full = _vector_ir(vector), f"llvm.{name}.v{vector.lanes}{_SUFFIXES[vector.element]}"
 
-    # numba reads the number of arguments from the signature.
-    one, two = (lambda context, a: type_and_code(a)), (lambda context, a, b: type_and_code(a, b))
-    return intrinsic(one if n == 1 else two)
+        def emit(builder: Any, x: Any) -> Any:
+            function = _cgutils.get_or_insert_function(builder.module, ir.FunctionType(kind, [kind]), full)
+            return builder.call(function, [x], fastmath=_FLAGS)
+
+        return _typed(vector, [vector], emit)
+
+    return intrinsic(type_and_code)
 
 
-def _library_ir(name: str) -> Callable[..., Any]:
-    def call_ir(builder: Any, vector: Vector, x: Any) -> Any:
-        kind = _vector_ir(vector)
-        full = f"llvm.{name}.v{vector.lanes}{_SUFFIXES[vector.element]}"
-        function = _cgutils.get_or_insert_function(builder.module, ir.FunctionType(kind, [kind]), full)
-        return builder.call(function, [x], fastmath=_FLAGS)
+def _choice(sign: str) -> Any:
+    """An intrinsic of two vectors or numbers: the first where it compares so with the second, else that."""
 
-    return call_ir
+    def type_and_code(context: Any, a: Any, b: Any) -> Any:
+        vector: Any = _common_vector((a, b))
+        kinds = _as_arguments((a, b), vector)
+
+        def emit(builder: Any, *values: Any) -> Any:
+            x, y = _spread_all(builder, values, kinds, vector)
+            return builder.select(builder.fcmp_ordered(sign, x, y), x, y)
+
+        return _typed(vector, kinds, emit)
+
+    return intrinsic(type_and_code)
 
 
 # The smaller and the larger of two numbers, lane by lane; the second where one is not a number.
-smaller, larger = (
-    _of_vectors(lambda builder, _, x, y, sign=sign: builder.select(builder.fcmp_ordered(sign, x, y), x, y), 2)
-    for sign in "<>"
-)
+smaller, larger = map(_choice, "<>")
 # The square root, the largest whole number that is not larger, and the absolute value.
-root, whole_below, magnitude = (_of_vectors(_library_ir(name), 1) for name in ("sqrt", "floor", "fabs"))
+root, whole_below, magnitude = map(_library_function, ("sqrt", "floor", "fabs"))
 
 
 @intrinsic
 def choose(context: Any, mask: Any, a: Any, b: Any) -> Any:
     """``a`` where the mask is true, else ``b``."""
-    vector = _common_vector((a, b))
-    if vector is None or not isinstance(mask, Mask):
-        return None
+    vector: Any = _common_vector((a, b))
     kinds = _as_arguments((a, b), vector)
 
     def emit(builder: Any, chosen: Any, *values: Any) -> Any:
@@ -228,8 +227,7 @@ load, load_from = _load_at(True), _load_at(False)
 
 @intrinsic
 def store(context: Any, table: Any, row: Any, value: Any) -> Any:
-    """Write a vector, or a number for every lane, into a row of a table."""
-    assert isinstance(value, Vector)
+    """Write a vector into a row of a table."""
 
     def emit(builder: Any, table: Any, row: Any, written: Any) -> Any:
         stored = builder.store(written, _row_address(builder, value, table, row))
@@ -250,8 +248,6 @@ def fill_lanes(context: Any, number: Any, table: Any, lanes: Any) -> Any:
 @intrinsic
 def join_lanes(context: Any, first: Any, second: Any) -> Any:
     """The vector with the lanes of two vectors, one after the other."""
-    if first != second or not isinstance(first, Vector):
-        return None
     n = 2 * first.lanes
     indices = ir.Constant(ir.VectorType(ir.IntType(32), n), list(range(n)))
     return _typed(

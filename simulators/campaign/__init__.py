@@ -1,12 +1,4 @@
-"""Campaigns: thousands of simulated assemblies, from a declared design to recordings on disk.
-
-===========  ==================================================================================
-module       responsibility
-===========  ==================================================================================
-``_design``  the design: rig, classes, repeats, explored parameters; values and runs
-``_folder``  the folder: workers (joblib or dask.distributed), shards, their rows, the manifest
-===========  ==================================================================================
-"""
+"""Campaigns: thousands of simulated assemblies, from a declared design to recordings on disk."""
 
 from cyclofeat.simulators.campaign._design import Campaign as Campaign
 from cyclofeat.simulators.campaign._folder import CampaignData as CampaignData

@@ -22,7 +22,7 @@ from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import from_1
 from cyclofeat._base.shards import json_bytes
 from cyclofeat.simulators.defects import MOST_WEAR_UM, LobeDefects
-from cyclofeat.simulators.effects._parameter import reject_unknown, settings_of_file, settings_to_file
+from cyclofeat.simulators.effects.effect import reject_unknown, settings_of_file, settings_to_file
 from cyclofeat.simulators.effects.library import label_effects
 from cyclofeat.simulators.machine import MachineRun, PlannedRun
 from cyclofeat.simulators.rig import Rig, read_json

@@ -26,18 +26,8 @@ from cyclofeat._base.displays import data_frame
 from cyclofeat._base.files import code_sha256, package_versions
 from cyclofeat._base.progress import stopped_quietly
 from cyclofeat._base.shards import ShardStore
-from cyclofeat.simulators.campaign._design import (
-    FORMAT,
-    OK,
-    Campaign,
-    RunPlan,
-    RunResult,
-    check_kernel,
-    check_middle,
-    shard_size,
-    simulate_runs,
-    table_columns,
-)
+from cyclofeat.simulators.campaign import _design
+from cyclofeat.simulators.campaign._design import Campaign, RunPlan, RunResult
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -120,19 +110,19 @@ def run_campaign(
     versions = made_with() | {"pyarrow": import_pyarrow()[0].__version__}
     store, folder = CampaignStore(Path(out)), Path(out)
     store.check_content(campaign, versions)
-    check_middle(campaign)
+    _design.check_middle(campaign)
     folder.mkdir(parents=True, exist_ok=True)
     with store.hold_lock("campaign"):
-        store.begin_work({"format": FORMAT, "made_with": versions, **campaign.to_dict()})
+        store.begin_work({"format": _design.FORMAT, "made_with": versions, **campaign.to_dict()})
         digests = {shard: store.shard_digests(shard) for shard in range(campaign.n_shards)}
         missing = [shard for shard, names in digests.items() if not names]
-        done = campaign.n_runs - sum(shard_size(campaign, shard) for shard in missing)
+        done = campaign.n_runs - sum(_design.shard_size(campaign, shard) for shard in missing)
         report = progress or (lambda done, total: None)
         if done:
             report(done, campaign.n_runs)
         if not missing and store.is_finished():
             return load_campaign(out)
-        needed = sum(shard_size(campaign, shard) for shard in missing) * campaign.n_samples * 4
+        needed = sum(_design.shard_size(campaign, shard) for shard in missing) * campaign.n_samples * 4
         free = shutil.disk_usage(folder).free
         if needed > free:
             raise OSError(
@@ -296,13 +286,13 @@ def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> Camp
     table = tables.read_table(folder / PARAMETERS)
     parameters = {name: table.column(name).to_numpy() for name in table.column_names}
     paths = [folder / shard_file(shard, "npy") for shard in range(campaign.n_shards)]
-    sizes = [shard_size(campaign, shard) for shard in range(campaign.n_shards)]
+    sizes = [_design.shard_size(campaign, shard) for shard in range(campaign.n_shards)]
     shards = Shards(paths, sizes, campaign.n_samples)
     return CampaignData(
         X=shards if len(paths) > 1 else np.load(paths[0], mmap_mode="r", allow_pickle=False),
         y=parameters["defect_count"].astype(np.int64),
-        groups=parameters["assembly"].astype(np.str_), ok=parameters["status"] == OK, parameters=parameters,
-        sampling_rate=campaign.sampling_rate, campaign=campaign, manifest=manifest,
+        groups=parameters["assembly"].astype(np.str_), ok=parameters["status"] == _design.OK,
+        parameters=parameters, sampling_rate=campaign.sampling_rate, campaign=campaign, manifest=manifest,
     )  # fmt: skip
 
 
@@ -401,7 +391,7 @@ class CampaignStore(ShardStore):
 
     def write_shard(self, campaign: Campaign, shard: int, results: Iterator[RunResult]) -> dict[str, str]:
         """Write torque, rows, and last their digests, which finish the shard."""
-        size = shard_size(campaign, shard)
+        size = _design.shard_size(campaign, shard)
         block = np.full((size, campaign.n_samples), np.nan, dtype=np.float32)
         rows = []
         for position in range(size):
@@ -469,7 +459,7 @@ def _table_schema(campaign: Campaign) -> Any:
     pyarrow, _ = import_pyarrow()
     types = {int: pyarrow.int64(), float: pyarrow.float64(), str: pyarrow.string()}
     types[list] = pyarrow.list_(types[int])
-    return pyarrow.schema([(name, types[kind]) for name, kind in table_columns(campaign).items()])
+    return pyarrow.schema([(name, types[kind]) for name, kind in _design.table_columns(campaign).items()])
 
 
 @functools.lru_cache(maxsize=1)
@@ -486,8 +476,8 @@ def simulate_task(campaign: Campaign, plans: Sequence[RunPlan], expected: dict[s
     for name, version in expected.items():
         if (found := here.get(name)) != version:
             raise ValueError(f"a worker has {name} {found}, the campaign {version}: install the same")
-    check_kernel(campaign)
-    return simulate_runs(campaign, plans)
+    _design.check_kernel(campaign)
+    return _design.simulate_runs(campaign, plans)
 
 
 def simulate_anywhere(

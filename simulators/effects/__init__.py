@@ -42,8 +42,7 @@ from cyclofeat.simulators.effects._meter import (
     ShaftLine,
     TorqueMeterLowPass,
 )
-from cyclofeat.simulators.effects._parameter import EffectParameter
-from cyclofeat.simulators.effects.effect import Effect
+from cyclofeat.simulators.effects.effect import Effect, EffectParameter
 from cyclofeat.simulators.effects.library import (
     known_effects,
     load_effects,

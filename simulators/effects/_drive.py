@@ -14,8 +14,7 @@ from scipy.signal import butter, sosfilt
 from scipy.stats import loguniform, norm, uniform
 
 from cyclofeat._base.checks import is_number, whole
-from cyclofeat.simulators.effects._parameter import EffectParameter
-from cyclofeat.simulators.effects.effect import Added, Effect, Float, Of, TorqueContext
+from cyclofeat.simulators.effects.effect import Added, Effect, EffectParameter, Float, Of, TorqueContext
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.motor import Motor
 
@@ -49,16 +48,13 @@ class _AddedTorque(Effect):
         return hook != unused and super().overrides(hook)
 
     def load_fluctuation(self, gearbox: CycloidalGearbox, duration: float, random: Generator) -> Added:
-        if not self.overrides("load_fluctuation"):
-            return None
-        return self._added_torque(duration + MARGIN, random)
+        return self._added_torque(duration + MARGIN, random) if self.place == "load_and_speed" else None
 
     def change_torque(
         self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
     ) -> Float:
-        if not self.overrides("change_torque"):
-            return torque
-        added = self._added_torque(torque.size / sampling_rate, random)
+        at_meter = self.place != "load_and_speed"
+        added = self._added_torque(torque.size / sampling_rate, random) if at_meter else None
         return torque if added is None else np.asarray(torque + added(np.arange(torque.size) / sampling_rate))
 
     def _added_torque(self, end: float, random: Generator) -> Added:

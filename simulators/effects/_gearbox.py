@@ -10,8 +10,7 @@ from numpy.random import Generator
 from scipy.stats import loguniform, norm
 
 from cyclofeat._base.checks import list_members, one_of, repr_of
-from cyclofeat.simulators.effects._parameter import EffectParameter, suggest_key
-from cyclofeat.simulators.effects.effect import Effect, Of
+from cyclofeat.simulators.effects.effect import Effect, EffectParameter, Of, suggest_key
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
 _FORMS = ("paper", "hunt_crossley")

@@ -15,8 +15,7 @@ from cyclofeat._base.checks import is_number, list_members, one_of
 from cyclofeat.simulators._jit import njit
 from cyclofeat.simulators.courses import interpolate_rows
 from cyclofeat.simulators.effects._drive import check_order, check_phase, decay_time
-from cyclofeat.simulators.effects._parameter import EffectParameter
-from cyclofeat.simulators.effects.effect import Effect, Float, Of, TorqueContext
+from cyclofeat.simulators.effects.effect import Effect, EffectParameter, Float, Of, TorqueContext
 
 # Coloured noise is white below this frequency, in Hz: its rms is finite and independent of the duration.
 LOWEST_COLOURED = 1.0

@@ -21,14 +21,17 @@ import numpy as np
 from cyclofeat._base.checks import list_members, repr_of
 from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.effects import _drive, _gearbox, _meter
-from cyclofeat.simulators.effects._parameter import (
+from cyclofeat.simulators.effects.effect import (
+    HOOKS,
+    PLACES,
+    Effect,
     EffectParameter,
+    file_keys,
     from_plain,
     reject_unknown,
     settings_of_file,
     suggest_key,
 )
-from cyclofeat.simulators.effects.effect import HOOKS, PLACES, Effect, file_keys
 
 Kind = TypeVar("Kind", bound=type[Effect])
 T = TypeVar("T")

@@ -320,7 +320,6 @@ BAD_FILES = {
     ),
     "effect value": ('{"effects": [{"effect": "gain", "factor": "1"}]}', "factor of gain must be a number"),
     "effect range": ('{"effects": [{"effect": "gain", "factor": [2, 1]}]}', r"low <= high, got \(2, 1\)"),
-    "note": ('{"note": 3}', "note must be text, got 3"),
     "misspelt": ('{"gearbx": [1, 2]}', r"'gearbx' with value \[1, 2\]: did you mean 'gearbox'"),
     "unknown": ('{"zzz": 1}', "unknown key 'zzz' with value 1: known are format, note, gearbox, effects, "),
     "twice": ('{"name": "a", "name": "b"}', "'name' must stand only once"),
