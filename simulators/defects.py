@@ -214,8 +214,7 @@ class LobeDefects:
         >>> round(LobeDefects.pitted(1, wear_um=10, length_mm=2).wear_share, 3)
         0.223
         """
-        gearbox = CycloidalGearbox.steel() if gearbox is None else gearbox
-        check_type("gearbox", gearbox, CycloidalGearbox)
+        gearbox, _ = check_machine(gearbox, None)
         length = 1e-3 * positive("length_mm", length_mm)
         centre = number("wear_centre", wear_centre)
         if not 0 < centre < 1:

@@ -125,8 +125,7 @@ class Rig(Replaceable, WithCard):
                 if not 0 < low <= high:
                     raise ValueError(f"{name} must be a pair (low, high) with 0 < low <= high, got {ends}")
                 object.__setattr__(self, name, ends)
-        if not isinstance(self.name, str):
-            raise TypeError(f"name must be text, got {self.name!r}")
+        check_type("name", self.name, str)
         if not self.name or not self.name.isprintable():
             raise ValueError(f"name must be a line of printable text, got {self.name!r}")
         object.__setattr__(self, "effects", library.in_chain(library.checked_effects(self.effects)))

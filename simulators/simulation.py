@@ -451,8 +451,8 @@ def _split_tasks(runs: Sequence[dict[str, Any]], kernel: str) -> list[_Task]:
             raise ValueError(f"kernel 'batch' does not simulate {what} (run {index}): give kernel='auto'")
     suited = {index: request for index, request in requests.items() if not obstacles[index]}
     tasks = [task for index, task in enumerate(alone) if index not in suited]
-    for batch in batches.group_requests(suited):
-        tasks.append(({index: runs[index] for index in batch}, list(batch.values())))
+    groups = batches.group_requests(suited)
+    tasks += [({index: runs[index] for index in group}, list(group.values())) for group in groups]
     return sorted(tasks, key=lambda task: min(task[0]))
 
 

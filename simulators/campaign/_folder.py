@@ -122,7 +122,7 @@ def run_campaign(
             report(done, campaign.n_runs)
         if not missing and store.is_finished():
             return load_campaign(out)
-        needed = sum(_design.shard_size(campaign, shard) for shard in missing) * campaign.n_samples * 4
+        needed = (campaign.n_runs - done) * campaign.n_samples * 4
         free = shutil.disk_usage(folder).free
         if needed > free:
             raise OSError(

@@ -470,8 +470,7 @@ class Effect(BaseEstimator):
         Effect
         """
         changed = copy.copy(self)
-        if values:
-            changed.set_params(**values)
+        changed.set_params(**values)
         return changed._check()
 
     def vector_names(self) -> list[str]:

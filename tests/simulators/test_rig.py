@@ -180,7 +180,7 @@ def test_settling_follows_damping():
     [
         ({"name": ""}, "name must be a line of printable text, got ''"),
         ({"name": "a\nb"}, "name must be a line"),
-        ({"name": 1}, "name must be text, got 1"),
+        ({"name": 1}, "name must be of type str, got 1"),
         ({"gearbox": "steel"}, "gearbox must be of type CycloidalGearbox, got 'steel'"),
         ({"effects": Hum()}, "effects must be several effects like .* got Hum"),
         ({"effects": None}, "effects must be several effects like .* got None"),
