@@ -20,23 +20,18 @@ _TRUSTED_S = 3.0  # for which a pace must hold
 _SMOOTHING = 0.3
 _ERASE = "\r\x1b[K"
 
-_hidden: ContextVar[bool] = ContextVar("hidden", default=False)
+is_hidden: ContextVar[bool] = ContextVar("is_hidden", default=False)  # where no progress is shown
 _open_line: Progress | None = None
 
 
 @contextmanager
 def progress_hidden(hidden: bool = True) -> Iterator[None]:
     """Show no progress of what begins inside the block, if ``hidden``."""
-    token = _hidden.set(hidden)
+    token = is_hidden.set(hidden)
     try:
         yield
     finally:
-        _hidden.reset(token)
-
-
-def is_hidden() -> bool:
-    """Return True where no progress is shown."""
-    return _hidden.get()
+        is_hidden.reset(token)
 
 
 def erase_progress() -> None:
@@ -61,7 +56,7 @@ class Progress:
         self.label, self.quiet_s, self.tick_s = label, quiet_s, tick_s
         self.stream = sys.stderr if stream is None else stream
         self._terminal = self.stream.isatty()
-        self._hidden = is_hidden()
+        self._hidden = is_hidden.get()
         self._began = time.monotonic()
         self._done = self._total = 0
         self._first: tuple[float, int] | None = None
@@ -157,7 +152,7 @@ class Steps(ExitStack):
     def __call__(self, text: str) -> None:
         self.close()
         self._step = self.enter_context(Progress(text, self.stream))
-        if not (self.stream.isatty() or is_hidden()):
+        if not (self.stream.isatty() or is_hidden.get()):
             self.stream.write(f"{text}\n")
             self.stream.flush()
 

@@ -29,7 +29,7 @@ T = TypeVar("T")
 
 _LONG_S = 10.0
 # Seconds of a core for each simulated second, one run at a time; batches need a fifth.
-SIMULATION_PACE = 0.15
+_SIMULATION_PACE = 0.15
 
 
 @dataclass(frozen=True)
@@ -48,15 +48,8 @@ class Printed:
 
 def note(message: str) -> None:
     """Print a line on standard error, unless ``--quiet`` was given."""
-    if not is_hidden():
+    if not is_hidden.get():
         print_message(message)
-
-
-def note_duration(doing: str, core_seconds: float, n_jobs: int = -1) -> None:
-    """Say beforehand about how long work takes, if that is more than ten seconds."""
-    cores = (os.cpu_count() or 1) if n_jobs < 1 else n_jobs
-    if core_seconds > _LONG_S * cores:
-        note(f"{doing} takes about {seconds_text(core_seconds / cores)} on {number_of(cores, 'free core')}")
 
 
 def warn(error: str) -> None:
@@ -246,11 +239,11 @@ class Parser(RaisingParser):
     def add_alarm_options(self) -> None:
         """Add the options from which the rule of the alarm follows."""
         self.add_argument(
-            "--false-alarms-per-month", type=positive_number, default=0.1, metavar="N",
+            "--false-alarms-per-month", type=positive, default=0.1, metavar="N",
             help="accepted false alarms per gearbox and month (default 0.1)",
         )  # fmt: skip
         self.add_argument(
-            "--recordings-per-month", type=positive_number, metavar="N",
+            "--recordings-per-month", type=positive, metavar="N",
             help="recordings of a gearbox per month (default: the rate so far, over at least an hour)",
         )  # fmt: skip
 
@@ -291,7 +284,7 @@ def whole_number(least: int, most: float = math.inf) -> Callable[[str], int]:
     return parse_whole
 
 
-def positive_number(text: str) -> float:
+def positive(text: str) -> float:
     """Return a positive, finite number: the type of an option."""
     try:
         number = float(text)
@@ -306,7 +299,7 @@ def range_of(unit: str, most: float = math.inf) -> Callable[[str], tuple[float, 
     """Return the type of an option that takes ``LOW:HIGH`` or one number."""
 
     def parse_range(text: str) -> tuple[float, float]:
-        ends = [positive_number(end) for end in text.split(":", 1)]
+        ends = [positive(end) for end in text.split(":", 1)]
         if not ends[0] <= ends[-1] <= most:
             limit = "" if most == math.inf else f" and at most {most:g}"
             raise argparse.ArgumentTypeError(f"must be LOW:HIGH or one number in {unit}{limit}, got {text!r}")
@@ -335,7 +328,7 @@ _COUNT: dict[str, Any] = {"type": whole_number(1), "metavar": "N"}
 _OPTIONS: dict[str, dict[str, Any]] = {
     "--channel": {"help": "name of the channel to read, or its index from 0"},
     "--quantity": {"choices": QUANTITIES, "help": "quantity of the channel (default output_torque)"},
-    "--sampling-rate": {"type": positive_number, "metavar": "HZ", "help": "sampling rate in Hz"},
+    "--sampling-rate": {"type": positive, "metavar": "HZ", "help": "sampling rate in Hz"},
     "--time-channel": {"help": "channel of times; none leaves times out"},
     "--time-unit": {"choices": ("s", "ms", "us", "ns", "min", "h", "d"), "help": "unit of the times"},
     "--angle-channel": {"help": "channel of the shaft's angle"},
@@ -347,7 +340,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "help": "the angle is zero where cam 0 is at pin 0",
     },
     "--speed": {
-        "dest": "speed_rpm", "type": positive_number, "metavar": "RPM", "help": "nominal input speed, RPM",
+        "dest": "speed_rpm", "type": positive, "metavar": "RPM", "help": "nominal input speed, RPM",
     },
     "--n-lobes": {"type": int, "metavar": "N", "help": "lobes of a disc (default 15)"},
     "--scale": {"type": float, "help": "Nm (or A) per unit of the channel"},
@@ -420,6 +413,18 @@ class Arguments(argparse.Namespace):
             return match[0] if option is None else option + " " * message.startswith("'", match.end())
 
         return re.sub(r"\b(\w+) ?=(True|False)?(?!\w)", name_option, message)
+
+    def note_duration(self, doing: str, core_seconds: float) -> None:
+        """Say beforehand about how long work of all jobs takes, if that is more than ten seconds."""
+        n_jobs = getattr(self, "n_jobs", -1)
+        cores = (os.cpu_count() or 1) if n_jobs < 1 else n_jobs
+        if core_seconds > _LONG_S * cores:
+            time = seconds_text(core_seconds / cores)
+            note(f"{doing} takes about {time} on {number_of(cores, 'free core')}")
+
+    def note_simulation(self, simulated_s: float, *, in_batches: bool = False) -> None:
+        """Say beforehand about how long the simulation of so many seconds takes."""
+        self.note_duration("simulating", _SIMULATION_PACE * simulated_s / (5 if in_batches else 1))
 
     def check_targets(self) -> None:
         """Raise the error of each file named that cannot be written, or exists without ``--force``."""

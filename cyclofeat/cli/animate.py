@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from cyclofeat._base.progress import Progress
-from cyclofeat.cli._options import Arguments, Parser, Printed, note, positive_number
+from cyclofeat.cli._options import Arguments, Parser, Printed, note, positive
 from cyclofeat.cli._rigs import add_machine, defects_of, machine_of
 
 # Forces of every sample at the papers' rate would fill the memory while the machine settles.
@@ -17,7 +17,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_target("--out", "page", required=True, metavar="FILE.html", help="page to write")
     add_machine(parser)
     parser.add_argument(
-        "--duration", type=positive_number, help="simulated seconds, up to 20 (default: one output turn)"
+        "--duration", type=positive, help="simulated seconds, up to 20 (default: one output turn)"
     )
     parser.add_argument(
         "--frames", type=int, default=720, help="instants at which forces are shown (default 720)"
@@ -30,9 +30,7 @@ def run(arguments: Arguments) -> Printed:
     from cyclofeat.simulators.sampling import recording_seed
 
     machine, drawn = machine_of(arguments)
-    duration = arguments.duration
-    if duration is None:
-        duration = machine.gearbox.n_lobes / machine.gearbox.input_speed_hz
+    duration = arguments.duration or machine.gearbox.n_lobes / machine.gearbox.input_speed_hz
     if duration > _LONGEST:
         raise ValueError(f"--duration must be at most {_LONGEST:g} s, got {duration:g}")
     with Progress(f"simulating {duration:.4g} s and drawing"):

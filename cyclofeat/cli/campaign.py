@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from cyclofeat._base.progress import Progress
 from cyclofeat._base.quantities import number_of
-from cyclofeat.cli._options import SIMULATION_PACE, Arguments, Parser, Printed, note_duration
+from cyclofeat.cli._options import Arguments, Parser, Printed
 from cyclofeat.cli._rigs import add_effects
 
 if TYPE_CHECKING:
@@ -60,8 +60,8 @@ def run(arguments: Arguments) -> Printed:
     campaign = Campaign.from_json(arguments.design, preset=rig_preset)
     if arguments.kernel is not None:
         campaign = campaign.replace(kernel=arguments.kernel)
-    pace = SIMULATION_PACE if campaign.kernel == "exact" else SIMULATION_PACE / 5
-    note_duration("simulating", pace * campaign.n_runs * campaign.duration, arguments.n_jobs)
+    simulated_s = campaign.n_runs * campaign.duration
+    arguments.note_simulation(simulated_s, in_batches=campaign.kernel != "exact")
     with Progress("simulating assemblies") as progress:
         data = run_campaign(
             campaign, arguments.out, n_jobs=arguments.n_jobs, scheduler=arguments.scheduler, progress=progress

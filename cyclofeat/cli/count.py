@@ -6,7 +6,7 @@ import csv
 import itertools
 import operator
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -38,31 +38,8 @@ class Counted:
     facts: dict[str, Any]
     gearbox: str = ""  # of which there is a history
 
-    @classmethod
-    def of(cls, count: LobeCount, recording: Recording, output_turns: float, model: str) -> Counted:
-        """Describe the answer that a model of this name gave by windows of so many output turns."""
-        first, last = count.windows[0], count.windows[-1]
-        window = round(first.stop_s - first.start_s, 9)
-        # Rounding of a window to whole samples leaves a residue that is no time.
-        unused = max(0.0, round(recording.duration - last.stop_s, 6))
-        probability = probability_text(count.probability[count.defect_count])
-        lines = [f"{number_of(count.defect_count, 'worn lobe')} (probability {probability})"]
-        if count.refused:
-            lines = [f"refused: {count.reason}", f"it would be {lines[0]}"]
-        elif count.lobes:
-            lobes = lobes_text(count.lobes, len(count.lobe_probability))
-            lines.append(f"positions: {lobes} (counted from 1)")
-        if count.wear_um is not None:
-            lines.append(f"wear: {count.wear_um}")
-        windows = f"{number_of(count.n_windows, 'window')} of {number_of(output_turns, 'output turn')}"
-        lines.append(f"from {windows} ({window:.3g} s), {unused:.3g} s unused")
-        lines += [f"note: {warning}" for warning in count.warnings]
-        facts = {**count.to_dict(), "model": model, "window_s": window, "unused_s": unused}
-        facts["windows"] = [window.to_dict() for window in count.windows]
-        return cls(count, recording.quantity, lines, facts)
 
-
-class RecordingCounter:
+class RecordingCounter(ExitStack):
     """Counts recordings as the options of ``count`` and ``watch`` state, and keeps the counts in a history.
 
     The gearbox is that of the options, else the assembly that a file states, else the one of this name.
@@ -71,6 +48,7 @@ class RecordingCounter:
     def __init__(self, arguments: Arguments, default_gearbox: str = "") -> None:
         if arguments.gearbox == "":
             raise ValueError("--gearbox must be a name, got an empty one")
+        super().__init__()
         self.arguments, self.default_gearbox = arguments, default_gearbox
         self._models: dict[str, LobeModel] = {}
         if arguments.model is not None:
@@ -79,18 +57,13 @@ class RecordingCounter:
         if arguments.history:
             from cyclofeat.history import History
 
-            self.history = History(arguments.history)
-
-    def close(self) -> None:
-        """Close the history."""
-        if self.history is not None:
-            self.history.close()
+            self.history = self.enter_context(History(arguments.history))
 
     def model_of(self, quantity: str) -> LobeModel:
         """Return the model that the options name, or the packaged one of a quantity."""
         name = quantity if self.arguments.model is None else ""
         if name not in self._models:
-            self._models[name] = self.arguments.read_model(quantity)
+            self._models[name] = self.arguments.read_model(name)
         return self._models[name]
 
     def without_start(self, recording: Recording) -> Recording:
@@ -108,8 +81,30 @@ class RecordingCounter:
         count = model.count(recording)
         of_record = record_warnings(recording.replace(n_lobes=model.n_lobes_))
         count = replace(count, warnings=(*count.warnings, *of_record))
-        name = self.arguments.model_name(recording.quantity)
-        counted = Counted.of(count, recording, model.windower_.output_turns, name)
+        first, last = count.windows[0], count.windows[-1]
+        window = round(first.stop_s - first.start_s, 9)
+        # Rounding of a window to whole samples leaves a residue that is no time.
+        unused = max(0.0, round(recording.duration - last.stop_s, 6))
+        probability = probability_text(count.probability[count.defect_count])
+        lines = [f"{number_of(count.defect_count, 'worn lobe')} (probability {probability})"]
+        if count.refused:
+            lines = [f"refused: {count.reason}", f"it would be {lines[0]}"]
+        elif count.lobes:
+            lobes = lobes_text(count.lobes, len(count.lobe_probability))
+            lines.append(f"positions: {lobes} (counted from 1)")
+        if count.wear_um is not None:
+            lines.append(f"wear: {count.wear_um}")
+        turns = number_of(model.windower_.output_turns, "output turn")
+        windows = f"{number_of(count.n_windows, 'window')} of {turns}"
+        lines.append(f"from {windows} ({window:.3g} s), {unused:.3g} s unused")
+        lines += [f"note: {warning}" for warning in count.warnings]
+        facts = count.to_dict() | {
+            "model": self.arguments.model_name(recording.quantity),
+            "window_s": window,
+            "unused_s": unused,
+            "windows": [window.to_dict() for window in count.windows],
+        }
+        counted = Counted(count, recording.quantity, lines, facts)
         if self.history is not None:
             assembly = self.default_gearbox if recording.assembly is None else str(recording.assembly)
             counted.gearbox = self.arguments.gearbox or assembly
@@ -162,7 +157,7 @@ def run(arguments: Arguments) -> Iterator[Printed]:
     results: list[FileResult[Counted]] = []
     if arguments.csv:
         _write_row(arguments.csv, "w", {column: column for column in COLUMNS})
-    with closing(RecordingCounter(arguments)) as counter:
+    with RecordingCounter(arguments) as counter:
 
         def count_file(path: Path, recording: Recording) -> Counted:
             counted = counter.count(path, recording)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from cyclofeat._base.progress import Progress
 from cyclofeat._base.quantities import QUANTITIES, number_of
-from cyclofeat.cli._options import Arguments, Parser, Printed, note, note_duration, whole_number
+from cyclofeat.cli._options import Arguments, Parser, Printed, note, whole_number
 from cyclofeat.cli.train import add_counter_options, untrained_model
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def run(arguments: Arguments) -> Iterator[Printed]:
         "recordings": len(recordings),
     }
     if arguments.model is None:
-        note_duration("cross-validation", 30 + 0.5 * len(recordings), arguments.n_jobs)
+        arguments.note_duration("cross-validation", 30 + 0.5 * len(recordings))
         results, how = cross_validate(model, recordings, protocol), "folds by assembly"
         settings["options of the model"] = repr(model)
         folds = f"{protocol.n_splits} folds, assemblies of every count shared out by the seed "

@@ -12,7 +12,7 @@ from cyclofeat._base.checks import different_names
 from cyclofeat._base.progress import Progress, Steps
 from cyclofeat._base.quantities import beyond_text, in_words, number_of, unit_text
 from cyclofeat._base.training import import_jax
-from cyclofeat.cli._options import Arguments, Parser, Printed, check_folder, note, note_duration, whole_number
+from cyclofeat.cli._options import Arguments, Parser, Printed, check_folder, note, whole_number
 from cyclofeat.cli._rigs import add_effects
 
 if TYPE_CHECKING:
@@ -265,7 +265,7 @@ def run(arguments: Arguments) -> Iterator[Printed]:
     if arguments.simulated is None:
         model, posterior = _model_and_posterior(arguments)
         fitted, held_out = _split_recordings(arguments, recordings)
-        note_duration("the comparison", _COMPARISON_S, arguments.n_jobs)
+        arguments.note_duration("the comparison", _COMPARISON_S)
         with Steps() as steps:
             result = find_gap(
                 fitted, held_out, model=model, posterior=posterior, settings=gap_settings, progress=steps

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from cyclofeat.cli._options import Arguments, Parser, Printed, positive_number, whole_number
+from cyclofeat.cli._options import Arguments, Parser, Printed, positive, whole_number
 from cyclofeat.cli._rigs import add_rig, rig_of
 
 _TABULATED_RPM = 500.0
@@ -17,13 +17,13 @@ def add_arguments(parser: Parser) -> None:
         help="tell N worn lobes from N + 1; with --wear, N worn lobes from none",
     )  # fmt: skip
     parser.add_argument(
-        "--noise", dest="noise_nm", type=positive_number, required=True, metavar="NM",
+        "--noise", dest="noise_nm", type=positive, required=True, metavar="NM",
         help="rms noise of the meter, Nm",
     )  # fmt: skip
     parser.add_argument("--confidence", type=float, default=0.95, help="wanted probability (default 0.95)")
     parser.add_argument("--depth", type=float, default=1.0, help="depth of the wear, 0.1 to 1 (default 1)")
     parser.add_argument(
-        "--speed", dest="speed_rpm", type=positive_number, default=_TABULATED_RPM, metavar="RPM",
+        "--speed", dest="speed_rpm", type=positive, default=_TABULATED_RPM, metavar="RPM",
         help="input speed (default 500)",
     )  # fmt: skip
     parser.add_argument(
@@ -32,7 +32,7 @@ def add_arguments(parser: Parser) -> None:
         help="find the least depth of radial wear that shows, by a short simulation",
     )
     parser.add_argument(
-        "--load", dest="load_nm", type=positive_number, metavar="NM", help="load, in Nm (default: the rig's)"
+        "--load", dest="load_nm", type=positive, metavar="NM", help="load, in Nm (default: the rig's)"
     )
     parser.add_argument(
         "--turns", dest="output_turns", type=whole_number(1), default=5, metavar="N",

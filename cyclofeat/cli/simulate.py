@@ -11,17 +11,7 @@ import numpy as np
 
 from cyclofeat._base.progress import Progress
 from cyclofeat._base.quantities import QUANTITIES, number_of
-from cyclofeat.cli._options import (
-    SIMULATION_PACE,
-    Arguments,
-    Parser,
-    Printed,
-    list_of,
-    note_duration,
-    positive_number,
-    range_of,
-    whole_number,
-)
+from cyclofeat.cli._options import Arguments, Parser, Printed, list_of, positive, range_of, whole_number
 from cyclofeat.cli._rigs import add_machine, defects_of, machine_of, rig_of
 
 if TYPE_CHECKING:
@@ -49,8 +39,8 @@ def add_arguments(parser: Parser) -> None:
             help=f"{option[2:-1]} in {unit}; with --count several, such as 11,22, or ranges LOW:HIGH "
             "(default: the rig's)",
         )  # fmt: skip
-    parser.add_argument("--duration", type=positive_number, default=3.0, help="seconds (default 3)")
-    parser.add_argument("--sampling-rate", type=positive_number, default=25_600.0, help="Hz (default 25600)")
+    parser.add_argument("--duration", type=positive, default=3.0, help="seconds (default 3)")
+    parser.add_argument("--sampling-rate", type=positive, default=25_600.0, help="Hz (default 25600)")
     parser.add_argument(
         "--quantity", choices=QUANTITIES, default=QUANTITIES[0],
         help="quantity to record (default output_torque); for a current, a rig without a motor gets one",
@@ -107,7 +97,7 @@ def _simulate_many(arguments: Arguments) -> Iterator[Recording]:
         least = f"{len(counts) * len(conditions)}, all of --worn-counts at each speed and load"
         raise ValueError(f"--count must be at least {least}, got {total}")
     rig = rig_of(arguments, default="r2")
-    note_duration("simulating", SIMULATION_PACE * total * arguments.duration)
+    arguments.note_simulation(total * arguments.duration)
     with Progress("simulating assemblies") as progress:
         for done in range(0, total, len(counts)):
             speed, load = conditions[done // len(counts) % len(conditions)]

@@ -10,16 +10,7 @@ from cyclofeat._base.checks import whole
 from cyclofeat._base.progress import Progress, Steps
 from cyclofeat._base.quantities import number_of
 from cyclofeat._base.training import import_jax
-from cyclofeat.cli._options import (
-    Arguments,
-    Parser,
-    Printed,
-    note,
-    note_duration,
-    positive_number,
-    range_of,
-    whole_number,
-)
+from cyclofeat.cli._options import Arguments, Parser, Printed, note, positive, range_of, whole_number
 from cyclofeat.cli._rigs import add_rig, rig_of
 
 if TYPE_CHECKING:
@@ -89,7 +80,7 @@ def add_arguments(parser: Parser) -> None:
     )  # fmt: skip
     _add_models(parser)
     parser.add_argument(
-        "--sampling-rate", type=positive_number, metavar="HZ",
+        "--sampling-rate", type=positive, metavar="HZ",
         help="sampling rate in Hz (default for simulated recordings: 25600). The model counts recordings "
         "with this rate or a higher one",
     )  # fmt: skip
@@ -220,9 +211,7 @@ def _simulated_recordings(arguments: Arguments) -> tuple[list[Recording], str]:
     from cyclofeat.simulators import Solver
 
     rig = rig_of(arguments, default="r2")
-    turns = arguments.windows
-    if turns is None:
-        turns = _TURNS if arguments.wear_um is None else _TURNS_FOR_WEAR
+    turns = arguments.windows or (_TURNS if arguments.wear_um is None else _TURNS_FOR_WEAR)
     if arguments.counter == "rows" and arguments.lobes != "consecutive":
         raise ValueError(f"--counter rows takes --lobes consecutive only, got {arguments.lobes}")
     sampling_rate = 25_600.0 if arguments.sampling_rate is None else arguments.sampling_rate
@@ -236,7 +225,7 @@ def _simulated_recordings(arguments: Arguments) -> tuple[list[Recording], str]:
         turns *= 1 + _SLIP
     n_turns = turns * arguments.assemblies * (arguments.max_count + 1)
     pace = _TURN_S * (5 if arguments.kernel == "exact" or rig.variants else 1)
-    note_duration("simulating and training", pace * n_turns, arguments.n_jobs)
+    arguments.note_duration("simulating and training", pace * n_turns)
     with Progress("simulating assemblies") as progress, warnings.catch_warnings():
         warnings.filterwarnings(
             "ignore", "assembly .* another machine is drawn", RuntimeWarning

@@ -10,13 +10,13 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 
 from cyclofeat._base.files import check_parent
-from cyclofeat.cli._options import Arguments, Parser, Printed, name_file, note, positive_number, warn
+from cyclofeat.cli._options import Arguments, Parser, Printed, name_file, note, positive, warn
 from cyclofeat.cli.count import Counted, RecordingCounter
 
 # A file that cannot be read is bad, and not only half written, after this many times the time to settle.
@@ -156,12 +156,12 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument("--done", metavar="FILE", help="list of counted files, which the next start skips")
     parser.add_argument(
         "--interval",
-        type=positive_number,
+        type=positive,
         default=1.0,
         help="seconds between checks of the folder (default 1)",
     )
     parser.add_argument(
-        "--settle", type=positive_number, default=1.0,
+        "--settle", type=positive, default=1.0,
         help="seconds for which a file must not change before it is read (default 1); longer than the "
         "writer's longest pause",
     )  # fmt: skip
@@ -189,7 +189,7 @@ def run(arguments: Arguments) -> Iterator[Printed]:
         if not arguments.once:
             note(f"cyclofeat: watching {folder}, stop with Ctrl-C")
         counted = failed = 0
-        with closing(RecordingCounter(arguments, folder.resolve().name)) as counter:
+        with RecordingCounter(arguments, folder.resolve().name) as counter:
             for arrival in _count_arrivals(arguments, watch, counter, stops):
                 counted += not arrival.error
                 failed += bool(arrival.error)
@@ -231,14 +231,11 @@ def _count_arrivals(
     options = arguments.reading_arguments()
     troubles: set[str] = set()
 
-    def write_counts(counted: Counted | None = None) -> None:
+    def write_files(counted: Counted | None = None) -> None:
+        """Write the history and, once it holds their counts, the list of files that are done."""
         with _retrying(f"--history {arguments.history} cannot be written", troubles):
             counter.write(counted)
-
-    def write_done() -> None:
-        """Write the list of files that are done, unless counts of them are not in the history yet."""
-        with _retrying(f"--done {arguments.done} cannot be written", troubles):
-            if counter.history is None or not counter.history.n_pending:
+            with _retrying(f"--done {arguments.done} cannot be written", troubles):
                 watch.done.write()
 
     began = now = time.monotonic()
@@ -254,14 +251,13 @@ def _count_arrivals(
             except Exception as error:  # one bad file must not end the watch, whatever is wrong with it
                 watch.mark_failed(path, name_file(path, arguments.error_text(error)))
                 continue
-            write_counts(counted)
+            write_files(counted)
             facts = {"time": _time_text(), "file": str(path), **counted.facts}
             text = f"{facts['time']} {path.name}: {'; '.join(counted.lines)}"
             yield Printed(text, facts, refused=counted.count.refused and arguments.strict)
             watch.mark_counted(path)
-            write_done()
-        write_counts()
-        write_done()
+            write_files()
+        write_files()
         # A file that cannot be read may only be half written, by a writer that pauses: reported later, once.
         last = arguments.once and now - began >= arguments.settle
         for path, message in watch.bad_files(now, at_once=last):

@@ -154,11 +154,6 @@ class History:
         """Close the file; rows that were not written are lost."""
         self._connection.close()
 
-    @property
-    def n_pending(self) -> int:
-        """Rows that were added and are not written."""
-        return len(self._pending)
-
     def add(
         self,
         gearbox: str,

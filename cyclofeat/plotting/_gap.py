@@ -415,9 +415,8 @@ class GapOverlayDisplay(PlainDisplay):
             ax.fill_between(overlay.x, band.low, band.high, color=colour, alpha=alpha, linewidth=0)
             ax.plot(overlay.x, band.mean, style, color=colour, linewidth=width, label=name)
         xlabel, ylabel = _LABELS[overlay.kind]
-        ax.set(xlabel=xlabel, ylabel=ylabel, xlim=(overlay.x[0], overlay.x[-1]))
-        ax.set_yscale("log")
-        ax.set_ylim(self.ends)
+        x_ends = (overlay.x[0], overlay.x[-1])
+        ax.set(xlabel=xlabel, ylabel=ylabel, xlim=x_ends, yscale="log", ylim=self.ends)
         if overlay.kind == "spectrum":
             ax.set_xscale("log")
             plain_log_ticks(ax)

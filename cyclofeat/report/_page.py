@@ -22,7 +22,6 @@ from cyclofeat._base.quantities import number_of, probability_text
 if TYPE_CHECKING:
     import jinja2
 
-SIMULATED = ("simulated", "surrogate")
 _SCRIPTS_OF_PLOTS = ("uplot/LICENSE", "uplot/uPlot.iife.min.js", "plot.js")
 
 
@@ -88,7 +87,7 @@ def template_environment(*packages: str) -> jinja2.Environment:
 
 def describe_origin(sources: Sequence[str | None]) -> tuple[str, dict[str, str] | None, str]:
     """Return the name of the recordings, the banner for surrogates, and a line on their origin."""
-    n, n_made = len(sources), sum(source in SIMULATED for source in sources)
+    n, n_made = len(sources), sum(source in ("simulated", "surrogate") for source in sources)
     if n and all(source == "measured" for source in sources):
         return "measured", None, f"{number_of(n, 'recording')}, stated to be measured on a machine."
     if n_made == n and n:

@@ -22,7 +22,7 @@ from command import call, run
 
 from cyclofeat import __version__
 from cyclofeat.cli import COMMANDS, demo, main, make_parser
-from cyclofeat.cli._options import note_duration
+from cyclofeat.cli._options import Arguments
 from cyclofeat.cli.inspect import _speed_text
 from cyclofeat.counting import LobeModel, Protocol, evaluate
 from cyclofeat.datasets import read_folder, read_recording, write_recording
@@ -830,10 +830,10 @@ def test_help_ends_with_examples_that_are_understood(command, capsys):
 
 def test_long_work_says_beforehand_about_how_long(capsys, monkeypatch):
     monkeypatch.setattr("os.cpu_count", lambda: 2)
-    note_duration("simulating", 19.0)
+    Arguments().note_duration("simulating", 19.0)
     assert capsys.readouterr().err == ""
-    note_duration("simulating", 300.0)
-    note_duration("training", 60.0, n_jobs=1)
+    Arguments().note_duration("simulating", 300.0)
+    Arguments(n_jobs=1).note_duration("training", 60.0)
     expected = "simulating takes about 2 min on 2 free cores\ntraining takes about 60 s on 1 free core\n"
     assert capsys.readouterr().err == expected
 
