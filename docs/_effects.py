@@ -22,14 +22,14 @@ assumptions.
 - **R1** has one known brake behind a known torque meter, the same in each assembly.
 - **R2** is a test bench that nobody has measured: brake, torque meter and contacts differ from one assembly
   to the next. The packaged models are trained on it.
-- **published** has the drift and the offset with which the statistics of paper A's table 4 come about.
+- **published** has a drift and an offset that give roughly the statistics of paper A's table 4.
 
 All have the gearbox of paper B, at {rpm:.0f} RPM and {load:g} Nm. Each assembly draws its values from the
 ranges below. A rig of your own is [a JSON file](howto/gearbox.rst).
 
 {table}
 
-The commands differ in the rig that they take unless `--rig` names one:
+Without `--rig`, the commands take different rigs:
 
 | command | rig without `--rig` |
 |---|---|
@@ -40,10 +40,10 @@ The commands differ in the rig that they take unless `--rig` names one:
 """
 EFFECTS = """# All effects
 
-An effect is one thing that a rig adds to the gearbox model. `cyclofeat gap` weighs the {n} effects of the
-first table: those that `cyclofeat.gap.World().effects` lists. Files name an effect by its id. The range
-holds 90 % of the sizes that the gap workflow expects before it sees a recording. Look-alikes change the
-torque of one condition in the same way; the last column says which measurement tells them apart.
+An effect is one thing that a rig adds to the gearbox model. `cyclofeat gap` considers the {n} effects of the
+first table (`cyclofeat.gap.World().effects`). The range holds 90 % of the sizes that it expects before it
+sees a recording. Effects that look alike change the torque of one condition in the same way; the last
+column names the measurement that separates them.
 
 {gap}
 

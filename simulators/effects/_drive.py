@@ -81,7 +81,7 @@ class Drift(_AddedTorque):
 
     effect_id: ClassVar[Any] = Of(load="load_drift", sensor="sensor_drift")
     summary: ClassVar[Any] = Of(
-        load="Slow fluctuation of the brake's torque, to which the whole drive answers.",
+        load="Slow fluctuation of the brake's torque, to which the whole drive responds.",
         sensor="Drift of the torque meter's zero: added to the torque, not to the load.",
     )
     parameters: ClassVar = {
@@ -284,7 +284,7 @@ class StickSlip(_AddedTorque):
 
 
 class Rattle(_AddedTorque):
-    """Rattle of a part with play on the output shaft: short blows on the load, from either flank in turn.
+    """Rattle of a part with play on the output shaft: short blows on the load from both flanks in turn.
 
     Adds triangular pulses of alternating sign to the load, ``blow_s`` long; their heights and the pauses
     between them are exponentially distributed, with means ``blow_nm`` and 1/``rate_hz``. The drive answers
@@ -392,7 +392,7 @@ class MotorFriction(Effect):
 
 
 class CurrentSensor(Effect):
-    """Measurement of the motor's current: offset, white noise and steps, but no answer of the motor to them.
+    """Measurement of the motor's current: offset, white noise and steps, which the motor does not feel.
 
     Values are in Nm, times the torque constant, so that they suit a motor of any torque constant.
     ``noise_nm`` is a standard deviation, ``lsb_nm`` the step of the converter.

@@ -21,7 +21,7 @@ GEARBOX_NUMBERS = tuple(
 
 
 class PinErrors(Effect):
-    """Position errors of the pins: every external sleeve sits a little off its place.
+    """Position errors of the pins: each external sleeve sits off its place.
 
     Pin j moves by independent normal errors (dr_j, dt_j) of standard deviation ``rms``, radially and
     tangentially, in addition to those of the gearbox. The torque's pattern then repeats after a whole
@@ -45,7 +45,7 @@ class PinErrors(Effect):
 
 
 class LobePitchErrors(Effect):
-    """Pitch errors of the lobes: each sits a little off its place along the pitch circle.
+    """Pitch errors of the lobes: each sits off its place along the pitch circle.
 
     Lobe l of either wheel moves by an independent normal error of standard deviation ``rms`` at the circle of
     the pins, on top of what the gearbox already has. The pattern stays with the disc, like wear, but is
@@ -297,7 +297,7 @@ class BearingFriction(Effect):
 
 
 class BrakeRotor(Effect):
-    """Rotor of the brake behind the compliance of shaft and torque meter, which answers the gearbox.
+    """Rotor of the brake behind the compliance of shaft and torque meter.
 
     J w' = k (psi - psi_b) + c (psi' - w) - T_load with the ``inertia`` J, the torsional ``stiffness`` k of
     shaft and meter, and c = 2 ``damping_ratio`` sqrt(k J); the torque is that in the meter, k (psi - psi_b) +

@@ -49,7 +49,7 @@ class _MeterEffect(Effect):
 
 
 class TorqueMeterLowPass(_MeterEffect):
-    """Low-pass in the torque meter: a Butterworth filter, causal as a real meter is.
+    """Low-pass in the torque meter: a causal Butterworth filter.
 
     |H(f)|^2 = 1 / (1 + (f/f_c)^(2n)) with f_c = ``cutoff_hz``, below the Nyquist frequency, and n =
     ``order``, by the bilinear transform, exact at 0 and f_c; near the Nyquist frequency it falls faster than
@@ -208,16 +208,16 @@ class ShaftLine(_MeterEffect):
 
     effect_id: ClassVar[Any] = Of(input="input_shaft_line", output="output_shaft_line")
     summary: ClassVar[Any] = Of(
-        input="Line of the input shaft: a wave in the torque signal once per turn of the input.",
-        output="Line of the output shaft: a wave in the torque signal once per turn of the output.",
+        input="Line of the input shaft: a wave in the torque signal once per turn.",
+        output="Line of the output shaft: a wave in the torque signal once per turn.",
     )
     parameters: ClassVar = {
         "amplitude_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, loguniform(0.01, 2.0), log=True, default=0.2)
     }
     settings: ClassVar = {"phase": None, "of": "input"}
     separated_by: ClassVar[Any] = Of(
-        input="another speed, with which it moves as hum does not, and the torque folded over turns",
-        output="several whole output turns, in which it repeats as a drift does not",
+        input="another speed, which moves it but not hum, and the torque folded over turns",
+        output="several whole output turns: it repeats, a drift does not",
     )
     proposed = False
     check_settings = check_phase
@@ -316,7 +316,7 @@ class Quantisation(_MeterEffect):
 
 
 class Clipping(_MeterEffect):
-    """Clipping: amplifier or converter saturate at a torque.
+    """Clipping: the amplifier or converter saturates at a torque.
 
     T is limited to -L to L with L = ``limit_nm``, as by the ``full_scale_nm`` of :class:`Quantisation`, but
     without steps and with a prior (*an assumption*, for loads of some 22 Nm). A saturated amplifier that
@@ -338,7 +338,7 @@ class Clipping(_MeterEffect):
 
 
 class LostSamples(_MeterEffect):
-    """Lost samples: the transfer of the record loses a block of them now and then.
+    """Lost samples: the record loses a block of them now and then.
 
     In each stretch of ``block``/``share`` samples one block at a random place is lost, of ``block`` samples
     (rounded). The block holds the last value before it, is zero, or is cut out, so that what follows comes
