@@ -60,3 +60,29 @@ def test_an_example_shows_it(name):
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_example_says_that_its_torque_is_simulated(path):
     assert "**surrogate**" in ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))).lower()
+
+
+def test_measured_motions_are_fetched_once_and_checked(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "examples" / "gap")
+    motions = importlib.import_module("_measured_motions")
+    (tmp_path / "far.csv").write_text("time,position\n0,1\n0.5,2\n")
+    address = (tmp_path / "far.csv").as_uri()
+
+    def parse(text):
+        rows = np.genfromtxt(text.decode().splitlines(), delimiter=",", names=True)
+        return {name: rows[name].astype(np.float32) for name in rows.dtype.names}
+
+    def fetch(checksum):
+        keys = ("time", "position")
+        return motions.fetch_recordings("near.npz", tmp_path, {"r1": address}, keys, parse, checksum)
+
+    with pytest.raises(
+        ValueError, match=r"near.npz must have the checksum 0, got \w{64}: remove it"
+    ) as wrong:
+        fetch("0")
+    assert not (tmp_path / "near.npz").exists()
+    checksum = str(wrong.value).partition(", got ")[2].partition(":")[0]
+    (recording,) = fetch(checksum)
+    assert recording["position"].tolist() == [1, 2]
+    (tmp_path / "far.csv").unlink()
+    assert fetch(checksum)[0]["time"].tolist() == [0, 0.5]

@@ -10,10 +10,12 @@ from pathlib import Path
 from urllib.request import urlopen
 
 import numpy as np
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from sklearn.datasets import get_data_home
 
 from cyclofeat._base.files import write_whole
+from cyclofeat.gap.posterior.answers import ABSENT, NAMED, PRESENT
 
 Recording = dict[str, NDArray[np.float32]]
 GITHUB = "https://raw.githubusercontent.com"
@@ -88,3 +90,12 @@ def fetch_recordings(
     if not file.exists():
         write_whole(file, lambda stream: np.savez_compressed(stream, **packed))
     return [{key: packed[f"{recording}/{key}"] for key in keys} for recording in addresses]
+
+
+def mark_states(ax: Axes, probabilities: Mapping[str, float]) -> None:
+    """Draw the probability of each effect, with the limits of its states."""
+    shown = sorted(probabilities.items(), key=lambda item: item[1])
+    ax.barh([name.replace("_", " ") for name, _ in shown], [p for _, p in shown])
+    for limit in (ABSENT, NAMED, PRESENT):
+        ax.axvline(limit, color="0.5", lw=0.8, ls=":")
+    ax.set(xlim=(0, 1), xlabel="probability", title="What the simulator lacks")
