@@ -93,9 +93,11 @@ def fetch_recordings(
 
 
 def mark_states(ax: Axes, probabilities: Mapping[str, float]) -> None:
-    """Draw the probability of each effect, with the limits of its states."""
+    """Draw the probability of each effect, with the limits of its states as lines."""
     shown = sorted(probabilities.items(), key=lambda item: item[1])
     ax.barh([name.replace("_", " ") for name, _ in shown], [p for _, p in shown])
-    for limit in (ABSENT, NAMED, PRESENT):
-        ax.axvline(limit, color="0.5", lw=0.8, ls=":")
-    ax.set(xlim=(0, 1), xlabel="probability", title="What the simulator lacks")
+    ax.set(
+        xlim=(0, 1), xticks=[ABSENT, NAMED, PRESENT], xlabel="probability", title="What the simulator lacks"
+    )
+    ax.grid(axis="x", ls=":")
+    ax.set_axisbelow(False)

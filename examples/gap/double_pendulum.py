@@ -14,7 +14,8 @@ driven joints it follows the commanded one by 12 to 34 ms. It takes a minute, an
 or takes a local copy: ``python double_pendulum.py FOLDER``.
 
 .. image:: /figures/gap_double_pendulum.png
-   :alt: Torque of a recording held out, measured and simulated; probability of each effect
+   :alt: Torque of a recording held out, measured and simulated; probability of each effect.
+         Lines: undecided, probably missing and missing begin
 """
 
 # sphinx_gallery_thumbnail_path = 'figures/gap_double_pendulum.png'
@@ -174,7 +175,7 @@ over_time.plot(time, recordings[2].torque[0], "k", lw=2.0, label="measured")
 for name, rig in rigs.items():
     over_time.plot(time, torques(recordings[2], rig)[0], label=f"simulated {name}")
 over_time.set(xlabel="time (s)", ylabel="torque (Nm)", title="Shoulder of a recording held out")
-over_time.legend()
+over_time.legend(loc="lower left", fontsize="small")
 mark_states(missing, answer.probabilities)
 figure.savefig(Path(__file__).parents[2] / "docs" / "figures" / "gap_double_pendulum.png", dpi=100)
 

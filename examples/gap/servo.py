@@ -12,7 +12,8 @@ it may lack. It names the friction from the recordings of three gains; those of 
 takes a minute, and loads the data once, or takes a local copy: ``python servo.py FOLDER``.
 
 .. image:: /figures/gap_servo.png
-   :alt: Position of a recording held out, measured and simulated; probability of each effect
+   :alt: Position of a recording held out, measured and simulated; probability of each effect.
+         Lines: undecided, probably missing and missing begin
 """
 
 # sphinx_gallery_thumbnail_path = 'figures/gap_servo.png'
@@ -183,7 +184,7 @@ over_time.plot(time, one.position, "k", lw=2.5, label="measured")
 for name, rig in rigs.items():
     over_time.plot(time, positions([one], rig)[0], label=f"simulated {name}")
 over_time.set(xlabel="time (s)", ylabel="position (rad)", title="A recording held out")
-over_time.legend()
+over_time.legend(loc="lower left", fontsize="small")
 mark_states(missing, answer.probabilities)
 figure.savefig(Path(__file__).parents[2] / "docs" / "figures" / "gap_servo.png", dpi=100)
 
