@@ -183,7 +183,7 @@ def test_two_folders_of_recordings_need_no_model(
     options = ("--simulated", runs, "--out", tmp_path / "other.html")
     code, out, err = run(capsys, measured, *options)  # what is finished is printed before the page
     assert (code, err) == (2, "cyclofeat: error: no page\n")
-    assert out.startswith("Model and recordings disagree (p = ")
+    assert out.startswith("Model and recordings disagree\n  recordings: ")
     assert json.loads(run(capsys, measured, *options, "--json")[1]) == found | {"error": "no page"}
 
 
