@@ -62,6 +62,7 @@ _CLOCK = re.compile(
 _DATE = re.compile(r"\s*\d{1,4}([-./])\d{1,2}\1\d{1,4}\s*")
 _SETTING = re.compile(r"\W*(\w.*?)\s*[:=]\s*([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*([A-Za-z/]*)\s*")
 
+_NO_SAMPLE = "remove what is no row of samples"
 _PART = 2048  # rows that are split at a time
 _LONG_FILE = 2**20
 _THOUSANDS = (
@@ -452,7 +453,7 @@ class _Columns:
                     came = number_of(len(parts), "column") if row.strip() else "an empty line"
                     raise ValueError(
                         f"{self.place(number)} must have {table.width} columns as the first row "
-                        f"has, got {came}"
+                        f"has, got {came}; {_NO_SAMPLE}"
                     )
                 cells.append(parts[index])
             yield start, cells
@@ -477,7 +478,10 @@ class _Columns:
                         self.decimal = ","  # in none of the first lines
                         self.meta |= {"decimal_comma": True}
                         return self._read_numbers(index)
-                    text = repr(cell if len(cell) <= 60 else f"{cell[:60]}...") + ", which is not a number"
+                    text = (
+                        repr(cell if len(cell) <= 60 else f"{cell[:60]}...")
+                        + f", which is not a number; {_NO_SAMPLE}"
+                    )
                     raise ValueError(
                         shown(number, text if cell.strip() else "nothing; it must hold a number")
                     ) from None

@@ -174,7 +174,13 @@ time = np.arange(recordings[2].torque.shape[1]) / RATE
 over_time.plot(time, recordings[2].torque[0], "k", lw=2.0, label="measured")
 for name, rig in rigs.items():
     over_time.plot(time, torques(recordings[2], rig)[0], label=f"simulated {name}")
-over_time.set(xlabel="time (s)", ylabel="torque (Nm)", title="Shoulder of a recording held out")
+over_time.set(
+    xlim=(0, 4),
+    ylim=(-1.6, 1.2),
+    xlabel="time (s)",
+    ylabel="torque (Nm)",
+    title="Shoulder of a recording held out",
+)
 over_time.legend(loc="lower left", fontsize="small")
 mark_states(missing, answer.probabilities)
 figure.savefig(Path(__file__).parents[2] / "docs" / "figures" / "gap_double_pendulum.png", dpi=100)
