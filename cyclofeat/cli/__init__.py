@@ -211,7 +211,7 @@ def make_parser(complete: Collection[str] = tuple(COMMANDS)) -> RaisingParser:
         subparser.add_argument(
             "--quiet",
             action="store_true",
-            help="print results, warnings and errors, but no progress or notes",
+            help="print results, with their notes, warnings and errors, but no progress",
         )
         if name in complete:
             command_module(name).add_arguments(subparser)

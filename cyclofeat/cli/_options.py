@@ -344,8 +344,10 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     },
     "--n-lobes": {"type": int, "metavar": "N", "help": "lobes of a disc (default 15)"},
     "--scale": {"type": float, "help": "Nm (or A) per unit of the channel"},
-    "--delimiter": {"choices": tuple(_DELIMITERS), "help": "separator in text files"},
-    "--decimal": {"choices": (",", "."), "help": "mark of the decimals in text files"},
+    "--delimiter": {
+        "choices": tuple(_DELIMITERS), "metavar": "MARK", "help": "separator of a text: , ; | tab or space",
+    },
+    "--decimal": {"choices": (",", "."), "metavar": "MARK", "help": "mark of the decimals of a text: , or ."},
     "--table-line": _COUNT | {"help": "line of the column names in text files, from 1"},
     "--gaps": {"choices": ("refuse", "cut"), "help": "at gaps in the times: an error (default), or cut"},
 }  # fmt: skip

@@ -85,8 +85,8 @@ def run(arguments: Arguments) -> Iterator[Printed]:
 def _print_scores(results: dict[str, Evaluation], how: str) -> Printed:
     name, main = next(iter(results.items()))
     lines = [
-        f"{number_of(main.labels.size, 'recording')}, assemblies: {main.groups.size}, {how}; 95 % bootstrap "
-        "intervals over assemblies",
+        f"{number_of(main.labels.size, 'recording')}, assemblies: {main.groups.size}, {how}; 95 % intervals "
+        "over assemblies, by bootstrap unless all or none are right",
         main.agreement(),
     ]
     width = max(map(len, results))

@@ -291,7 +291,10 @@ def run(arguments: Arguments) -> Iterator[Printed]:
         (result.posterior_rig or result.rig).to_json(arguments.save_simulator)
         yield Printed(f"corrected model: {arguments.save_simulator}", {})
         if result.named and arguments.train is None:
-            yield Printed(f"next: cyclofeat train --rig {arguments.save_simulator} --out counter.skops", {})
+            train = f"next: cyclofeat train --rig {arguments.save_simulator} --out counter.skops"
+            unknown = result.remainder is not None and result.remainder.unexplained
+            doubt = "  (something is still missing: try the counter on known counts before you rely on it)"
+            yield Printed(train + doubt * unknown, {})
     counters: list[dict[str, Any]] = []
     if arguments.train is not None:
         counters = try_counters(arguments, recordings)

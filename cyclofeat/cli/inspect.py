@@ -40,7 +40,10 @@ def run(arguments: Arguments) -> Iterator[Printed]:
         facts, recording = result.value
         lines = [f"started:   {facts['start_time']} (UTC)"] if facts["start_time"] else []
         lines += [f"table:     {facts['table']}"] if facts["table"] else []
-        others = [name if unit is None else f"{name} ({unit})" for name, unit in channels.items()]
+        others = [
+            f"{name} ({unit})" if unit and f"({unit})" not in name else name
+            for name, unit in channels.items()
+        ]
         if len(others) > 1:
             lines.append(f"channels:  {', '.join(others)}")
         lines.append(f"speed:     {_speed_text(facts)}")

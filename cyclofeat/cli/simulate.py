@@ -31,12 +31,12 @@ def add_arguments(parser: Parser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--worn-counts", type=list_of(whole_number(0)), metavar="N,N,...", default=range(8),
-        help="numbers of worn lobes, side by side, with --count (default: 0 to 7)",
+        help="numbers of worn lobes, side by side, with --count (default: 0,1,2,3,4,5,6,7)",
     )  # fmt: skip
-    for option, unit in (("--speeds", "RPM"), ("--loads", "Nm")):
+    for option, unit, several in (("--speeds", "RPM", "400,500"), ("--loads", "Nm", "11,22")):
         parser.add_argument(
             option, type=list_of(range_of(unit)), metavar=unit, default=[None],
-            help=f"{option[2:-1]} in {unit}; with --count several, such as 11,22, or ranges LOW:HIGH "
+            help=f"{option[2:-1]} in {unit}; with --count several, such as {several}, or ranges LOW:HIGH "
             "(default: the rig's)",
         )  # fmt: skip
     parser.add_argument("--duration", type=positive, default=3.0, help="seconds (default 3)")

@@ -172,7 +172,7 @@ def run(arguments: Arguments) -> Printed:
         origin = f"{number_of(len(recordings), 'recording')} from files"
     else:
         recordings, name = _simulated_recordings(arguments)
-        origin = f"{len(recordings)} simulated assemblies of rig {name}, seed {arguments.random_state}"
+        origin = f"{len(recordings)} simulated assemblies of {name}, seed {arguments.random_state}"
         if arguments.mixed_wear is not None:
             n_radial = sum(bool((recording.meta or {}).get("wear_um")) for recording in recordings)
             low, high = arguments.mixed_wear
@@ -204,7 +204,7 @@ def run(arguments: Arguments) -> Printed:
 
 
 def _simulated_recordings(arguments: Arguments) -> tuple[list[Recording], str]:
-    """Return simulated recordings and the name of their rig."""
+    """Return simulated recordings, and what their rig is called."""
     from cyclofeat.counting import samples_per_turn_at
     from cyclofeat.datasets import make_rig_recordings
     from cyclofeat.recordings.windower import lobe_windower
@@ -258,7 +258,7 @@ def _simulated_recordings(arguments: Arguments) -> tuple[list[Recording], str]:
         note(
             f"{failed} of {len(recordings)} machines could not be simulated: others were drawn in their place"
         )
-    return recordings, rig.name
+    return recordings, "the file" if rig.name == "rig" else f"rig {rig.name}"
 
 
 def _range_around(nominal: float, recorded: tuple[float, float] | None) -> tuple[float, float]:

@@ -393,12 +393,11 @@ class GapResult(EffectRows[FoundEffect], WithCard):
         rows["undecided"] = some_of(self.of_state("undecided"))
         if self.remainder is not None:
             clearest = self.remainder.rows[:1] if self.remainder.unexplained else ()
-            differences = [
-                f", most of all {cell_name(one)}: {mean_difference_words(one.difference, one.unit)}"
-                for one in clearest
-            ]
-            left = f"{LEFT[self.remainder.cause]} ({p_words(self.remainder.p)})"
-            rows["left unexplained"] = "".join([left, *differences])
+            left = [f"{LEFT[self.remainder.cause]} ({p_words(self.remainder.p)})"]
+            for one in clearest:
+                difference = mean_difference_words(one.difference, one.unit)
+                left.append(f"most of all {cell_name(one)}: {difference} in the recordings")
+            rows["left unexplained"] = ", ".join(left)
         rows["measure next"] = "".join(map(str, self.next_measurements[:1]))
         rows["gap closed on recordings held out"] = "; ".join(map(str, self.proof))
         code = 'result.to_frame("sizes")' if self.named else 'result.to_frame("where")'

@@ -280,8 +280,9 @@ class GearboxState:
     def __str__(self) -> str:
         if self.rule is None:
             return f"no alarm possible: {self.no_rule}"
-        since = f"ALARM since {time_text(self.alarms[-1][0])}" if self.alarm else "no alarm"
-        return f"{since}: {self.rule}"
+        if self.alarm:
+            return f"ALARM since {time_text(self.alarms[-1][0])}: {self.rule}"
+        return f"no alarm (it takes {self.rule}, after the first ten)"
 
 
 def time_text(time: float) -> str:

@@ -83,8 +83,9 @@ def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recordin
         recording and the columns ``file`` (within the folder), ``speed`` (RPM of the input), ``load`` (Nm),
         ``worn_lobes_from_1`` (separated by spaces), other arguments of :func:`read_recording`, and labels of
         :class:`~cyclofeat.recordings.Recording`. An empty cell states nothing.
-        Without a manifest all files that :func:`read_recording` knows are read, by name, but for ``.txt``; of
-        a campaign (:func:`cyclofeat.simulators.run_campaign`) all runs that reached their end.
+        Without a manifest all files that :func:`read_recording` knows are read, by name, but for ``.txt``,
+        ``.dat`` and ``.log``; of a campaign (:func:`cyclofeat.simulators.run_campaign`) all runs that reached
+        their end.
     **arguments
         Arguments of :func:`read_recording` for all recordings; they precede the manifest.
 
@@ -161,7 +162,8 @@ def folder_entries(path: str | os.PathLike[str]) -> list[Entry]:
             warnings.warn(f"{folder}: {n_failed} runs that failed are not read", stacklevel=3)
         runs = data.ok.nonzero()[0].tolist()
         return [Entry(folder / f"{run:07d}", reader=partial(_read_run, data, run)) for run in runs]
-    known = (file for file in folder.iterdir() if file.name.lower().endswith(tuple(SOURCES)))
+    endings = (*SOURCES, ".lvm", ".asc", ".tsv")  # other texts are read where the manifest names them
+    known = (file for file in folder.iterdir() if file.name.lower().endswith(endings))
     files = sorted(file for file in known if file.name != MANIFEST)
     if (folder / MANIFEST).is_file():
         with name_errors(MANIFEST):
@@ -172,7 +174,8 @@ def folder_entries(path: str | os.PathLike[str]) -> list[Entry]:
         return entries
     if not files:
         *others, last = SOURCES
-        raise ValueError(f"folder {folder} holds no {', '.join(others)} or {last} recordings")
+        known_kinds = f"{', '.join(others)} or {last} recordings"
+        raise ValueError(f"folder {folder} holds no {known_kinds}; {MANIFEST} may name other texts")
     return [Entry(file) for file in files]
 
 

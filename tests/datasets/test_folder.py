@@ -157,3 +157,6 @@ def test_without_a_manifest_all_files_are_read_by_name(tmp_path):
         read_folder(tmp_path / "empty")
     with pytest.raises(ValueError, match="is no folder; use read_recording"):
         read_folder(tmp_path / "a.csv")
+    for name in ("run.lvm", "notes.log"):  # one is data by its name, the other may be anything
+        (tmp_path / "empty" / name).write_bytes((tmp_path / "a.csv").read_bytes())
+    assert [entry.path.name for entry in folder_entries(tmp_path / "empty")] == ["run.lvm"]

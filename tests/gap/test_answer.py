@@ -82,7 +82,7 @@ def test_what_is_left_and_what_is_not_known(result) -> None:
     assert lines[0].startswith("2 effects are missing in the model, 1 is probably missing, something unknown")
     assert lines[6] == (
         "  left unexplained: differences that no effect considered explains (p < 0.001), most of all "
-        "third octave at 631 Hz: 2.3 dB more"
+        "third octave at 631 Hz: 2.3 dB more in the recordings"
     )
     assert lines[8:] == [
         "  gap closed on recordings held out: too little disagreement to state how far it shrank",

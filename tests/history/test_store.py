@@ -168,7 +168,8 @@ def test_the_alarm_follows_the_counts(tmp_path):
         with pytest.raises(ValueError, match="false_alarms_per_month must be positive"):
             history.state("press", false_alarms_per_month=0)
     with filled(tmp_path / "a.sqlite", [0] * 8, start=30 * HOUR) as history:
-        assert not history.state("press", **options).alarm
+        state = history.state("press", **options)
+        assert str(state) == f"no alarm (it takes {state.rule}, after the first ten)"
         assert history.state("press", **options).alarms[0][1] is not None
     # Another model may count otherwise: its counts make a baseline of their own.
     with filled(tmp_path / "a.sqlite", [1] * 3, CARD | {"description": "new"}, start=90 * HOUR) as history:
