@@ -31,6 +31,7 @@ from cyclofeat.simulators.defects import LobeDefects
 from cyclofeat.simulators.effects import *  # noqa: F403
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.held_output import torque_deflection
+from cyclofeat.simulators.many import simulate_many
 from cyclofeat.simulators.motor import Motor
 from cyclofeat.simulators.rig import Rig
 from cyclofeat.simulators.simulation import (
@@ -38,7 +39,6 @@ from cyclofeat.simulators.simulation import (
     SimulationRun,
     Solver,
     simulate,
-    simulate_many,
 )
 
 __all__ = [

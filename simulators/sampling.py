@@ -19,12 +19,12 @@ from cyclofeat.simulators.effects import Drift, Effect, Gain, Hum, Noise, Offset
 from cyclofeat.simulators.effects.effect import EffectParameter, from_plain, is_distribution, to_plain
 from cyclofeat.simulators.effects.library import child_seed
 from cyclofeat.simulators.machine import MachineRun, PlannedRun
+from cyclofeat.simulators.many import simulate_each
 from cyclofeat.simulators.rig import DEFECTS, Rig
 from cyclofeat.simulators.simulation import (
     SimulationFailed,
     SimulationRun,
     Solver,
-    simulate_each,
     solver_within,
 )
 

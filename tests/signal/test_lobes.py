@@ -201,7 +201,7 @@ def test_lines_of_many_windows_are_those_of_each():
     whole = lobes.lobe_lines(X, 32, 1.0, comb)
     parts = zip(*(lobes.lobe_lines(X[k : k + 1], 32, 1.0, comb) for k in range(600)), strict=True)
     alone = lobes.LobeLines(*map(np.concatenate, parts))
-    for name, values in vars(whole).items():
+    for name, values in whole._asdict().items():
         assert_allclose(values, getattr(alone, name), atol=1e-12)
 
 

@@ -10,7 +10,7 @@ from reference_tools import SPEED, simulate_with
 
 from cyclofeat.simulators import Courses, CycloidalGearbox, LobeDefects, SimulationRun, simulate
 from cyclofeat.simulators.courses import DriveAndLoad
-from cyclofeat.simulators.simulation import simulate_each
+from cyclofeat.simulators.many import simulate_each
 
 STEEL = CycloidalGearbox.steel()
 HEALTHY = LobeDefects.healthy()

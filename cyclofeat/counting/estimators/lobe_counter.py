@@ -201,12 +201,17 @@ class LobeCounter(Counter):
             If JAX or Optax is missing for networks; if there is one class only, shapes do not match, ``worn``
             is given without ``passage``, disagrees with ``y``, or marks no rows of neighbours for networks.
         """
-        self._fit_cross_val_proba(X, y, groups, worn=worn, passage=passage)
+        self._fit_cross_val_proba(X, y, groups, worn, passage)
         return self
 
     @fit_context(prefer_skip_nested_validation=True)
     def _fit_cross_val_proba(
-        self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None, **marks: ArrayLike | None
+        self,
+        X: ArrayLike,
+        y: ArrayLike,
+        groups: ArrayLike | None = None,
+        worn: ArrayLike | None = None,
+        passage: ArrayLike | None = None,
     ) -> Float:
         """Fit; return calibrated probabilities of the windows by parts that have not seen their assembly.
 
@@ -214,7 +219,7 @@ class LobeCounter(Counter):
         """
         windows, labels, rank = self._labelled(X, y)
         member = assemblies_of(groups, len(windows))
-        known, begins = self._known_lobes(labels, **marks)
+        known, begins = self._known_lobes(labels, worn, passage)
         seed = drawn_seed(self.random_state)
         network = self.kind == "network"
         n_splits = (3 if network else 5) if self.n_splits is None else self.n_splits
@@ -360,7 +365,7 @@ class LobeCounter(Counter):
         return lines
 
     def _known_lobes(
-        self, y: NDArray[Any], worn: ArrayLike | None = None, passage: ArrayLike | None = None
+        self, y: NDArray[Any], worn: ArrayLike | None, passage: ArrayLike | None
     ) -> tuple[Bool | None, Float | None]:
         """Return the table of worn lobes and when lobe 0 passes, checked; None where they are not known."""
         if worn is None:
