@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import itertools
 import operator
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -36,6 +36,7 @@ class Counted:
     quantity: str
     lines: list[str]
     facts: dict[str, Any]
+    stated: int | None  # count that the file states
     gearbox: str = ""  # of which there is a history
 
 
@@ -104,7 +105,7 @@ class RecordingCounter(ExitStack):
             "unused_s": unused,
             "windows": [window.to_dict() for window in count.windows],
         }
-        counted = Counted(count, recording.quantity, lines, facts)
+        counted = Counted(count, recording.quantity, lines, facts, recording.defect_count)
         if self.history is not None:
             assembly = self.default_gearbox if recording.assembly is None else str(recording.assembly)
             counted.gearbox = self.arguments.gearbox or assembly
@@ -184,10 +185,28 @@ def run(arguments: Arguments) -> Iterator[Printed]:
                 [*lines, f"recording: {description}"], result.value.facts,
                 refused=result.value.count.refused and arguments.strict,
             )  # fmt: skip
+    if len(results) > 1:
+        note(_summarise(results))
     if arguments.csv:
         note(f"table: {arguments.csv}")
     if arguments.report:
         _write_report(results, counter)
+
+
+def _summarise(results: Sequence[FileResult[Counted]]) -> str:
+    """Return how many recordings were counted, how many of them as stated, and what became of the others."""
+    done = [result.value for result in results if result.value is not None]
+    counted = [one for one in done if not one.count.refused]
+    labelled = [one for one in counted if one.stated is not None]
+    right = sum(one.stated == one.count.defect_count for one in labelled)
+    parts = {
+        "counted": len(counted),
+        f"of {len(labelled)} as stated": right if labelled else None,
+        "refused": len(done) - len(counted) or None,
+        "with an error": len(results) - len(done) or None,
+    }
+    texts = [f"{n} {what}" for what, n in parts.items() if n is not None]
+    return f"{number_of(len(results), 'recording')}: {', '.join(texts)}"
 
 
 def _write_report(results: list[FileResult[Counted]], counter: RecordingCounter) -> None:

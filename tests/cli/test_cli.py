@@ -424,7 +424,7 @@ def test_count_writes_a_table_row_by_row(capsys, folder, tmp_path, model):
     options = [*model, "--csv", table]
     (tmp_path / "empty.csv").write_text("")
     _, err = call(capsys, "count", folder / "worn.csv", tmp_path / "empty.csv", *options, code=2)
-    assert f"table: {table}" in err
+    assert f"2 recordings: 1 counted, 1 of 1 as stated, 1 with an error\ntable: {table}" in err
     with table.open(encoding="utf-8-sig", newline="") as stream:
         counted, failed = csv.DictReader(stream)
     recording = read_recording(folder / "worn.csv")

@@ -20,6 +20,7 @@ from cyclofeat.simulators import (
     Rig,
     SimulationRun,
     Solver,
+    many,
     motor_effects,
     simulate,
     simulate_many,
@@ -27,14 +28,9 @@ from cyclofeat.simulators import (
 )
 from cyclofeat.simulators.batch import runs as batch
 from cyclofeat.simulators.courses import DriveAndLoad
+from cyclofeat.simulators.many import simulate_each
 from cyclofeat.simulators.sampling import sample_runs
-from cyclofeat.simulators.simulation import (
-    GearboxLocked,
-    Integration,
-    SimulationDiverged,
-    simulate_each,
-    solver_within,
-)
+from cyclofeat.simulators.simulation import GearboxLocked, Integration, SimulationDiverged, solver_within
 from cyclofeat.simulators.tables import kernel_input, rest_state
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="vectors exist in compiled functions only")
@@ -424,7 +420,7 @@ def test_each_run_lasts_as_long_as_it_was_asked_to(monkeypatch: pytest.MonkeyPat
     repeated: list[float] = []
     exact = simulate
     monkeypatch.setattr(
-        simulation, "simulate", lambda **given: repeated.append(given["duration"]) or exact(**given)
+        many, "simulate", lambda **given: repeated.append(given["duration"]) or exact(**given)
     )
     arguments[0] = stopping | {"duration": 0.025}
     failed = dict(simulate_each(arguments, "batch"))
