@@ -179,7 +179,7 @@ def test_a_gap_is_found_by_keyboard_and_its_report_downloaded(browser, live, tmp
         assert stage in browser.run(text_of("jobs"))
     browser.wait_for(STATUS, lambda text: "Next:" in text, 300)
     found = browser.run(text_of("jobs"))
-    assert "hum (> 0.99): Mains hum in the torque signal" in found
+    assert "missing: hum (> 0.99): amplitude " in found
     browser.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
     for name, part in (("gap.html", "Mains hum in the torque signal"), ("corrected.json", "hum")):
         tab_to(browser, f"download-2-{name}")  # 1: the inspection
