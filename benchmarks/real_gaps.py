@@ -42,9 +42,9 @@ def describe_case(name: str) -> str:
     case: dict[str, Any] = runpy.run_path(str(EXAMPLES / f"{name}.py"))
     seconds = time.process_time() - begin
     answer: Explanation = case["answer"]
+    parts = case["fitted"], case["held_out"]
     errors = [
         (label, *(", ".join(f"{e:.3g}" for e in case["errors"](part, rig)) for part in parts))
-        for parts in [(case["fitted"], case["held_out"])]
         for label, rig in case["rigs"].items()
     ]
     rows = [

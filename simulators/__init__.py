@@ -34,12 +34,7 @@ from cyclofeat.simulators.held_output import torque_deflection
 from cyclofeat.simulators.many import simulate_many
 from cyclofeat.simulators.motor import Motor
 from cyclofeat.simulators.rig import Rig
-from cyclofeat.simulators.simulation import (
-    SimulationFailed,
-    SimulationRun,
-    Solver,
-    simulate,
-)
+from cyclofeat.simulators.simulation import SimulationFailed, SimulationRun, Solver, simulate
 
 __all__ = [
     "Campaign",

@@ -21,12 +21,7 @@ from cyclofeat.simulators.effects.library import child_seed
 from cyclofeat.simulators.machine import MachineRun, PlannedRun
 from cyclofeat.simulators.many import simulate_each
 from cyclofeat.simulators.rig import DEFECTS, Rig
-from cyclofeat.simulators.simulation import (
-    SimulationFailed,
-    SimulationRun,
-    Solver,
-    solver_within,
-)
+from cyclofeat.simulators.simulation import SimulationFailed, SimulationRun, Solver, solver_within
 
 T = TypeVar("T")
 Seed = np.random.SeedSequence

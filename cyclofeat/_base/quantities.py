@@ -32,6 +32,11 @@ def in_words(quantity: str) -> str:
     return quantity.replace("_", " ")
 
 
+def rig_in_words(name: str) -> str:
+    """Return ``rig R2``; without a name of its own a rig is called "rig"."""
+    return "an unnamed rig" if name == "rig" else f"rig {name}"
+
+
 def source_in_words(source: str | None) -> str:
     """Return the source of a recording in words; files say ``surrogate`` of the torque of a simulated rig."""
     return "simulated" if source == "surrogate" else source or ""

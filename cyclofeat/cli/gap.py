@@ -292,9 +292,7 @@ def run(arguments: Arguments) -> Iterator[Printed]:
         yield Printed(f"corrected model: {arguments.save_simulator}", {})
         if result.named and arguments.train is None:
             train = f"next: cyclofeat train --rig {arguments.save_simulator} --out counter.skops"
-            unknown = result.remainder is not None and result.remainder.unexplained
-            doubt = "  (something is still missing: try the counter on known counts before you rely on it)"
-            yield Printed(train + doubt * unknown, {})
+            yield Printed("\n".join(filter(None, [train, result.caution])), {})
     counters: list[dict[str, Any]] = []
     if arguments.train is not None:
         counters = try_counters(arguments, recordings)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from cyclofeat._base.checks import whole
 from cyclofeat._base.progress import Progress, Steps
-from cyclofeat._base.quantities import number_of
+from cyclofeat._base.quantities import number_of, rig_in_words
 from cyclofeat._base.training import import_jax
 from cyclofeat.cli._options import Arguments, Parser, Printed, note, positive, range_of, whole_number
 from cyclofeat.cli._rigs import add_rig, rig_of
@@ -172,7 +172,9 @@ def run(arguments: Arguments) -> Printed:
         origin = f"{number_of(len(recordings), 'recording')} from files"
     else:
         recordings, name = _simulated_recordings(arguments)
-        origin = f"{len(recordings)} simulated assemblies of {name}, seed {arguments.random_state}"
+        origin = (
+            f"{len(recordings)} simulated assemblies of {rig_in_words(name)}, seed {arguments.random_state}"
+        )
         if arguments.mixed_wear is not None:
             n_radial = sum(bool((recording.meta or {}).get("wear_um")) for recording in recordings)
             low, high = arguments.mixed_wear
@@ -204,7 +206,7 @@ def run(arguments: Arguments) -> Printed:
 
 
 def _simulated_recordings(arguments: Arguments) -> tuple[list[Recording], str]:
-    """Return simulated recordings, and what their rig is called."""
+    """Return simulated recordings and the name of their rig."""
     from cyclofeat.counting import samples_per_turn_at
     from cyclofeat.datasets import make_rig_recordings
     from cyclofeat.recordings.windower import lobe_windower
@@ -258,7 +260,7 @@ def _simulated_recordings(arguments: Arguments) -> tuple[list[Recording], str]:
         note(
             f"{failed} of {len(recordings)} machines could not be simulated: others were drawn in their place"
         )
-    return recordings, "the file" if rig.name == "rig" else f"rig {rig.name}"
+    return recordings, rig.name
 
 
 def _range_around(nominal: float, recorded: tuple[float, float] | None) -> tuple[float, float]:

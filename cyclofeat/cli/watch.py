@@ -175,7 +175,7 @@ def add_arguments(parser: Parser) -> None:
 
 def run(arguments: Arguments) -> Iterator[Printed]:
     """Count until asked to stop; with ``--once`` the files of the folder."""
-    from cyclofeat.datasets.readers import MANIFEST, SOURCES
+    from cyclofeat.datasets.readers import MANIFEST, RECORDINGS
 
     folder = Path(arguments.folder)
     if not folder.is_dir():
@@ -185,7 +185,7 @@ def run(arguments: Arguments) -> Iterator[Printed]:
     with _stop_on_request() as stops:
         done = DoneList(None if arguments.done is None else Path(arguments.done))
         ignored = {MANIFEST} | ({Path(arguments.done).name} if arguments.done else set())
-        watch = FolderWatch(folder, tuple(SOURCES), arguments.settle, done, ignored=ignored)
+        watch = FolderWatch(folder, RECORDINGS, arguments.settle, done, ignored=ignored)
         if not arguments.once:
             note(f"cyclofeat: watching {folder}, stop with Ctrl-C")
         counted = failed = 0

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, ncx2
 
 from cyclofeat._base.checks import number, positive, seed_number, whole
-from cyclofeat._base.quantities import number_of
+from cyclofeat._base.quantities import number_of, rig_in_words
 from cyclofeat.counting.model.radial_wear import lobe_lines_nm, runs_of
 from cyclofeat.recordings.windower import lobe_windower
 from cyclofeat.signal.windows import Complex, Float
@@ -132,8 +132,9 @@ class MeasurementPlan:
             f"{shows} with {self.confidence:g}, {number_of(self.worn, 'worn lobe')} or none: {at}, "
             f"{_format_length(self.turns, self.seconds)}\n"
             f"  probability of telling worn from healthy: {shares}\n"
-            f"  by the lobe lines of {self.assemblies} simulated assemblies of rig {self.rig}, healthy and "
-            "worn\n  note: an ideal detector trained for this rig; counting the lobes takes deeper wear"
+            f"  by the lobe lines of {self.assemblies} simulated assemblies of {rig_in_words(self.rig)}, "
+            "healthy and worn\n  note: an ideal detector trained for this rig; counting the lobes takes "
+            "deeper wear"
         )
 
     def _table_text(self) -> str:

@@ -247,7 +247,7 @@ class GapResult(EffectRows[FoundEffect], WithCard):
     @property
     def headline(self) -> str:
         """The answer in one sentence: ``2 effects are missing in the model, 1 is probably missing``."""
-        unknown = self.remainder is not None and self.remainder.unexplained
+        unknown = bool(self.caution)
         missing, likely = (len(self.of_state(state)) for state in get_args(State)[:2])
         if not missing + likely:
             text = _VERDICTS[self.verdict]
@@ -262,6 +262,15 @@ class GapResult(EffectRows[FoundEffect], WithCard):
             if n
         ]  # fmt: skip
         return ", ".join([*parts, *(["something unknown is missing too"] if unknown else [])])
+
+    @property
+    def caution(self) -> str:
+        """Sentence to read before the corrected model is used; empty where it leaves nothing unknown."""
+        if self.remainder is None or not self.remainder.unexplained:
+            return ""
+        return (
+            "Something is still missing: try the counter on recordings with known counts before you trust it."
+        )
 
     @property
     def undecided_text(self) -> str:
@@ -381,10 +390,8 @@ class GapResult(EffectRows[FoundEffect], WithCard):
         return draw_plot(self, kind, ax, **options)
 
     def _card(self) -> Card:
-        n, conditions = (
-            sum(where.n_recordings for where in self.where),
-            [one.condition.text for one in self.where],
-        )
+        n = sum(where.n_recordings for where in self.where)
+        conditions = [where.condition.text for where in self.where]
         against = f"against the model: {self.verdict} (p = {self.p:.2g})"
         rows: dict[str, object] = {"recordings": f"{n} at {'; '.join(conditions)}; {against}"}
         for row in self.of_state("missing", "probably missing"):

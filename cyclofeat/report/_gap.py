@@ -132,7 +132,10 @@ def write_gap_report(
         "title": title or "Model against recordings",
         "surrogate": surrogate,
         "origin": origin,
-        **{name: getattr(result, name) for name in ("verdict", "headline", "size_note", "undecided_text")},
+        **{
+            name: getattr(result, name)
+            for name in ("verdict", "headline", "size_note", "undecided_text", "caution")
+        },
         "p": keep_together(p_words(result.p)),
         "one_in": rounded_text(1 / max(result.p, 1e-9)),
         "n_recordings": n,

@@ -10,6 +10,7 @@ from cyclofeat.datasets.readers._folder import Entry as Entry
 from cyclofeat.datasets.readers._folder import folder_entries as folder_entries
 from cyclofeat.datasets.readers._folder import read_folder as read_folder
 from cyclofeat.datasets.readers._folder import write_folder as write_folder
+from cyclofeat.datasets.readers._read import RECORDINGS as RECORDINGS
 from cyclofeat.datasets.readers._read import SOURCES as SOURCES
 from cyclofeat.datasets.readers._read import list_channels as list_channels
 from cyclofeat.datasets.readers._read import read_recording as read_recording

@@ -18,7 +18,7 @@ from cyclofeat._base.files import write_whole
 from cyclofeat._base.quantities import QUANTITIES, from_1, some_of
 from cyclofeat.datasets.readers._columns import name_errors
 from cyclofeat.datasets.readers._csv import TextLines, split_row
-from cyclofeat.datasets.readers._read import SOURCES, file_path, read_stretches, write_recording
+from cyclofeat.datasets.readers._read import RECORDINGS, SOURCES, file_path, read_stretches, write_recording
 from cyclofeat.datasets.readers._words import WORN, check_no_bare_lobes
 from cyclofeat.recordings import Recording
 
@@ -162,8 +162,7 @@ def folder_entries(path: str | os.PathLike[str]) -> list[Entry]:
             warnings.warn(f"{folder}: {n_failed} runs that failed are not read", stacklevel=3)
         runs = data.ok.nonzero()[0].tolist()
         return [Entry(folder / f"{run:07d}", reader=partial(_read_run, data, run)) for run in runs]
-    endings = (*SOURCES, ".lvm", ".asc", ".tsv")  # other texts are read where the manifest names them
-    known = (file for file in folder.iterdir() if file.name.lower().endswith(endings))
+    known = (file for file in folder.iterdir() if file.name.lower().endswith(RECORDINGS))
     files = sorted(file for file in known if file.name != MANIFEST)
     if (folder / MANIFEST).is_file():
         with name_errors(MANIFEST):

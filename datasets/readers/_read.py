@@ -37,7 +37,9 @@ SOURCES: dict[str, Callable[..., Source]] = {
     ".parquet": _binary.open_parquet, ".wav": _binary.open_wav, ".xlsx": _csv.open_xlsx,
 }  # fmt: skip
 _TABLES = {".csv", ".csv.gz", ".xlsx"}  # whose functions take options
-# Read as these where they are named; a folder's other text files are notes.
+# Endings of the recordings of a folder; its other texts are notes, unless they are named.
+RECORDINGS = (*SOURCES, ".lvm", ".asc", ".tsv")
+# Read as these.
 _TEXT_FILES = {
     **dict.fromkeys((".txt", ".asc", ".dat", ".lvm", ".log", ".tsv"), ".csv"), ".txt.gz": ".csv.gz",
 }  # fmt: skip
