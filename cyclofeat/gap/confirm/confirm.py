@@ -51,8 +51,8 @@ _PAIRS, _PAIRS_OF_TOLERANCE = 2, 8
 # The posterior's spreads are taken this much wider as a prior, since it has seen the same recordings.
 _WIDER = 2.0
 # Deviations of sizes over those of a linear model without error, so that nine of ten intervals of 90 % hold
-# the sizes in recordings of an independent simulator.
-_MODEL_ERROR = 2.0
+# the sizes in recordings of an independent simulator; and those within which a size stands.
+_MODEL_ERROR, _STANDS = 1.3, 2.0
 _MOST_ADDED = 12  # undecided effects, the most probable first
 _UNSURE = 0.49  # probability of an effect that responses alone name, unless they are sure of it
 _REJECTED = 0.02  # p of what is left, below which something else is missing
@@ -162,8 +162,9 @@ def confirm_effects(
         moved = point.moved(np.clip(fit.sizes, -reach, reach)[own])
         move = np.linalg.solve(point.axes, moved.coordinates - point.coordinates)
         # Responses may change on a long step.
-        along = _MODEL_ERROR**2 * fit.covariance[own, own] + np.diag((move / 2) ** 2)
-        spreads, covariance = np.sqrt(np.diag(along)), point.axes @ along @ point.axes.T
+        linear, bent = fit.covariance[own, own], np.diag((move / 2) ** 2)
+        leeway = _STANDS**2 * linear + bent
+        spreads = np.sqrt(np.diag(leeway))
         present = {effect.effect_id: effect for effect in moved.effects}
         named = set(named_effects(after)) if of_sets else set(present)
         stands = named == present.keys() and bool(np.all(np.abs(move) <= spreads))
@@ -174,11 +175,13 @@ def confirm_effects(
         if of_sets:
             settled = settle_presence(before, after)
             added = [guessed[name] for name in named_effects(settled) if name not in present]
+            covariance = point.axes @ (_MODEL_ERROR**2 * linear + bent) @ point.axes.T
             rounds.append(_conclude(projection, columns, shown, moved, covariance, settled, added))
             # An effect that the last round names gets one more for its sizes.
             if stands or number >= _MOST_ROUNDS - (named <= present.keys()):
                 break
-        wider = covariance + point.axes @ np.diag(np.maximum(move**2 - spreads**2, 0)) @ point.axes.T
+        leeway += np.diag(np.maximum(move**2 - spreads**2, 0))
+        wider = point.axes @ leeway @ point.axes.T
         of_effect = {name: np.array(point.owners) == name for name in point.owners}
         known = {name: wider[np.ix_(rows, rows)] for name, rows in of_effect.items()}
         effects = tuple(guessed[name] for name in before if name in named)
@@ -221,23 +224,24 @@ def _guess_sizes(
 
 def _simulate_responses(
     world: World, session: Session, point: Point, changes: Sequence[RigChange], n_sessions: int,
-    simulate: Callable[[Sequence[DrawnRig], range], Float],
+    simulate: Callable[[Sequence[DrawnRig], Sequence[int]], list[Float]],
 ) -> tuple[Projection, list[Column]]:  # fmt: skip
     """Simulate sessions of a rig and its changes, and project the measured session on the responses.
 
     Returns the columns of the changes too; the spreads between recordings tell what differs anyway.
     """
+    place = point.names.index(TOLERANCE)
     rigs: list[DrawnRig] = [(point.effects, point.tolerance)]
-    rigs += [rig for change in changes for rig in change.rigs]
-    place = 1 + sum(len(change.rigs) for change in changes[: point.names.index(TOLERANCE)])
-    pairs = simulate(rigs, range(_PAIRS))
-    further = simulate([rigs[0], rigs[place]], range(_PAIRS, _PAIRS_OF_TOLERANCE))
-    base = simulate(rigs[:1], range(_PAIRS_OF_TOLERANCE, n_sessions))
-    next_cells = iter([*pairs[1:place], np.concatenate([pairs[place], further[1]]), *pairs[place + 1 :]])
+    numbers = [n_sessions]
+    for k, change in enumerate(changes):
+        rigs += change.rigs
+        numbers += [_PAIRS_OF_TOLERANCE if k == place else _PAIRS] * len(change.rigs)
+    base, *changed = simulate(rigs, numbers)
+    next_cells = iter(changed)
     cells = [Change(np.array([next(next_cells) for _ in change.rigs]), change.places) for change in changes]
     floors = smallest_spreads([*world.described_cells])
-    projection = project(session.values, np.concatenate([pairs[0], further[0], base[0]]), cells, floors)
-    columns, place = [change.column for change in changes], point.names.index(TOLERANCE)
+    projection = project(session.values, base, cells, floors)
+    columns = [change.column for change in changes]
     estimate, error = estimate_by_spreads(projection, place, projection.deviations(session.values))
     columns[place] = columns[place]._replace(mean=estimate, precision=error**-2)
     return projection, columns

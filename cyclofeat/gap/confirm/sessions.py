@@ -33,31 +33,33 @@ def simulate_pairs(
     world: World,
     template: Session,
     rigs: Sequence[tuple[Sequence[Effect], float]],
-    numbers: range,
+    n_sessions: Sequence[int],
     *,
     random_state: int,
     n_jobs: int = 1,
-) -> Float:
+) -> list[Float]:
     """Simulate sessions with the conditions of a template, of rigs that share all random numbers.
 
     A rig is its effects and a factor on what differs anyway; equal effects on the gearbox share its runs.
-    Session ``k`` of ``numbers`` has the same random numbers whatever other numbers there are; unknown counts
-    are drawn. Returns cells (n_rigs, n_sessions, n_recordings, n_cells), NaN where a simulation failed.
+    Each has its number of sessions, and session ``k`` of all has the same random numbers; unknown counts are
+    drawn. Returns cells (n_sessions, n_recordings, n_cells) of each rig, NaN where a simulation failed.
     """
     machines: dict[tuple[tuple[Effect, ...], float], list[int]] = {}
     for k, (effects, tolerance) in enumerate(rigs):
         in_machine = tuple(effect for effect in effects if effect.needs_simulation())
         machines.setdefault((in_machine, tolerance), []).append(k)
     drawn, places = [], []
-    for (in_machine, tolerance), members in machines.items():
-        on_torque = [tuple(one for one in rigs[k][0] if not one.needs_simulation()) for k in members]
-        for place, number in enumerate(numbers):
+    for (in_machine, tolerance), sharing in machines.items():
+        for number in range(max(n_sessions[k] for k in sharing)):
+            members = [k for k in sharing if number < n_sessions[k]]
+            on_torque = [tuple(one for one in rigs[k][0] if not one.needs_simulation()) for k in members]
             seed = np.random.SeedSequence([random_state, number])
             drawn.append(_draw_machine(world, template, (in_machine, on_torque, tolerance), seed))
-            places.append((members, place))
-    cells = np.full((len(rigs), len(numbers), *template.values.shape), np.nan)
-    for columns, (members, place) in zip(_simulate_machines(world, drawn, n_jobs), places, strict=True):
-        cells[members, place] = columns["values"]
+            places.append((members, number))
+    cells = [np.full((n, *template.values.shape), np.nan) for n in n_sessions]
+    for columns, (members, number) in zip(_simulate_machines(world, drawn, n_jobs), places, strict=True):
+        for k, values in zip(members, columns["values"], strict=True):
+            cells[k][number] = values
     return cells
 
 
