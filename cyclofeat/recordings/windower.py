@@ -563,7 +563,8 @@ def reject_constant_windows(recording: Recording, cut: Cut, begin_s: float = 0.0
         value = recording.torque[math.ceil(start * recording.sampling_rate - 1e-6)]
         raise ValueError(
             f"the recording is constant ({value:g} {recording.unit}) over a whole window, from "
-            f"{begin_s + start:.4g} s on: nothing can be diagnosed from it (sensor dead or not connected?)"
+            f"{begin_s + start:.4g} s on: nothing can be diagnosed from it (sensor dead, not connected, or "
+            "at the end of its range?)"
         )
 
 

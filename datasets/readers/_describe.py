@@ -181,7 +181,8 @@ def _record_warnings(recording: Recording, facts: dict[str, Any]) -> list[str]:
     """Warnings of the record itself, whatever is counted in it, the gravest first."""
     if facts["constant"]:
         return [
-            f"the record is constant ({facts['minimum']:g} {facts['unit']}): sensor dead or not connected?"
+            f"the record is constant ({facts['minimum']:g} {facts['unit']}): sensor dead, not connected, or "
+            "at the end of its range?"
         ]
     notes = []
     if (run_up := facts["run_up_s"]) is not None:

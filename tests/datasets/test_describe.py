@@ -128,7 +128,7 @@ def test_the_angle_tells_the_speed_without_a_nominal_one():
 @pytest.mark.slow
 def test_what_else_would_spoil_a_count():
     assert describe(Recording(np.full(9, 3.5), RATE))["warnings"] == [
-        "the record is constant (3.5 Nm): sensor dead or not connected?"
+        "the record is constant (3.5 Nm): sensor dead, not connected, or at the end of its range?"
     ]
     short = describe(Recording(geared(n=30_000), RATE, speed_rpm=500))
     assert warned(short, "0.651 output turns, a count needs 0.98")

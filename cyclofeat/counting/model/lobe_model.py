@@ -483,7 +483,8 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         if recording.n_lobes not in (15, self.n_lobes_):
             raise ValueError(
                 f"n_lobes of the recording is {recording.n_lobes}, but the model was trained for discs of "
-                f"{self.n_lobes_}: train a model for them"
+                f"{self.n_lobes_}: train a model on a rig of such discs, cyclofeat train --rig FILE, with "
+                f"n_pins {recording.n_lobes + 1} in its gearbox"
             )
 
     def windows(self, recording: Recording) -> WindowSet:
