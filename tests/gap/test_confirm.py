@@ -211,8 +211,8 @@ def test_rigs_of_a_pair_share_their_random_numbers_and_none_depends_on_the_other
     together = simulate_pairs(SMALL, template, rigs, [3, 2, 1, 2], random_state=3)
     assert [len(cells) for cells in together] == [3, 2, 1, 2]
     for rig, cells in zip(rigs, together, strict=True):
-        (alone,) = simulate_pairs(SMALL, template, [rig], [len(cells)], random_state=3)
-        np.testing.assert_array_equal(cells, alone)
+        (alone,) = simulate_pairs(SMALL, template, [rig], [3], random_state=3)
+        np.testing.assert_array_equal(cells, alone[: len(cells)])
     mean = next(k for k, cell in enumerate(SMALL.described_cells) if cell.name == "mean")
     np.testing.assert_allclose(together[1][..., mean], 1.1 * together[0][:2, ..., mean], rtol=1e-5)
 
