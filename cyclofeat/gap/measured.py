@@ -113,7 +113,7 @@ class MeasuredRig:
                 f"{len(given)} recordings are of {len(assemblies)} assemblies, and each counts as one of its "
                 "own: differences may look surer than they are"
             )
-        return cls(
+        rig_as_measured = cls(
             recordings=at_one_rate,
             sampling_rate=at_one_rate[0].sampling_rate,
             quantity=measured,
@@ -123,6 +123,7 @@ class MeasuredRig:
             has_tachometer=all(recording.angle is not None for recording in given),
             warnings=tuple(warnings),
         )
+        return rig_as_measured._without_saturated()
 
     @property
     def conditions(self) -> tuple[Condition, ...]:
@@ -183,6 +184,26 @@ class MeasuredRig:
             recordings=tuple(self.recordings[i] for i in numbers),
             recording_conditions=tuple(self.recording_conditions[i] for i in numbers),
         )
+
+    def _without_saturated(self) -> MeasuredRig:
+        """Leave out recordings that stay at the end of the sensor's range, which others reach, for a turn."""
+        turns = [self.n_lobes * 60 / at.speed_rpm * self.sampling_rate for at in self.recording_conditions]
+        longest = [_longest_at_end(recording.torque) for recording in self.recordings]
+        ends = {value for (value, n), turn in zip(longest, turns, strict=True) if _FLAT <= n < turn}
+        saturated = {
+            i: value
+            for i, ((value, n), turn) in enumerate(zip(longest, turns, strict=True))
+            if n >= turn and value in ends
+        }
+        if not saturated:
+            return self
+        at = " and ".join(f"{value:.5g} Nm" for value in sorted(set(saturated.values())))
+        left_out = (
+            f"{len(saturated)} of {number_of(len(longest), 'recording')} stay at {at} for an output turn or "
+            "more, the end of the sensor's range, which others reach too: they are left out"
+        )
+        rest = self.part([i for i in range(len(longest)) if i not in saturated])
+        return dataclasses.replace(rest, warnings=(*self.warnings, left_out))
 
     def known_as(self, other: MeasuredRig) -> MeasuredRig:
         """Return a copy that uses counts and tachometer only where other recordings state them too."""
@@ -286,6 +307,12 @@ class MeasuredRig:
         """Angles of the input shaft; the tachometer may have been on a disc."""
         angles = (recording.input_angle(self.n_lobes) for recording in recordings)
         return [angle for angle in angles if angle is not None]
+
+
+def _longest_at_end(torque: Float) -> tuple[float, int]:
+    """Return the largest or smallest value of a torque at which it stays longer, and for how many samples."""
+    at_ends = ((float(end), int(find_runs(torque == end)[1].max())) for end in (torque.max(), torque.min()))
+    return max(at_ends, key=lambda one: one[1])
 
 
 def _bring_to_one_rate(

@@ -388,3 +388,16 @@ def test_doubts_name_what_limits_the_conclusions() -> None:
     # Rounded torque repeats its largest value too, now and then.
     rounded = [one.replace(torque=np.round(one.torque, 1)) for one in several.recordings]
     assert MeasuredRig.of(rounded, MODEL).doubts == []
+
+
+def test_recordings_at_the_end_of_the_sensor_s_range_are_left_out_where_others_reach_it() -> None:
+    clipped, saturated = np.minimum(NOISE[1], 22.0), np.full(NOISE[1].size, 22.0)
+    given = [made(), made(i=1).replace(torque=clipped), made(i=2).replace(torque=saturated)]
+    rig = MeasuredRig.of(given, MODEL)
+    assert rig.recordings == tuple(given[:2])
+    (warning,) = rig.warnings
+    assert "1 of 3 recordings stay at 22 Nm" in warning
+    # A value that no other recording ends at is no range: the sensor may be dead.
+    for others in (given[:1], [given[1].replace(torque=clipped + 1.0)]):
+        kept = MeasuredRig.of([*others, given[2]], MODEL)
+        assert len(kept.recordings) == 2 and not kept.warnings
