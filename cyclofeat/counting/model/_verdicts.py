@@ -37,8 +37,9 @@ _WEAKEST_DB, _FALL_DB, _SLOPE_DB = -14.0, -68.0, -8.0
 # Evidence from which a speed is known; its largest relative change; two measurements of one speed.
 _KNOWN, _UNSTEADY, _SAME_SPEED = 0.6, 0.02, 0.004
 # Quarters of a window whose speeds must agree, and how far, before they show that the angle's scale is wrong.
-# At 1/16 beside it, a sound disc's shaft lines are taken for those of the lobes.
-_FEWEST_QUARTERS, _SAME_SCALE, _LARGEST_SCALE = 3, 0.006, 0.05
+# A sound disc's shaft lines are taken for those of its lobes at 1 / (n_lobes + 1) beside it: the largest
+# error of the scale, as a share of that.
+_FEWEST_QUARTERS, _SAME_SCALE, _LARGEST_SCALE = 3, 0.006, 0.8
 # Largest relative deviation of the angle's speed from the stated one: a motor's slip.
 _SLIP = 0.055
 # Advance of the angle in an eighth of a turn, as a multiple of the median and of the eighth before. Jitter of
@@ -82,7 +83,7 @@ def _line_fault(speeds: Float, evidence: Float, n_lobes: int, *, by_angle: bool)
     Where the window was cut ``by_angle`` of a tachometer, they tell whether that is the input's.
     """
     known = evidence > _KNOWN
-    # The lines of the input shaft, where they prevail, are those of lobes at 15/16 of its speed.
+    # The lines of the input shaft, where they prevail, are those of lobes at 15/16 of its speed for 15 lobes.
     shaft = np.abs(speeds * (n_lobes + 1) / n_lobes - speeds[known].max(initial=0.0)) < _SAME_SPEED
     steady = speeds[known & ~shaft]
     change = float(np.ptp(steady)) if steady.size > 1 else 0.0
@@ -90,7 +91,7 @@ def _line_fault(speeds: Float, evidence: Float, n_lobes: int, *, by_angle: bool)
         return f"{_SPEED_CHANGE_TEXT} by {change:.1%} within the window"
     if by_angle and steady.size >= _FEWEST_QUARTERS and change < _SAME_SCALE:
         beside = float(np.median(steady)) - 1
-        if _SAME_SCALE < abs(beside) < _LARGEST_SCALE:
+        if _SAME_SCALE < abs(beside) < _LARGEST_SCALE / (n_lobes + 1):
             turn = "faster" if beside > 0 else "slower"
             return f"the lobes pass {abs(beside):.1%} {turn} than the angle says: is its scale right?"
     return ""
