@@ -135,7 +135,7 @@ bench-spoiled: $(INSTALLED)  ## what becomes of spoiled recordings; writes bench
 bench-wear: $(INSTALLED)  ## count and depth of early radial wear; writes benchmarks/wear.md
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.wear
 
-TABLES = bench-operating-points bench-disc-sizes bench-speed-search bench-sampling-rates bench-drawn-rigs bench-real-gaps
+TABLES = bench-operating-points bench-disc-sizes bench-speed-search bench-sampling-rates bench-drawn-rigs bench-real-gaps bench-other-models
 .PHONY: $(TABLES)
 $(TABLES): bench-%: $(INSTALLED)
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.$(subst -,_,$*)

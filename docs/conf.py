@@ -98,6 +98,7 @@ RESULTS = {
     "spoiled": "Spoiled recordings",
     "sound_discs": "Sound and worn discs of independent rigs",
     "gap": "Hidden effects: names, sizes and proof",
+    "other_models": "Models that no packaged posterior knows",
     "drawn_rigs": "Counters trained on corrected models",
     "posterior_peers": "The joint posterior beside other methods",
     "hidden_effects/README": "Hidden effects: the sets, and how to compete",
