@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import functools
 from types import SimpleNamespace
@@ -306,8 +307,29 @@ def measured_session():
 def test_a_rig_without_effects_needs_nothing_more_than_what_stays_open(posterior):
     session = measured_session()
     presence = dict.fromkeys(SMALL.names, 0.01)
-    confirmed = confirm_effects(posterior, session, presence, n_recordings=80, random_state=0)
+    confirmed = confirm_effects(
+        of_rigs(posterior, 100_000), session, presence, n_recordings=80, random_state=0
+    )
     assert confirmed.effects == ()
     assert confirmed.quantiles == {}
     assert confirmed.presence == presence
     assert confirmed.remainder.p > 0.001
+
+
+def of_rigs(posterior, n_rigs):
+    """The posterior as if it had learned from so many rigs."""
+    known = copy.copy(posterior)
+    known.n_rigs_ = n_rigs
+    return known
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("n_rigs", "named"), [(240, "noise"), (100_000, "gain")])
+def test_what_networks_name_stays_if_they_know_many_rigs(posterior, n_rigs, named):
+    """With few, responses name what the networks take to be absent, and take away what they name."""
+    session = MeasuredRig.of(recordings(Noise(0.06), n=5), SMALL.rig, RATE).session()
+    presence = {"noise": 0.03, "gain": 0.7, "input_shaft_line": 0.03}
+    confirmed = confirm_effects(
+        of_rigs(posterior, n_rigs), session, presence, n_recordings=80, random_state=0
+    )
+    assert [one.effect_id for one in confirmed.effects] == [named]

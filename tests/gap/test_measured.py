@@ -400,4 +400,5 @@ def test_recordings_at_the_end_of_the_sensor_s_range_are_left_out_where_others_r
     # A value that no other recording ends at is no range: the sensor may be dead.
     for others in (given[:1], [given[1].replace(torque=clipped + 1.0)]):
         kept = MeasuredRig.of([*others, given[2]], MODEL)
-        assert len(kept.recordings) == 2 and not kept.warnings
+        assert len(kept.recordings) == 2
+        assert not kept.warnings

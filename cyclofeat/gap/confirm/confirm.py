@@ -53,6 +53,7 @@ _WIDER = 2.0
 # Deviations of sizes over those of a linear model without error, so that nine of ten intervals of 90 % hold
 # the sizes in recordings of an independent simulator; and those within which a size stands.
 _MODEL_ERROR, _STANDS = 1.3, 2.0
+_MANY_RIGS = 20_000  # from which a posterior has learned whose names are more reliable than responses
 _MOST_ADDED = 12  # undecided effects, the most probable first
 _UNSURE = 0.49  # probability of an effect that responses alone name, unless they are sure of it
 _REJECTED = 0.02  # p of what is left, below which something else is missing
@@ -142,12 +143,12 @@ def confirm_effects(
     effects = tuple(guessed[name] for name in before if name in named)
     point = Point(effects, guesses[TOLERANCE][0], guesses, {})
     rounds: list[Confirmation] = []
+    reliable = posterior.n_rigs_ >= _MANY_RIGS
     simulate = functools.partial(simulate_pairs, world, shown, random_state=random_state, n_jobs=n_jobs)
     for number in itertools.count(0 if named else _ROUNDS_OF_SIZES - 1):
         of_sets = number >= _ROUNDS_OF_SIZES
         progress(f"simulating {'undecided' if of_sets else 'the named'} effects, round {number + 1}")
-        undecided = [name for name, p in before.items() if p > ABSENT or name in dropped]
-        undecided = sorted(set(undecided) - named, key=lambda name: -before[name])[:_MOST_ADDED]
+        undecided = _choose_undecided(before, named, dropped, every=not reliable)
         changes = point.size_changes()
         if of_sets:
             changes += point.set_changes(guessed[name] for name in undecided)
@@ -173,7 +174,7 @@ def confirm_effects(
             name: with_strength(guessed[name], fit.strengths[name]) for name in named - present.keys()
         }
         if of_sets:
-            settled = settle_presence(before, after)
+            settled = settle_presence(before, after) if reliable else dict(after)
             added = [guessed[name] for name in named_effects(settled) if name not in present]
             covariance = point.axes @ (_MODEL_ERROR**2 * linear + bent) @ point.axes.T
             rounds.append(_conclude(projection, columns, shown, moved, covariance, settled, added))
@@ -188,6 +189,15 @@ def confirm_effects(
         point = Point(effects, moved.tolerance, guesses, known)
     # A round that chance explains is as good as any other; of others, the closest to the session.
     return rounds[-1] if rounds[-1].accepted else min(rounds, key=lambda one: one.remainder.excess)
+
+
+def _choose_undecided(
+    before: Mapping[str, float], named: set[str], dropped: set[str], *, every: bool
+) -> list[str]:
+    """Return the effects, or only undecided and ``dropped`` ones, that are not named, the likeliest first."""
+    left = [name for name, p in before.items() if every or p > ABSENT or name in dropped]
+    chosen = sorted(set(left) - named, key=lambda name: (-before[name], name))
+    return chosen if every else chosen[:_MOST_ADDED]
 
 
 def settle_presence(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, float]:
