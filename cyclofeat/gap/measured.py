@@ -113,7 +113,7 @@ class MeasuredRig:
                 f"{len(given)} recordings are of {len(assemblies)} assemblies, and each counts as one of its "
                 "own: differences may look surer than they are"
             )
-        rig_as_measured = cls(
+        return cls(
             recordings=at_one_rate,
             sampling_rate=at_one_rate[0].sampling_rate,
             quantity=measured,
@@ -122,8 +122,7 @@ class MeasuredRig:
             has_counts=all(recording.defect_count is not None for recording in given),
             has_tachometer=all(recording.angle is not None for recording in given),
             warnings=tuple(warnings),
-        )
-        return rig_as_measured._without_saturated()
+        )._without_saturated()
 
     @property
     def conditions(self) -> tuple[Condition, ...]:

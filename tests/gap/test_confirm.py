@@ -255,6 +255,13 @@ def test_what_is_left_unexplained_widens_sizes_up_to_their_guess():
         wider = np.linalg.inv(data / excess + np.diag(spreads**-2))
         np.testing.assert_allclose(widen_covariance(known, excess, spreads), wider, rtol=1e-9)
     np.testing.assert_allclose(wider, np.diag(spreads**2), atol=1e-6)
+    # A size that the recordings know exactly, as a limit in all of them.
+    known[0], known[:, 0] = 0.0, 0.0
+    for excess in (1.0, 4.0):
+        exact = widen_covariance(known, excess, spreads)
+        np.linalg.cholesky(exact)
+        assert exact[0, 0] < 1e-10 * spreads[0] ** 2
+        np.testing.assert_allclose(exact[1:, 1:], widen_covariance(known[1:, 1:], excess, spreads[1:]))
 
 
 def test_sizes_that_compensate_each_other_change_together():

@@ -56,6 +56,7 @@ _MODEL_ERROR, _STANDS = 1.3, 2.0
 _MANY_RIGS = 20_000  # from which a posterior has learned whose names are more reliable than responses
 _MOST_ADDED = 12  # undecided effects, the most probable first
 _UNSURE = 0.49  # probability of an effect that responses alone name, unless they are sure of it
+_EXACT = 1e-6  # share of a guess's deviation that a size is known to at best: a limit may show exactly
 _REJECTED = 0.02  # p of what is left, below which something else is missing
 _FOLDS, _SMALLEST = 5, 0.05  # differences far below the spread of a recording, about 1, have no consequence
 _NOT_OPEN = 0.05  # p with undecided effects besides, below which these do not explain it
@@ -294,7 +295,8 @@ def widen_covariance(covariance: Float, excess: float, spreads: Float) -> Float:
     The share of the guess, whose deviations are ``spreads`` (n,), stays: sizes are no less known than before.
     """
     share, before = 1 / max(excess, 1.0), np.diag(spreads**-2)
-    return np.asarray(np.linalg.inv(share * np.linalg.inv(covariance) + (1 - share) * before))
+    known = np.linalg.inv(covariance + np.diag((_EXACT * spreads) ** 2))
+    return np.asarray(np.linalg.inv(share * known + (1 - share) * before))
 
 
 def _judge(projection: Projection, columns: Sequence[Column], session: Session) -> RemainderTest:
