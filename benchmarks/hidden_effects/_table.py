@@ -122,8 +122,8 @@ def figures_of_sizes(every: Sequence[Answer], *, confirmed: bool = True) -> list
     _, singles, several, _ = _by_kind(every)
     goal = [at_most(limit) if confirmed else _STATED for limit in (0.05, 0.02)]
     return [
-        number("1 effect: median error of sizes", goal[0], _errors(singles), np.median),
-        number("- without random processes", goal[1], _errors(singles, steady=True), np.median),
+        number("1 effect: median error of sizes", goal[0], size_errors(singles), np.median),
+        number("- without random processes", goal[1], size_errors(singles, steady=True), np.median),
         *_coverage([*singles, *several]),
     ]
 
@@ -161,7 +161,7 @@ def _recall(every: Iterable[Answer]) -> list[bool]:
     return [group in one.named_groups for one in every for group in grouped(one.seen)]
 
 
-def _errors(every: Iterable[Answer], parameter: str = "", *, steady: bool = False) -> list[float]:
+def size_errors(every: Iterable[Answer], parameter: str = "", *, steady: bool = False) -> list[float]:
     """Relative errors of the sizes of effects that are rightly named, of one parameter or all.
 
     ``steady`` leaves out those of random processes.
@@ -220,6 +220,11 @@ def _calibration(inside: Sequence[Answer]) -> tuple[list[float], Callable[[Seque
     return [p for p, _ in pairs], lambda values: calibration_error(np.asarray(values), np.asarray(right))
 
 
+def covered_flags(every: Iterable[Answer]) -> list[bool]:
+    """Whether each interval of 90 % holds the true size, of effects that are rightly named."""
+    return [flag for flags in _covered(every).values() for flag in flags]
+
+
 def _covered(every: Iterable[Answer]) -> dict[str, list[bool]]:
     found: dict[str, list[bool]] = {}
     for name, true, size in _sizes(every):
@@ -232,8 +237,9 @@ def _coverage(every: Sequence[Answer]) -> list[Figure]:
     found = []
     for n in range(1, 7):
         some = [one for one in every if one.n_effects == n]
-        flags = [flag for of_one in _covered(some).values() for flag in of_one]
-        found.append(share(f"{n} effect{'s' * (n > 1)}: 90 % intervals that cover", goal, flags))
+        found.append(
+            share(f"{n} effect{'s' * (n > 1)}: 90 % intervals that cover", goal, covered_flags(some))
+        )
     worst = sorted((np.mean(flags), name) for name, flags in _covered(every).items() if len(flags) >= _FEWEST)
     for place, text in ((0, "lowest"), (-1, "highest")):
         values, name = ([float(worst[place][0])], worst[place][1]) if worst else ([], "-")
@@ -337,7 +343,7 @@ def _by_effect(every: Sequence[Answer]) -> tuple[Sequence[str], list[list[object
         hidden = [one for one in inside if name in one.true]
         seen = [one for one in hidden if name in one.seen]
         covered = {key: flags for key, flags in _covered(hidden).items() if key.startswith(f"{name}.")}
-        errors = [f"{key.partition('.')[2]} {np.median(_errors(hidden, key)):.2g}" for key in covered]
+        errors = [f"{key.partition('.')[2]} {np.median(size_errors(hidden, key)):.2g}" for key in covered]
         rows.append(
             [name, len(hidden), len(seen), _mean([name in one.named for one in seen]),
              sum(name in one.named - one.true for one in inside), ", ".join(errors),
