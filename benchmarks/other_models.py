@@ -104,7 +104,8 @@ def answer_set(posterior: EffectPosterior, number: int) -> dict[str, Any]:
     presence = posterior.presence(session)
     confirmed = confirm_effects(posterior, session, presence, random_state=0)
     seconds = time.process_time() - began
-    guess, sizes = posterior.guess([session])[0], {}
+    guess = posterior.guess([session])[0]
+    sizes: dict[str, dict[str, dict[str, float]]] = {}
     for name, ends in confirmed.quantiles.items():
         effect, _, parameter = name.partition(".")
         sizes.setdefault(effect, {})[parameter] = dict(zip(("low", "value", "high"), ends, strict=True))
