@@ -96,7 +96,7 @@ def whole_answer(
         world = posterior.world
         fitted = MeasuredRig.of(fit, world.rig, world.sampling_rate, quantity=world.quantity)
         held = MeasuredRig.of(
-            held_out, world.rig, world.sampling_rate, quantity=world.quantity, conditions=fitted.conditions
+            held_out, world.rig, world.sampling_rate, quantity=world.quantity, beside=fitted
         )
         proofs = prove_all(fitted, held, result.rig, world, settings, others={"oracle": true_rig})
         plain["proof"] = [

@@ -94,7 +94,7 @@ def find_gap(
         MeasuredRig.of, rig=world.rig, sampling_rate=world.sampling_rate, quantity=world.quantity
     )
     rig = described(measured)
-    held = None if held_out is None else described(held_out, conditions=rig.conditions)
+    held = None if held_out is None else described(held_out, beside=rig)
     session = rig.session(one_assembly=settings.one_assembly)
     presence = posterior.presence(session)
     say("comparing measurement and model")

@@ -55,6 +55,7 @@ class MeasuredRig:
     has_counts: bool
     has_tachometer: bool
     warnings: tuple[str, ...] = ()
+    ends: frozenset[float] = frozenset()  # of the sensor's range
 
     @classmethod
     def of(
@@ -64,13 +65,13 @@ class MeasuredRig:
         sampling_rate: float | None = None,
         *,
         quantity: str | None = None,
-        conditions: Sequence[Condition] = (),
+        beside: MeasuredRig | None = None,
     ) -> MeasuredRig:
         """Check recordings and sort them by condition.
 
         Speeds within 0.5 % of each other, and loads within 2 %, are one set-point: their median, or that of
-        one of the ``conditions`` of other recordings as near. A recording whose mean torque is negative ran
-        in reverse.
+        recordings of the rig ``beside`` these as near. A recording whose mean torque is negative ran in
+        reverse. One that stays at the end of the sensor's range, which others reach, is left out.
 
         The recordings state ``speed_rpm``, have discs with as many lobes as ``rig``, the model, whose load is
         that of recordings without ``load_nm``, and are of ``quantity``, if it is given. Those with a higher
@@ -105,7 +106,7 @@ class MeasuredRig:
             )
         at_one_rate = _bring_to_one_rate(given, sampling_rate, warnings)
         recording_conditions = _sort_by_condition(
-            at_one_rate, float(rig.gearbox.load_torque), conditions, warnings
+            at_one_rate, float(rig.gearbox.load_torque), beside.conditions if beside else (), warnings
         )
         assemblies = {recording.assembly for recording in given}
         if None not in assemblies and 1 < len(assemblies) < len(given):
@@ -122,7 +123,7 @@ class MeasuredRig:
             has_counts=all(recording.defect_count is not None for recording in given),
             has_tachometer=all(recording.angle is not None for recording in given),
             warnings=tuple(warnings),
-        )._without_saturated()
+        )._without_saturated(beside.ends if beside else frozenset())
 
     @property
     def conditions(self) -> tuple[Condition, ...]:
@@ -184,25 +185,24 @@ class MeasuredRig:
             recording_conditions=tuple(self.recording_conditions[i] for i in numbers),
         )
 
-    def _without_saturated(self) -> MeasuredRig:
-        """Leave out recordings that stay at the end of the sensor's range, which others reach, for a turn."""
+    def _without_saturated(self, ends: frozenset[float]) -> MeasuredRig:
+        """Leave out recordings that stay for an output turn at one of ``ends``, or of those others reach."""
         turns = [self.n_lobes * 60 / at.speed_rpm * self.sampling_rate for at in self.recording_conditions]
         longest = [_longest_at_end(recording.torque) for recording in self.recordings]
-        ends = {value for (value, n), turn in zip(longest, turns, strict=True) if _FLAT <= n < turn}
-        saturated = {
-            i: value
-            for i, ((value, n), turn) in enumerate(zip(longest, turns, strict=True))
-            if n >= turn and value in ends
-        }
-        if not saturated:
-            return self
-        at = " and ".join(f"{value:.5g} Nm" for value in sorted(set(saturated.values())))
+        ends |= {value for (value, n), turn in zip(longest, turns, strict=True) if _FLAT <= n < turn}
+        kept = [
+            i for i, ((value, n), turn) in enumerate(zip(longest, turns, strict=True))
+            if n < turn or value not in ends
+        ]  # fmt: skip
+        if len(kept) == len(longest):
+            return dataclasses.replace(self, ends=ends)
+        values = {longest[i][0] for i in range(len(longest)) if i not in kept}
+        at = " and ".join(f"{value:.5g} Nm" for value in sorted(values))
         left_out = (
-            f"{len(saturated)} of {number_of(len(longest), 'recording')} stay at {at} for an output turn or "
-            "more, the end of the sensor's range, which others reach too: they are left out"
+            f"{len(longest) - len(kept)} of {number_of(len(longest), 'recording')} stay at {at} for an output"
+            " turn or more, the end of the sensor's range, which others reach too: they are left out"
         )
-        rest = self.part([i for i in range(len(longest)) if i not in saturated])
-        return dataclasses.replace(rest, warnings=(*self.warnings, left_out))
+        return dataclasses.replace(self.part(kept), warnings=(*self.warnings, left_out), ends=ends)
 
     def known_as(self, other: MeasuredRig) -> MeasuredRig:
         """Return a copy that uses counts and tachometer only where other recordings state them too."""

@@ -56,7 +56,7 @@ def test_recordings_held_out_take_the_conditions_of_those_fitted() -> None:
     held = [made(501.1, 22.1), made(510), made(500, 23), made(500).replace(torque=-NOISE[0])]
     alone = MeasuredRig.of(held, MODEL)
     assert not set(fitted.conditions) & set(alone.conditions)
-    found = MeasuredRig.of(held, MODEL, conditions=fitted.conditions).recording_conditions
+    found = MeasuredRig.of(held, MODEL, beside=fitted).recording_conditions
     assert found == (fitted.conditions[0], *alone.recording_conditions[1:])
 
 
@@ -397,6 +397,10 @@ def test_recordings_at_the_end_of_the_sensor_s_range_are_left_out_where_others_r
     assert rig.recordings == tuple(given[:2])
     (warning,) = rig.warnings
     assert "1 of 3 recordings stay at 22 Nm" in warning
+    # Recordings held out of the rig have its sensor.
+    held = MeasuredRig.of([made(i=3), given[2]], MODEL, beside=rig)
+    assert len(held.recordings) == 1
+    assert "1 of 2 recordings stay at 22 Nm" in held.warnings[0]
     # A value that no other recording ends at is no range: the sensor may be dead.
     for others in (given[:1], [given[1].replace(torque=clipped + 1.0)]):
         kept = MeasuredRig.of([*others, given[2]], MODEL)
