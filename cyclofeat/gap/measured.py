@@ -194,7 +194,7 @@ class MeasuredRig:
             i for i, ((value, n), turn) in enumerate(zip(longest, turns, strict=True))
             if n < turn or value not in ends
         ]  # fmt: skip
-        if len(kept) == len(longest):
+        if len(kept) in (0, len(longest)):  # with none left, each is refused by name
             return dataclasses.replace(self, ends=ends)
         values = {longest[i][0] for i in range(len(longest)) if i not in kept}
         at = " and ".join(f"{value:.5g} Nm" for value in sorted(values))

@@ -401,6 +401,7 @@ def test_recordings_at_the_end_of_the_sensor_s_range_are_left_out_where_others_r
     held = MeasuredRig.of([made(i=3), given[2]], MODEL, beside=rig)
     assert len(held.recordings) == 1
     assert "1 of 2 recordings stay at 22 Nm" in held.warnings[0]
+    assert len(MeasuredRig.of([given[2]], MODEL, beside=rig).recordings) == 1
     # A value that no other recording ends at is no range: the sensor may be dead.
     for others in (given[:1], [given[1].replace(torque=clipped + 1.0)]):
         kept = MeasuredRig.of([*others, given[2]], MODEL)
