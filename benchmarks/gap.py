@@ -8,7 +8,6 @@ interrupted run continues; results of another version of the code are made again
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import subprocess
 import sys
@@ -22,7 +21,7 @@ from typing import Any
 import joblib
 
 from benchmarks._markdown import table
-from benchmarks._versions import made_with, vector_width
+from benchmarks._versions import made_with, stored_answers, vector_width
 from benchmarks.hidden_effects import set_names
 from benchmarks.hidden_effects._answers import Answer, answers
 from benchmarks.hidden_effects._ask import names_of, session_of, sessions_of, shown, whole_answer
@@ -39,7 +38,6 @@ from benchmarks.hidden_effects._table import (
     number,
     share_right,
 )
-from cyclofeat._base.files import write_whole
 from cyclofeat.gap import EffectPosterior, GapSettings, find_gap, load_posterior
 from cyclofeat.gap.world.world import Session
 
@@ -112,26 +110,12 @@ def chosen_sets(n: int) -> list[str]:
 
 
 def whole(names: Sequence[str], posterior: EffectPosterior, given: argparse.Namespace) -> list[Answer]:
-    """Return the whole workflow's answers; those that are stored for this version are read.
-
-    As many sets at a time as there are jobs.
-    """
+    """Return the whole workflow's answers; those that are stored for this version are read."""
     settings = GapSettings(pictures=False, random_state=0, n_jobs=1)
     folder = given.out / made_with(settings=settings, posterior=joblib.hash(vars(posterior)))
-    folder.mkdir(parents=True, exist_ok=True)
-    missing = [name for name in names if not (folder / f"{name}.json").exists()]
-    began = time.monotonic()
-
-    def run(name: str) -> str:
-        content = json.dumps(whole_answer(name, given.sets, posterior, settings), indent=1).encode()
-        write_whole(folder / f"{name}.json", lambda stream: stream.write(content))
-        return name
-
-    done = joblib.Parallel(given.jobs, return_as="generator_unordered")(map(joblib.delayed(run), missing))
-    for k, name in enumerate(done, start=1):
-        print(f"{k} of {len(missing)}: {name}, {(time.monotonic() - began) / 60:.1f} min", flush=True)
+    sets = given.sets
     return answers(
-        {name: json.loads((folder / f"{name}.json").read_text(encoding="utf-8")) for name in names}
+        stored_answers(folder, names, lambda name: whole_answer(name, sets, posterior, settings), given.jobs)
     )
 
 

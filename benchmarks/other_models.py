@@ -26,8 +26,9 @@ import numpy as np
 
 from benchmarks._markdown import share, table
 from benchmarks._spur_stage import SpurStage
-from benchmarks._versions import made_with
-from benchmarks.hidden_effects._answers import FORMAT, Answer, grouped
+from benchmarks._versions import made_with, stored_answers
+from benchmarks.hidden_effects._answers import Answer, grouped
+from benchmarks.hidden_effects._ask import result_of
 from benchmarks.hidden_effects._effects import Condition
 from benchmarks.hidden_effects._sets import Definition
 from benchmarks.hidden_effects._table import covered_flags, size_errors
@@ -35,7 +36,7 @@ from benchmarks.hidden_effects._visible import N_RECORDINGS, SIGMA, distance
 from cyclofeat._base.files import write_whole
 from cyclofeat.gap import EffectPosterior, World
 from cyclofeat.gap.confirm.confirm import confirm_effects
-from cyclofeat.gap.confirm.sessions import simulate_pairs
+from cyclofeat.gap.confirm.sessions import limit_recordings, simulate_pairs
 from cyclofeat.gap.posterior.of_model import posterior_of_world
 from cyclofeat.gap.world.prepare import describe_world
 from cyclofeat.gap.world.world import Session, draw_session
@@ -67,11 +68,8 @@ def draw_set(world: World, number: int, *attempt: int) -> tuple[Session, float, 
     for k, effect in enumerate(effects):
         while isinstance(effect, Clipping) and effect.limit_nm < highest:  # constant recordings are refused
             effects[k] = effect = effect.draw_parameters(random)
-    session = Session(
-        np.zeros((n, len(world.cells))), session.conditions[:n], np.asarray(session.counts)[:n],
-        assemblies=np.asarray(session.assemblies)[:n],
-    )  # fmt: skip
-    return session, tolerance, tuple(effects)
+    no_values = np.zeros((n, len(world.cells)))
+    return dataclasses.replace(limit_recordings(session, n), values=no_values), tolerance, tuple(effects)
 
 
 def significances(
@@ -104,16 +102,8 @@ def answer_set(posterior: EffectPosterior, number: int) -> dict[str, Any]:
     presence = posterior.presence(session)
     confirmed = confirm_effects(posterior, session, presence, random_state=0)
     seconds = time.process_time() - began
-    guess = posterior.guess([session])[0]
-    sizes: dict[str, dict[str, dict[str, float]]] = {}
-    for name, ends in confirmed.quantiles.items():
-        effect, _, parameter = name.partition(".")
-        sizes.setdefault(effect, {})[parameter] = dict(zip(("low", "value", "high"), ends, strict=True))
-    said = [
-        {"id": name, "probability": p, "visible": guess.visible[name], "sizes": sizes.get(name, {})}
-        for name, p in (dict(presence) | dict(confirmed.presence)).items()
-        if np.isfinite(p)
-    ]
+    said = dict(presence) | dict(confirmed.presence)
+    visible = posterior.guess([session])[0].visible
     return {
         "conditions": np.unique(session.conditions, axis=0).tolist(),
         "truth": {
@@ -121,7 +111,7 @@ def answer_set(posterior: EffectPosterior, number: int) -> dict[str, Any]:
         },
         "significances": significances(world, session, tolerance, effects),
         "seconds": seconds,
-        "result": {"format": FORMAT, "effects": said},
+        "result": result_of(said, visible, confirmed.quantiles),
     }
 
 
@@ -148,22 +138,10 @@ def posterior_of(world: World, folder: Path, jobs: int) -> tuple[EffectPosterior
 
 def answers_of(posterior: EffectPosterior, folder: Path, n_sets: int, jobs: int) -> list[dict[str, Any]]:
     """Return what the workflow says of sets of a posterior's world; stored answers are read."""
-    made = folder / made_with(
-        seed=SEED, world=posterior.world.to_dict(), posterior=joblib.hash(vars(posterior))
-    )
-    made.mkdir(parents=True, exist_ok=True)
-    paths = [made / f"{number}.json" for number in range(n_sets)]
-
-    def run(number: int) -> None:
-        content = json.dumps(answer_set(posterior, number), indent=1).encode()
-        write_whole(paths[number], lambda stream: stream.write(content))
-
-    missing = [number for number, path in enumerate(paths) if not path.exists()]
-    began = time.monotonic()
-    done = joblib.Parallel(jobs, return_as="generator_unordered")(map(joblib.delayed(run), missing))
-    for k, _ in enumerate(done, start=1):
-        print(f"{k} of {len(missing)} sets, {(time.monotonic() - began) / 60:.1f} min", flush=True)
-    return [json.loads(path.read_text(encoding="utf-8")) for path in paths]
+    learned = joblib.hash(vars(posterior))
+    made = folder / made_with(seed=SEED, world=posterior.world.to_dict(), posterior=learned)
+    numbers = [str(number) for number in range(n_sets)]
+    return [*stored_answers(made, numbers, lambda number: answer_set(posterior, int(number)), jobs).values()]
 
 
 def row(name: str, minutes: float, stored: Sequence[Mapping[str, Any]]) -> list[str]:

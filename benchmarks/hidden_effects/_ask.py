@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -59,21 +59,28 @@ def shown(session: Session, n: int | None = None, *, counts: bool = True) -> Ses
 
 def names_of(posterior: EffectPosterior, sessions: Sequence[Session]) -> list[dict[str, Any]]:
     """Results that hold what a posterior says, without verdict, confirmation and proof."""
-    found = []
-    for guess in posterior.guess(sessions):
-        sizes: dict[str, dict[str, dict[str, float]]] = {name: {} for name in posterior.names_}
-        for key, ends in guess.sizes.items():
-            name, _, parameter = key.partition(".")
-            if np.isfinite(ends).all():
-                low, _, middle, _, high = ends.tolist()
-                sizes[name][parameter] = {"value": middle, "low": low, "high": high}
-        effects = [
-            {"id": name, "probability": p, "visible": guess.visible[name], "sizes": sizes[name]}
-            for name, p in guess.presence.items()
-            if np.isfinite(p)
-        ]
-        found.append({"format": FORMAT, "effects": effects})
-    return found
+    return [
+        result_of(guess.presence, guess.visible, {key: ends[[0, 2, 4]] for key, ends in guess.sizes.items()})
+        for guess in posterior.guess(sessions)
+    ]
+
+
+def result_of(
+    presence: Mapping[str, float], visible: Mapping[str, float], quantiles: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Result of each effect's probability, and of low, middle and high of each size, without what is NaN."""
+    sizes: dict[str, dict[str, dict[str, float]]] = {}
+    for key, ends in quantiles.items():
+        name, _, parameter = key.partition(".")
+        if np.isfinite(ends).all():
+            low, middle, high = (float(end) for end in ends)
+            sizes.setdefault(name, {})[parameter] = {"value": middle, "low": low, "high": high}
+    effects = [
+        {"id": name, "probability": p, "visible": visible[name], "sizes": sizes.get(name, {})}
+        for name, p in presence.items()
+        if np.isfinite(p)
+    ]
+    return {"format": FORMAT, "effects": effects}
 
 
 def whole_answer(
