@@ -55,7 +55,7 @@ class MeasuredRig:
     has_counts: bool
     has_tachometer: bool
     warnings: tuple[str, ...] = ()
-    ends: frozenset[float] = frozenset()  # of the sensor's range
+    sensor_ends: frozenset[float] = frozenset()  # of its range, as far as recordings reach them
 
     @classmethod
     def of(
@@ -123,7 +123,7 @@ class MeasuredRig:
             has_counts=all(recording.defect_count is not None for recording in given),
             has_tachometer=all(recording.angle is not None for recording in given),
             warnings=tuple(warnings),
-        )._without_saturated(beside.ends if beside else frozenset())
+        )._without_saturated(beside.sensor_ends if beside else frozenset())
 
     @property
     def conditions(self) -> tuple[Condition, ...]:
@@ -195,14 +195,14 @@ class MeasuredRig:
             if n < turn or value not in ends
         ]  # fmt: skip
         if len(kept) in (0, len(longest)):  # with none left, each is refused by name
-            return dataclasses.replace(self, ends=ends)
+            return dataclasses.replace(self, sensor_ends=ends)
         values = {longest[i][0] for i in range(len(longest)) if i not in kept}
         at = " and ".join(f"{value:.5g} Nm" for value in sorted(values))
         left_out = (
             f"{len(longest) - len(kept)} of {number_of(len(longest), 'recording')} stay at {at} for an output"
             " turn or more, the end of the sensor's range, which others reach too: they are left out"
         )
-        return dataclasses.replace(self.part(kept), warnings=(*self.warnings, left_out), ends=ends)
+        return dataclasses.replace(self.part(kept), warnings=(*self.warnings, left_out), sensor_ends=ends)
 
     def known_as(self, other: MeasuredRig) -> MeasuredRig:
         """Return a copy that uses counts and tachometer only where other recordings state them too."""

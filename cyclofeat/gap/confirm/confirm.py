@@ -196,9 +196,8 @@ def _choose_undecided(
     before: Mapping[str, float], named: set[str], dropped: set[str], *, every: bool
 ) -> list[str]:
     """Return the effects, or only undecided and ``dropped`` ones, that are not named, the likeliest first."""
-    left = [name for name, p in before.items() if every or p > ABSENT or name in dropped]
-    chosen = sorted(set(left) - named, key=lambda name: (-before[name], name))
-    return chosen if every else chosen[:_MOST_ADDED]
+    left = [name for name in before.keys() - named if every or before[name] > ABSENT or name in dropped]
+    return sorted(left, key=lambda name: (-before[name], name))[: None if every else _MOST_ADDED]
 
 
 def settle_presence(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, float]:
