@@ -16,9 +16,11 @@ from cyclofeat.gap.confirm.confirm import (
     confirm_effects,
     draw_effects,
     settle_presence,
+    shorten_move,
     widen_covariance,
 )
-from cyclofeat.gap.confirm.sessions import TOLERANCE, Point, simulate_pairs, with_strength
+from cyclofeat.gap.confirm.sessions import TOLERANCE, Point, simulate_pairs, with_likely_size, with_strength
+from cyclofeat.gap.engine.projection import project
 from cyclofeat.gap.measured import MeasuredRig
 from cyclofeat.gap.posterior.answers import named_effects
 from cyclofeat.gap.posterior.effect_posterior import Guess
@@ -233,6 +235,13 @@ def test_an_effect_that_is_twice_as_strong(effect, twice):
     assert with_strength(effect, 0.0) == with_strength(effect, 0.3)
 
 
+def test_a_size_that_may_lie_on_either_side_is_tried_one_deviation_away():
+    added, mean, least = with_likely_size(Offset(-0.3), 0.4)
+    assert (added.offset_nm, mean, least) == (pytest.approx(-0.5), pytest.approx(0.6), -np.inf)
+    assert with_strength(added, -0.6).offset_nm == pytest.approx(0.3)
+    assert with_likely_size(Noise(0.1), 0.4) == (Noise(0.1), 1.0, 0.3)
+
+
 def test_sizes_change_to_both_sides_and_at_the_end_of_their_range_twice_to_one():
     stiffness, name = Scale("contact_stiffness", 1.5), "contact_stiffness_scale.factor"
     low, high = stiffness.vector_bounds()
@@ -285,6 +294,25 @@ def test_sizes_that_compensate_each_other_change_together():
     scaled = point.axes / np.array([guesses[name][1] for name in names])[:, None]
     np.testing.assert_allclose(scaled.T @ scaled, np.eye(4), atol=1e-12)
     assert {change.column.precision for change in changes} == {1.0}
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5, 0.25])
+def test_of_a_long_move_the_part_is_taken_that_leads_closest(share):
+    base = np.random.default_rng(0).normal(size=(20, 8, 30))
+
+    def simulate(rigs, numbers):
+        return [
+            base[:n] + np.log(effects[0].rms_nm / 0.1) for (effects, _), n in zip(rigs, numbers, strict=True)
+        ]
+
+    session = Session(base[0] + share, np.array([[SPEED, 22.0, 1.0]] * 8), np.zeros(8))
+    projection = project(session.values, base, [], np.full(30, 1e-3))
+    point = Point((Noise(0.1),), 0.75, {"noise.rms_nm": (-2.3, 0.5), TOLERANCE: (0.75, 0.4)}, {})
+    move = np.linalg.solve(point.axes, [1.0, 0.0])
+    end = dataclasses.replace(point.moved(move), tolerance=0.5)
+    found = shorten_move(projection, session, point, end, move, simulate)
+    assert found.effects[0].rms_nm == pytest.approx(0.1 * np.exp(share))
+    assert found.tolerance == 0.5
 
 
 @pytest.mark.slow

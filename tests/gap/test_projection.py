@@ -96,8 +96,8 @@ def test_sets_are_weighed_as_by_integration_over_each_set():
     columns = [
         Column("size", "a", 0.0, 1.0),
         Column("without", "a"),
-        Column("with", "b"),
-        Column("with", "c"),
+        Column("with", "b", least=0.3),
+        Column("with", "c", least=0.3),
     ]
     at, true = [1.0, 0.0, 0.0, 0.0], [1.2, 0.0, 2.4, 0.0]
     changes, base = [], cells_of(at, 0, 25)
@@ -143,8 +143,25 @@ def test_sets_are_weighed_as_by_integration_over_each_set():
     assert weigh_sets(projection, sizes, np.zeros(4), presence, 6).probabilities == {}
 
 
+def test_an_unlikely_effect_among_many_is_found_where_it_explains_the_session():
+    """However many effects there are; those that are not varied have odds too."""
+    names = [*"abcdefghijklmnopqrst"]
+    responses = 0.4 * np.random.default_rng(3).normal(size=(20, N_CELLS))
+    base = cells_of([0.0], 0, 25)
+    changes = [Change((base[:2] + response)[None], (1.0,)) for response in responses]
+    measured = cells_of([0.0], 7)[0] + responses[-1]
+    projection = project(measured, base, changes, np.full(N_CELLS, 1e-3))
+    columns = [Column("with", name) for name in names]
+    presence = dict(zip(names, np.linspace(0.4, 0.02, 20).tolist(), strict=True))
+    found = weigh_sets(projection, columns, np.zeros(20), presence, 6).probabilities
+    assert found.keys() == presence.keys()
+    assert found.pop("t") > 0.95
+    assert max(found.values()) < 0.5
+    assert sum(found.values()) < sum(presence.values()) / 2
+
+
 def test_what_no_change_explains_remains():
-    columns = [*SIZES[:1], Column("with", "b")]
+    columns = [*SIZES[:1], Column("with", "b", least=0.3)]
     p = {name: [] for name in ("itself", "size", "undecided", "strange")}
     for seed in range(15):
         for name, true in (

@@ -48,13 +48,14 @@ Float = NDArray[np.float64]
 _ROUNDS_OF_SIZES, _MOST_ROUNDS = 2, 5
 # Sessions that give a response, and that give the response of what differs between recordings anyway.
 _PAIRS, _PAIRS_OF_TOLERANCE = 2, 8
+_SHARES, _SESSIONS_OF_SHARE = (1.0, 0.5, 0.25), 4  # of a long move, and those that tell which is the best
 # The posterior's spreads are taken this much wider as a prior, since it has seen the same recordings.
 _WIDER = 2.0
 # Deviations of sizes over those of a linear model without error, so that nine of ten intervals of 90 % hold
 # the sizes in recordings of an independent simulator; and those within which a size stands.
 _MODEL_ERROR, _STANDS = 1.3, 2.0
-_MANY_RIGS = 20_000  # from which a posterior has learned whose names are more reliable than responses
-_MOST_ADDED = 12  # undecided effects, the most probable first
+_MOST_ADDED = 12  # effects, the most probable first
+_MANY_RIGS = 20_000  # from which a posterior's names stay, and what it takes to be absent is not tried
 _UNSURE = 0.49  # probability of an effect that responses alone name, unless they are sure of it
 _EXACT = 1e-6  # share of a guess's deviation that a size is known to at best: a limit may show exactly
 _REJECTED = 0.02  # p of what is left, below which something else is missing
@@ -149,10 +150,11 @@ def confirm_effects(
     for number in itertools.count(0 if named else _ROUNDS_OF_SIZES - 1):
         of_sets = number >= _ROUNDS_OF_SIZES
         progress(f"simulating {'undecided' if of_sets else 'the named'} effects, round {number + 1}")
-        undecided = _choose_undecided(before, named, dropped, every=not reliable)
+        undecided = _choose_undecided(before, named, dropped, ABSENT if reliable else 0.0)
         changes = point.size_changes()
         if of_sets:
             changes += point.set_changes(guessed[name] for name in undecided)
+        added = {one.column.effect: one.rigs[0][0][-1] for one in changes if one.column.kind == "with"}
         n_sessions = max(-(-n_recordings // len(shown.values)), _PAIRS_OF_TOLERANCE + 2)
         projection, columns = _simulate_responses(world, shown, point, changes, n_sessions, simulate)
         reach = np.array([2 * abs(change.places[0]) for change in changes])
@@ -162,23 +164,26 @@ def confirm_effects(
         after |= fit.probabilities
         own = slice(len(point.names))
         moved = point.moved(np.clip(fit.sizes, -reach, reach)[own])
-        move = np.linalg.solve(point.axes, moved.coordinates - point.coordinates)
+        move = np.asarray(np.linalg.solve(point.axes, moved.coordinates - point.coordinates))
         # Responses may change on a long step.
         linear, bent = fit.covariance[own, own], np.diag((move / 2) ** 2)
         leeway = _STANDS**2 * linear + bent
         spreads = np.sqrt(np.diag(leeway))
+        stands = bool(np.all(np.abs(move) <= spreads))
+        if not stands:
+            moved = shorten_move(projection, shown, point, moved, move, simulate)
         present = {effect.effect_id: effect for effect in moved.effects}
         named = set(named_effects(after)) if of_sets else set(present)
-        stands = named == present.keys() and bool(np.all(np.abs(move) <= spreads))
+        stands &= named == present.keys()
         dropped |= present.keys() - named
         guessed |= present | {
-            name: with_strength(guessed[name], fit.strengths[name]) for name in named - present.keys()
+            name: with_strength(added[name], fit.strengths.get(name, 1.0)) for name in named - present.keys()
         }
         if of_sets:
             settled = settle_presence(before, after) if reliable else dict(after)
-            added = [guessed[name] for name in named_effects(settled) if name not in present]
+            others = [guessed[name] for name in named_effects(settled) if name not in present]
             covariance = point.axes @ (_MODEL_ERROR**2 * linear + bent) @ point.axes.T
-            rounds.append(_conclude(projection, columns, shown, moved, covariance, settled, added))
+            rounds.append(_conclude(projection, columns, shown, moved, covariance, settled, others))
             # An effect that the last round names gets one more for its sizes.
             if stands or number >= _MOST_ROUNDS - (named <= present.keys()):
                 break
@@ -193,11 +198,11 @@ def confirm_effects(
 
 
 def _choose_undecided(
-    before: Mapping[str, float], named: set[str], dropped: set[str], *, every: bool
+    before: Mapping[str, float], named: set[str], dropped: set[str], least: float
 ) -> list[str]:
-    """Return the effects, or only undecided and ``dropped`` ones, that are not named, the likeliest first."""
-    left = [name for name in before.keys() - named if every or before[name] > ABSENT or name in dropped]
-    return sorted(left, key=lambda name: (-before[name], name))[: None if every else _MOST_ADDED]
+    """Return effects that are not named, the likeliest first: ``dropped`` ones and those above ``least``."""
+    left = [name for name in before.keys() - named if before[name] > least or name in dropped]
+    return sorted(left, key=lambda name: (-before[name], name))[:_MOST_ADDED]
 
 
 def settle_presence(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, float]:
@@ -257,15 +262,26 @@ def _simulate_responses(
     return projection, columns
 
 
+def shorten_move(
+    projection: Projection, session: Session, point: Point, end: Point, move: Float,
+    simulate: Callable[[Sequence[DrawnRig], Sequence[int]], list[Float]],
+) -> Point:  # fmt: skip
+    """Return the point on the way to the end whose simulated sessions are closest to the measured one.
+
+    Responses change on a long ``move`` (along the axes): all of it may lead away.
+    """
+    places = [dataclasses.replace(point.moved(share * move), tolerance=end.tolerance) for share in _SHARES]
+    cells = simulate(
+        [(place.effects, point.tolerance) for place in places], [_SESSIONS_OF_SHARE] * len(places)
+    )
+    distances = [projection.distance(session.values, of_place) for of_place in cells]
+    return places[int(np.argmin(distances))]
+
+
 def _conclude(
-    projection: Projection,
-    columns: Sequence[Column],
-    session: Session,
-    point: Point,
-    covariance: Float,
-    presence: Mapping[str, float],
-    added: Sequence[Effect],
-) -> Confirmation:
+    projection: Projection, columns: Sequence[Column], session: Session, point: Point, covariance: Float,
+    presence: Mapping[str, float], added: Sequence[Effect],
+) -> Confirmation:  # fmt: skip
     """Return what a round concludes: its sizes, wider where they leave more than chance does.
 
     Effects of the point that are no longer named are left out; ``added`` ones have the sizes of their guess.

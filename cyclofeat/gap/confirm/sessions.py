@@ -246,16 +246,18 @@ class Point:
             found.append((spread[:, None] * vectors, np.sqrt(np.maximum(squares, 0))))
         return found
 
-    def set_changes(self, added: Iterable[Effect]) -> list[RigChange]:
-        """Return the rigs without each of the effects, and those with another one."""
+    def set_changes(self, guessed: Iterable[Effect]) -> list[RigChange]:
+        """Return the rigs without each of the effects, and those with one of the ``guessed`` added."""
         changes = []
         for effect in self.effects:
             rest = tuple(one for one in self.effects if one is not effect)
             column = Column("without", effect.effect_id)
             changes.append(RigChange(column, (1.0,), ((rest, self.tolerance),)))
-        for effect in added:
-            rig = (*self.effects, effect), self.tolerance
-            changes.append(RigChange(Column("with", effect.effect_id), (1.0,), (rig,)))
+        for effect in guessed:
+            spread = self.guesses[f"{effect.effect_id}.{effect.main_parameter}"][1] / 2
+            added, mean, least = with_likely_size(effect, spread)
+            column = Column("with", effect.effect_id, mean, least=least)
+            changes.append(RigChange(column, (1.0,), (((*self.effects, added), self.tolerance),)))
         return changes
 
 
@@ -268,14 +270,35 @@ def relative_units(effect: Effect) -> list[float]:
     ]  # fmt: skip
 
 
+def with_likely_size(effect: Effect, spread: float) -> tuple[Effect, float, float]:
+    """Return an effect as it is added to a rig, with mean and least of its strength.
+
+    A size that may lie on either side of its neutral value is guessed near it if it is hardly known, perhaps
+    on the wrong side. It is then as far away as the deviation of the guess, ``spread``, and any strength is
+    allowed. Others have their guess, and a strength of 0.3 or more.
+    """
+    name, vector = effect.main_parameter, effect.to_vector()
+    parameter, place = effect.parameters[name], effect.vector_names().index(name)
+    if parameter.log or parameter.neutral is None:
+        return effect, 1.0, _STRENGTHS[0]
+    guess = vector[place] - parameter.neutral
+    likely = math.copysign(math.hypot(guess, spread), guess)
+    vector[place] = parameter.neutral + likely
+    return effect.from_vector(np.clip(vector, *effect.vector_bounds())), guess / likely, -math.inf
+
+
 def with_strength(effect: Effect, factor: float) -> Effect:
-    """Return an effect stronger by a factor from 0.3 to 2; itself if its neutral value is infinite."""
-    factor = float(np.clip(factor, *_STRENGTHS))
+    """Return an effect stronger by a factor from 0.3 to 2; itself if its neutral value is infinite.
+
+    A negative factor leads to the other side of the neutral value, if that is possible.
+    """
     name = effect.main_parameter
     parameter, value = effect.parameters[name], float(getattr(effect, name))
     neutral = parameter.neutral or 0.0
     if math.isinf(neutral):
         return effect
+    size = float(np.clip(factor if parameter.log else abs(factor), *_STRENGTHS))
+    factor = size if parameter.log else math.copysign(size, factor)
     if parameter.log and neutral:
         changed = neutral * (value / neutral) ** factor
     else:

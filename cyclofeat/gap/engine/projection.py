@@ -43,7 +43,7 @@ class Projection:
     entry of ``terms``; ``covariance`` of one session; ``weights`` (n_statistics, n_recordings, n_cells);
     ``slopes`` (n_changes, n_cells): mean deviation per unit of each change; ``spread_slopes``: the same of
     :func:`log_spreads`; ``centre``, ``spread`` and ``offset`` of the deviations; simulated ``sessions``, as
-    deviations.
+    deviations; ``metric`` (n_cells, n_cells): inverse covariance of a recording's.
     """
 
     measured: Float
@@ -57,6 +57,7 @@ class Projection:
     spread: Float = field(repr=False)
     offset: Float = field(repr=False)
     sessions: Float = field(repr=False)
+    metric: Float = field(repr=False)
 
     def deviations(self, cells: Float) -> Float:
         """Return cells (..., n_recordings, n_cells) less those of the rig, in spreads of one recording."""
@@ -65,6 +66,11 @@ class Projection:
     def statistics(self, deviations: Float) -> Float:
         """Return the statistics of sessions (n_sessions, n_recordings, n_cells) of deviations."""
         return np.asarray(np.einsum("jic,mic->mj", self.weights, deviations))
+
+    def distance(self, measured: Float, simulated: Float) -> float:
+        """Return the squared distance of recordings from the mean of sessions; infinite if one failed."""
+        left = self.deviations(measured) - self.deviations(simulated).mean(axis=0)
+        return float(np.nan_to_num(np.einsum("ic,cd,id", left, self.metric, left), nan=np.inf))
 
     def linearised(self, sizes: Float) -> tuple[Float, Float]:
         """Return statistics and responses (n_statistics, n_changes), linear around sizes (from 0)."""
@@ -128,7 +134,7 @@ def project(measured: Float, base: Float, changes: Sequence[Change], floors: Flo
     of_measured = np.einsum("jic,ic->j", weights, deviations(measured))
     return Projection(
         of_measured, crossed / 2, covariance, terms, weights, slopes, spread_slopes, centre, spread, offset,
-        sessions,
+        sessions, metric,
     )  # fmt: skip
 
 

@@ -13,15 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
+from scipy.special import expit, logit, logsumexp
 from scipy.stats import norm
 
 from cyclofeat.gap.engine.projection import Projection
 
 Float = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
-_MOST_CANDIDATES = 13  # effects that may be present or not: their sets are enumerated
-_LEAST_STRENGTH = 0.3  # of an added effect, in units of its guessed size
+_MOST_CANDIDATES = 13  # effects that are varied: all their sets are enumerated
 _PRIOR_WEIGHT = 0.5  # of the log odds of earlier probabilities; calibrated on simulated sets
 _FIXED = 1e12  # precision of a coefficient that is fixed
 _SURE = 2e-3  # earlier probabilities are no nearer to 0 or 1
@@ -39,6 +39,7 @@ class Column(NamedTuple):
     effect: str
     mean: float = 1.0
     precision: float = 1.0
+    least: float = -math.inf
 
 
 @dataclass(frozen=True)
@@ -123,70 +124,77 @@ def weigh_sets(
 
     Responses are linear around ``sizes`` (n_changes,). ``presence`` is the earlier probability of each known
     effect. Each number of effects up to ``most`` is equally probable before, and each set of it. What the
-    best set leaves widens all errors.
+    best set leaves widens all errors. Of many effects, those are varied that the best set gains most by
+    adding them or leaving them out; the others have the odds of doing so.
     """
-    shown = np.zeros(len(columns), dtype=bool)
-    shown[[change for change, _ in projection.terms]] = True
+    names, owners = [*presence], np.array([column.effect for column in columns])
     kinds = np.array([column.kind for column in columns])
-    owners = [column.effect for column in columns]
-    candidates = sorted(
-        {owners[k] for k in np.flatnonzero(shown & (kinds != "size"))}, key=lambda name: -presence[name]
-    )[:_MOST_CANDIDATES]
-    certain = {owners[k] for k in np.flatnonzero(kinds != "with")} - {"", *candidates}
-    sure = {"", *certain}  # "" is no effect: always there
-    every = np.array([*itertools.product((False, True), repeat=len(candidates))], dtype=bool)
-    flags = every[len(certain) + every.sum(axis=1) <= most]
+    shown = np.isin(np.arange(len(columns)), [change for change, _ in projection.terms])
+    own = np.isin(names, owners[kinds != "with"])
+    open_ones = np.isin(names, owners[shown & (kinds != "size")])
+    odds = _PRIOR_WEIGHT * logit(np.clip([*presence.values()], _SURE, 1 - _SURE))
     # Each number of effects is equally probable, but for the odds.
-    before = np.clip([presence[name] for name in candidates], _SURE, 1 - _SURE)
-    odds = np.log(before / (1 - before)) - math.log(most / 2 / (len(presence) - most / 2))
-    ways = [math.comb(len(presence), len(certain) + n) for n in flags.sum(axis=1).tolist()]
-    prior = _PRIOR_WEIGHT * (flags @ odds) - np.log(ways)
-    has = np.array(
-        [
-            flags[:, candidates.index(owner)] if owner in candidates else np.full(len(flags), owner in sure)
-            for owner in owners
-        ]
-    ).T
+    odds -= _PRIOR_WEIGHT * math.log(most / 2 / (len(names) - most / 2))
     measured, responses = projection.linearised(sizes)
-    misfit, precision = 1.0, np.linalg.inv(projection.covariance)
+    precision = np.linalg.inv(projection.covariance)
+
+    def columns_of(sets: Flags) -> Flags:
+        of_owners = [sets[:, names.index(owner)] if owner else np.full(len(sets), True) for owner in owners]
+        return np.array(of_owners).T
+
+    def solve(sets: Flags) -> tuple[Float, Float, Float]:
+        weighted = responses.T @ precision / misfit
+        evidence, *found = _solve_sets(
+            weighted @ responses, weighted @ measured, columns, columns_of(sets) & shown, shown
+        )
+        ways = [math.comb(len(names), n) for n in sets.sum(axis=1).tolist()]
+        return evidence + sets @ odds - np.log(ways), *found
+
+    best, misfit = own, 1.0
     for _ in range(3):
-        hessian = responses.T @ precision @ responses / misfit
-        gradient = responses.T @ precision @ measured / misfit
-        evidence, values, covariance = _solve_sets(hessian, gradient, columns, has & shown, shown)
-        best = int(np.argmax(evidence + prior))
-        left = measured - responses @ values[best]
-        freedom = max(len(measured) - int(np.count_nonzero(np.diag(covariance[best]))), 1)
+        evidence = solve(np.vstack([best, best ^ np.eye(len(names), dtype=bool)]))[0]
+        gains = np.where(open_ones, evidence[1:] - evidence[0], -np.inf)
+        order = np.argsort(np.where(best ^ own, -np.inf, -gains), kind="stable")
+        varied = order[: min(open_ones.sum(), _MOST_CANDIDATES)]
+        sets = np.repeat(best[None], 2 ** len(varied), axis=0)
+        sets[:, varied] = [*itertools.product((False, True), repeat=len(varied))]
+        sets = sets[sets.sum(axis=1) <= max(most, best.sum())]
+        evidence, values, covariance = solve(sets)
+        first = int(np.argmax(evidence))
+        best = sets[first]
+        left = measured - responses @ values[first]
+        freedom = max(len(measured) - int(np.count_nonzero(np.diag(covariance[first]))), 1)
         misfit = max(float(left @ precision @ left) / freedom, 1.0)
-    logarithms = evidence + prior
 
-    def shares_of(sets: NDArray[np.bool_]) -> Float:
-        return np.asarray(np.exp(np.where(sets, logarithms, -np.inf) - logsumexp(logarithms[sets])))
+    def shares_of(chosen: Flags) -> Float:
+        return np.asarray(np.exp(np.where(chosen, evidence, -np.inf) - logsumexp(evidence[chosen])))
 
-    shares = shares_of(np.ones(len(flags), dtype=bool))
+    has = columns_of(sets)
     whole = shares_of(np.asarray(has[:, kinds == "without"].all(axis=1)))
     mean = whole @ values
     apart = values - mean
+    probabilities = expit(np.where(best, -gains, gains))
+    probabilities[varied] = shares_of(np.full(len(sets), True)) @ sets[:, varied]
     return LinearFit(
         mean,
         np.einsum("s,sjk->jk", whole, covariance) + np.einsum("s,sj,sk->jk", whole, apart, apart),
-        dict(zip(candidates, (shares @ flags).tolist(), strict=True)),
+        {name: float(probabilities[k]) for k, name in enumerate(names) if open_ones[k]},
         {
             owners[k]: float(shares_of(has[:, k]) @ values[:, k])
-            for k in np.flatnonzero(kinds == "with")
-            if owners[k] in candidates
+            for k in np.flatnonzero((kinds == "with") & has.any(axis=0))
         },
     )
 
 
 def _solve_sets(
-    hessian: Float, gradient: Float, columns: Sequence[Column], present: NDArray[np.bool_], shown: Float
+    hessian: Float, gradient: Float, columns: Sequence[Column], present: Flags, shown: Flags
 ) -> tuple[Float, Float, Float]:
     """Return log evidence, coefficients and their covariance of sets, the first axis of each.
 
     ``present`` (n_sets, n_columns): whether a set has the effect of a column. Fixed ones have no variance.
     """
     kinds = np.array([column.kind for column in columns])
-    mean, before = np.array([(column.mean, column.precision) for column in columns]).reshape(-1, 2).T
+    mean, before, least = np.array([column[2:] for column in columns]).reshape(-1, 3).T
     free = present & (kinds != "without")
     fixed = np.where((kinds == "without") & shown, ~present, 0.0)
     left = gradient - fixed @ hessian
@@ -196,10 +204,7 @@ def _solve_sets(
     values = np.einsum("sjk,sk->sj", covariance, target)
     evidence = np.sum(fixed * (gradient + left) + target * values - before * mean**2, axis=1) / 2
     evidence += (np.linalg.slogdet(covariance)[1] + np.log(before).sum(axis=1)) / 2
-    # An added effect has a strength that is positive, and not tiny.
     spread = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    after = norm.logcdf((values - _LEAST_STRENGTH) / spread) - norm.logcdf(
-        (mean - _LEAST_STRENGTH) * np.sqrt(before)
-    )
-    evidence += np.sum(after, axis=1, where=free & (kinds == "with"))
+    above = norm.logcdf((values - least) / spread) - norm.logcdf((mean - least) * np.sqrt(before))
+    evidence += np.sum(above, axis=1, where=free & (kinds == "with"))
     return evidence, np.where(free, values, fixed), covariance * (free[:, :, None] & free[:, None])
