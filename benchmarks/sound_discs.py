@@ -24,15 +24,17 @@ from benchmarks._markdown import share, table
 from benchmarks._versions import kept_in
 from benchmarks.hidden_effects._effects import Condition, nuisance_and_seed, record, run_machine
 from benchmarks.hidden_effects._machine import SAMPLING_RATE
+from benchmarks.hidden_effects._motor import drawn_servo, drive
 from benchmarks.hidden_effects._sets import table as effect_sizes
 from cyclofeat.counting import LobeCount
 from cyclofeat.models import load_default_model
 from cyclofeat.recordings import Recording
+from cyclofeat.simulators import BrakeRotor, CycloidalGearbox
 
 SPEEDS, LOADS = (100.0, 1500.0), (3.0, 40.0)  # of the packaged models
 TURNS = 2.05  # of the output: two windows
 SEED = 49_000
-QUANTITIES = ("output_torque", "input_torque")
+QUANTITIES = ("output_torque", "input_torque", "motor_current")
 # Effects that are drawn, from weak to medium size. None spoils a count but the run-out of both wheels: it is
 # two to five times that of the training, and looks like wear.
 FURTHER, SPOILS = (
@@ -58,7 +60,7 @@ def drawn_sizes(effect: str, random: np.random.Generator) -> dict[str, float]:
 
 
 def made_recordings(number: int, count: int) -> Made:
-    """Return the words for a machine's further effects, and its recordings of both torques."""
+    """Return the words for a machine's further effects, and its recordings of torques and current."""
     random = np.random.default_rng([SEED, number])
     speed, load = (low * (high / low) ** random.random() for low, high in (SPEEDS, LOADS))
     further = random.choice(FURTHER, number % 3, replace=False).tolist()
@@ -67,17 +69,24 @@ def made_recordings(number: int, count: int) -> Made:
     n_samples = math.ceil(TURNS * 15 * 60 / speed * SAMPLING_RATE)
     condition = Condition(speed, load)
     run = run_machine(count, condition, effects, seed, nuisance, n_samples)
-    angle = run.angle[run.begin : run.begin + n_samples]
     has_tachometer = bool(random.random() < 0.5)
+    servo = drawn_servo(load, 2 * math.pi * speed / 60, random)
+    brake = dict(effects)["brake_rotor"]
+    gearbox = BrakeRotor(**brake).change_gearbox(CycloidalGearbox.steel(load_torque=load), random)
+    current, turned = drive(servo, run.torque_in, run.angle, gearbox, SAMPLING_RATE, random)
+    recorded = slice(run.begin, run.begin + n_samples)
     recordings = []
     for quantity in QUANTITIES:
-        torque = record(
-            run, effects, np.random.SeedSequence([SEED, number, 2]), n_samples,
-            at_input=quantity == "input_torque",
-        )  # fmt: skip
+        values, angle = current[recorded], turned
+        if quantity != "motor_current":
+            angle = run.angle
+            values = record(
+                run, effects, np.random.SeedSequence([SEED, number, 2]), n_samples,
+                at_input=quantity == "input_torque",
+            )  # fmt: skip
         recordings.append(Recording(
-            torque, SAMPLING_RATE, quantity=quantity, defect_count=count, speed_rpm=round(speed, 1),
-            load_nm=load, angle=angle if has_tachometer else None, source="surrogate",
+            values, SAMPLING_RATE, quantity=quantity, defect_count=count, speed_rpm=round(speed, 1),
+            load_nm=load, angle=angle[recorded] if has_tachometer else None, source="surrogate",
         ))  # fmt: skip
     return " and ".join(further) or "none", recordings
 
@@ -181,8 +190,10 @@ the [hidden effects](hidden_effects/README.md) makes the recordings with code of
 another machine at {SPEEDS[0]:g} to {SPEEDS[1]:,.0f} RPM and {LOADS[0]:g} to {LOADS[1]:g} Nm (log-uniform).
 Its pins are displaced by 5 um rms, and it has a brake and none, one or two of {len(FURTHER)} further effects
 of weak to medium size. A run-out of both wheels, two to five times that of the training, looks like wear and
-has a row of its own. A recording holds {TURNS:g} output turns; half have a tachometer. The packaged models
-count them. All recordings are simulated. The goal is that at most 3 % of sound discs are refused.
+has a row of its own. A recording holds {TURNS:g} output turns; half have a tachometer. The motor
+current is that of a servo motor with control of its speed, also by an independent implementation
+([_motor.py](hidden_effects/_motor.py)); it has no effects of the torque meter. The packaged models count all.
+All recordings are simulated. The goal is that at most 3 % of sound discs are refused.
 {len(found) - len(answered)} of {len(found)} machines diverged.
 
 """

@@ -6,6 +6,7 @@ The generator is compiled by itself and no part of the package, so all of this i
 from __future__ import annotations
 
 import ast
+import dataclasses
 import hashlib
 import json
 import math
@@ -15,13 +16,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.hidden_effects import _ask, _effects, _equivalence, _folders, _sets
+from benchmarks.hidden_effects import _ask, _effects, _equivalence, _folders, _motor, _sets
 from benchmarks.hidden_effects._machine import Machine
 from cyclofeat.gap import load_posterior
 from cyclofeat.gap.confirm.confirm import confirm_effects
 from cyclofeat.gap.world.world import NOISE_AND_DRIFT
-from cyclofeat.simulators import CycloidalGearbox, Drift, Effect, Noise, known_effects
+from cyclofeat.simulators import (
+    BrakeRotor,
+    CycloidalGearbox,
+    Drift,
+    Effect,
+    LobeDefects,
+    Noise,
+    Rig,
+    known_effects,
+)
 from cyclofeat.simulators.effects.effect import TorqueContext
+from cyclofeat.simulators.motor import Motor, drive_run
 from cyclofeat.simulators.simulation import settling_time
 
 ROOT = Path(__file__).parents[2]
@@ -141,6 +152,31 @@ def test_same_run_same_torque(condition: _equivalence.Condition) -> None:
         assert _equivalence.level(here, low, high) == pytest.approx(
             _equivalence.level(there, low, high), abs=0.02
         )
+
+
+@pytest.mark.parametrize(("worn", "effects"), [((), ()), (range(4), [BrakeRotor(0.018, 9000.0, 0.03)])])
+def test_the_motor_drives_as_the_simulators(worn, effects) -> None:
+    rig = Rig(effects=effects)
+    run = rig.simulate(
+        LobeDefects.removed(worn), duration=0.6, sampling_rate=FS, quantity="input_torque", random_state=1
+    )
+    servo = _motor.drawn_servo(22.0, 500 / 60 * 2 * math.pi, np.random.default_rng(3))
+    servo = dataclasses.replace(servo, noise_nm=0.0, lsb_nm=1e-9)
+    random = np.random.default_rng(0)
+    current, angle = _motor.drive(servo, run.torque_in, run.input_angle, run.gearbox, FS, random)
+    same = {one.name for one in dataclasses.fields(servo)} & {one.name for one in dataclasses.fields(Motor)}
+    ripple, phase = servo.ripple
+    amplitudes, phases = zip(*servo.cogging, strict=True)
+    motor = Motor(
+        **{name: getattr(servo, name) for name in same} | {"ripple": ripple, "ripple_phase": phase},
+        cogging_nm=amplitudes, cogging_phases=phases,
+    )  # fmt: skip
+    driven = drive_run(run, motor, 0, random)
+    settled = slice(FS // 4, None)
+    expected = driven.motor_current[settled]
+    assert np.std(current[settled] - expected) < 0.02 * np.std(expected)
+    assert np.mean(current[settled]) == pytest.approx(np.mean(expected), rel=1e-4)
+    np.testing.assert_allclose(angle[settled], driven.input_angle[settled], atol=1e-3)
 
 
 def test_settling_is_the_simulators() -> None:
