@@ -167,8 +167,7 @@ that an oracle detects at 3 sigma which knows all others and their sizes; "ties"
 
 WHOLE = """Names and sizes are those after simulation of the session. The oracle knows all effects and sizes.
 Recordings held out are of "counts or conditions not fitted" if no fitted recording has their count, or their
-speed and load. Recordings that are refused (clipped throughout) are an answer that names nothing. "Flagged":
-the page says that what is left is unexplained.
+speed and load. "Flagged": the page says that what is left is unexplained.
 """
 
 
