@@ -60,14 +60,9 @@ class Simulator(ABC):
 
     @abstractmethod
     def simulate(
-        self,
-        time: Float,
-        angle: Float,
-        speed: Float,
-        load: Float,
-        gearbox: CycloidalGearbox,
+        self, time: Float, angle: Float, speed: Float, load: Float, gearbox: CycloidalGearbox,
         defects: LobeDefects,
-    ) -> tuple[ArrayLike, ArrayLike]:
+    ) -> tuple[ArrayLike, ArrayLike]:  # fmt: skip
         """Return torque and input angle of a machine that already ran before the first sample.
 
         Equal arguments must give equal results: what is random are effects. A run that diverges raises

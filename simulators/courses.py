@@ -52,13 +52,9 @@ class DriveAndLoad:
     """
 
     def __init__(
-        self,
-        gearbox: CycloidalGearbox,
-        n: int,
-        step: float,
-        start_angle: float = 0.0,
+        self, gearbox: CycloidalGearbox, n: int, step: float, start_angle: float = 0.0,
         courses: Courses | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.n, self._gearbox, self._step = n, gearbox, step
         courses = courses or Courses()
         self._speed = _course_function("speed", courses.speed, gearbox.input_speed)

@@ -91,13 +91,9 @@ class SampledRun(NamedTuple):
 
 
 def sample_each(
-    samples: Sequence[Sample],
-    then: Callable[[int, SampledRun], T],
-    *,
-    kernel: str = "auto",
-    n_jobs: int = 1,
+    samples: Sequence[Sample], then: Callable[[int, SampledRun], T], *, kernel: str = "auto", n_jobs: int = 1,
     most_draws: int = 1,
-) -> Generator[tuple[int, T], None, None]:
+) -> Generator[tuple[int, T], None, None]:  # fmt: skip
     """Yield the place of each sample, and what ``then`` makes of place and run in the thread that made it.
 
     ``kernel`` and ``n_jobs`` as in :func:`cyclofeat.simulators.simulate_many`. For each sample, up to
@@ -195,13 +191,9 @@ class Wear:
 
 
 def draw_worn_lobes(
-    count: int,
-    n_lobes: int,
-    random: np.random.Generator,
-    consecutive: bool = True,
-    wheels: tuple[int, ...] | None = None,
-    depth: float = 1.0,
-) -> LobeDefects:
+    count: int, n_lobes: int, random: np.random.Generator, consecutive: bool = True,
+    wheels: tuple[int, ...] | None = None, depth: float = 1.0,
+) -> LobeDefects:  # fmt: skip
     """Draw neighbouring lobes from a random first one, or any, by default on wheel 0 alone or on both."""
     # Drawn even if wheels are given, so that the lobes are the same.
     one_wheel = random.random() < 0.5

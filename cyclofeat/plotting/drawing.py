@@ -110,13 +110,9 @@ def legend_above(ax: Axes, ncols: int = 2, **options: Any) -> None:
 
 
 def draw_mark_legend(
-    ax: Axes,
-    marks: Iterable[tuple[str, Any, Any, str]],
-    above: Iterable[Any] = (),
-    *,
-    x: float = 0.0,
+    ax: Axes, marks: Iterable[tuple[str, Any, Any, str]], above: Iterable[Any] = (), *, x: float = 0.0,
     ncols: int = 1,
-) -> None:
+) -> None:  # fmt: skip
     """Draw a small legend of handles and of marks: marker, colour, colour of its face, and meaning."""
     from matplotlib.lines import Line2D
 

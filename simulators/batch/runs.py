@@ -152,14 +152,9 @@ class BatchIntegration:
     """Machines of one form at rest, one in each lane: constants, and courses to the end of its run."""
 
     def __init__(
-        self,
-        machines: Sequence[KernelInput],
-        courses: Sequence[DriveAndLoad | SampledCourse],
-        solver: Solver,
-        *,
-        lanes: int | None = None,
-        dtype: type = np.float32,
-    ) -> None:
+        self, machines: Sequence[KernelInput], courses: Sequence[DriveAndLoad | SampledCourse],
+        solver: Solver, *, lanes: int | None = None, dtype: type = np.float32,
+    ) -> None:  # fmt: skip
         self._courses, self._solver, self._dtype = courses, solver, dtype
         self._lanes, self._stages = lanes or n_lanes(), STAGES[solver.integrator]
         self._own_steps = [(course.n - 1) // self._stages for course in courses]

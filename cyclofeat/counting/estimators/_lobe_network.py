@@ -86,16 +86,9 @@ def network_layers(
 
 
 def train_network(
-    lines: Complex,
-    length: Int,
-    begins: Float,
-    *,
-    n_lobes: int,
-    n_lengths: int,
-    n_epochs: int | None,
-    random_state: int,
-    least_steps: int = _LEAST_STEPS,
-) -> dict[str, NDArray[np.float16]]:
+    lines: Complex, length: Int, begins: Float, *, n_lobes: int, n_lengths: int, n_epochs: int | None,
+    random_state: int, least_steps: int = _LEAST_STEPS,
+) -> dict[str, NDArray[np.float16]]:  # fmt: skip
     """Train a network.
 
     The loss is the logarithm of the probability of the true length with a beginning at most half a lobe from

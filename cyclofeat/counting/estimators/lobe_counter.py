@@ -206,13 +206,9 @@ class LobeCounter(Counter):
 
     @fit_context(prefer_skip_nested_validation=True)
     def _fit_cross_val_proba(
-        self,
-        X: ArrayLike,
-        y: ArrayLike,
-        groups: ArrayLike | None = None,
-        worn: ArrayLike | None = None,
+        self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None, worn: ArrayLike | None = None,
         passage: ArrayLike | None = None,
-    ) -> Float:
+    ) -> Float:  # fmt: skip
         """Fit; return calibrated probabilities of the windows by parts that have not seen their assembly.
 
         NaN without folds.
@@ -387,14 +383,9 @@ class LobeCounter(Counter):
     # Trees
 
     def _fit_trees(
-        self,
-        lines: lobes.LobeLines,
-        y: NDArray[Any],
-        worn: Bool | None,
-        begins: Float | None,
-        folds: Folds,
-        seed: int,
-    ) -> Float:
+        self, lines: lobes.LobeLines, y: NDArray[Any], worn: Bool | None, begins: Float | None,
+        folds: Folds, seed: int,
+    ) -> Float:  # fmt: skip
         """Grow the trees; return logarithms of held-out probabilities, (n_opinions, n_windows, n_classes)."""
         features = self.lobe_map_.from_lines(lines)
         trees = CountingTrees(self.n_trees, random_state=self.random_state)
@@ -440,15 +431,9 @@ class LobeCounter(Counter):
     # Networks
 
     def _fit_networks(
-        self,
-        lines: Complex,
-        y: NDArray[Any],
-        rank: Int,
-        worn: Bool | None,
-        begins: Float | None,
-        folds: Folds,
-        seed: int,
-    ) -> Float:
+        self, lines: Complex, y: NDArray[Any], rank: Int, worn: Bool | None, begins: Float | None,
+        folds: Folds, seed: int,
+    ) -> Float:  # fmt: skip
         """Train the networks; return the held-out opinions of the count, (4, n_windows, n_classes)."""
         if worn is not None and begins is not None:
             first: Int = row_starts(worn).argmax(axis=1)

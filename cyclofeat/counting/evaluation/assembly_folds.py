@@ -121,13 +121,9 @@ def aligned_proba(estimator: BaseEstimator, X: NDArray[Any], classes: NDArray[An
 
 
 def held_out_proba(
-    estimator: BaseEstimator,
-    X: NDArray[Any],
-    y: NDArray[Any],
-    classes: NDArray[Any],
-    folds: Folds,
+    estimator: BaseEstimator, X: NDArray[Any], y: NDArray[Any], classes: NDArray[Any], folds: Folds,
     **metadata: NDArray[Any],
-) -> Float:
+) -> Float:  # fmt: skip
     """Return the probabilities of each window by a copy of the estimator trained without its assembly.
 
     Shape (n_windows, n_classes); NaN for windows that no fold holds out.
