@@ -93,13 +93,9 @@ class LobeMapDisplay(PlainDisplay):
     colorbar_: Colorbar | None
 
     def __init__(
-        self,
-        recording: Recording,
-        *,
-        input_speed_hz: float | None = None,
-        count: LobeCount | None = None,
+        self, recording: Recording, *, input_speed_hz: float | None = None, count: LobeCount | None = None,
         outline: ArrayLike | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.n_lobes = n_lobes = recording.n_lobes
         self.lobe_probability: Float | None = None
         if count is not None and count.lobe_probability:

@@ -240,6 +240,7 @@ def test_a_size_that_may_lie_on_either_side_is_tried_one_deviation_away():
     assert (added.offset_nm, mean, least) == (pytest.approx(-0.5), pytest.approx(0.6), -np.inf)
     assert with_strength(added, -0.6).offset_nm == pytest.approx(0.3)
     assert with_likely_size(Noise(0.1), 0.4) == (Noise(0.1), 1.0, 0.3)
+    assert with_strength(Noise(0.1), -0.6).rms_nm == pytest.approx(0.03)
 
 
 def test_sizes_change_to_both_sides_and_at_the_end_of_their_range_twice_to_one():
@@ -301,9 +302,8 @@ def test_of_a_long_move_the_part_is_taken_that_leads_closest(share):
     base = np.random.default_rng(0).normal(size=(20, 8, 30))
 
     def simulate(rigs, numbers):
-        return [
-            base[:n] + np.log(effects[0].rms_nm / 0.1) for (effects, _), n in zip(rigs, numbers, strict=True)
-        ]
+        rms = [effects[0].rms_nm for effects, _ in rigs]
+        return [base[:n] + np.log(one / 0.1) for one, n in zip(rms, numbers, strict=True)]
 
     session = Session(base[0] + share, np.array([[SPEED, 22.0, 1.0]] * 8), np.zeros(8))
     projection = project(session.values, base, [], np.full(30, 1e-3))

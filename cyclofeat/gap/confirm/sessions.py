@@ -19,6 +19,7 @@ from cyclofeat.gap.engine.sets import Column
 from cyclofeat.gap.world.prepare import DrawnMachine, collect_rigs, simulate_drawn
 from cyclofeat.gap.world.world import TOLERANCES, Rigs, Session, World, size_names
 from cyclofeat.simulators import Effect, SimulationFailed
+from cyclofeat.simulators.effects import EffectParameter
 
 Float = NDArray[np.float64]
 # Effects on the gearbox, effects on the torque signal of each rig, factor on what differs anyway.
@@ -270,6 +271,11 @@ def relative_units(effect: Effect) -> list[float]:
     ]  # fmt: skip
 
 
+def _has_two_sides(parameter: EffectParameter) -> bool:
+    neutral = parameter.neutral
+    return not parameter.log and neutral is not None and parameter.low < neutral < parameter.high
+
+
 def with_likely_size(effect: Effect, spread: float) -> tuple[Effect, float, float]:
     """Return an effect as it is added to a rig, with mean and least of its strength.
 
@@ -279,7 +285,7 @@ def with_likely_size(effect: Effect, spread: float) -> tuple[Effect, float, floa
     """
     name, vector = effect.main_parameter, effect.to_vector()
     parameter, place = effect.parameters[name], effect.vector_names().index(name)
-    if parameter.log or parameter.neutral is None:
+    if not _has_two_sides(parameter):
         return effect, 1.0, _STRENGTHS[0]
     guess = vector[place] - parameter.neutral
     likely = math.copysign(math.hypot(guess, spread), guess)
@@ -297,8 +303,8 @@ def with_strength(effect: Effect, factor: float) -> Effect:
     neutral = parameter.neutral or 0.0
     if math.isinf(neutral):
         return effect
-    size = float(np.clip(factor if parameter.log else abs(factor), *_STRENGTHS))
-    factor = size if parameter.log else math.copysign(size, factor)
+    sign = math.copysign(1.0, factor) if _has_two_sides(parameter) else 1.0
+    factor = sign * float(np.clip(sign * factor, *_STRENGTHS))
     if parameter.log and neutral:
         changed = neutral * (value / neutral) ** factor
     else:

@@ -32,7 +32,8 @@ class Column(NamedTuple):
     """What a change of a rig does.
 
     ``kind`` is "size" of an effect that the rig has ("" for what no effect is), "without" an effect that it
-    has, or "with" one that it lacks. ``mean`` and ``precision`` are those of the coefficient's prior.
+    has, or "with" one that it lacks. ``mean`` and ``precision`` are those of the coefficient's prior, which
+    is above ``least`` if the effect is added.
     """
 
     kind: str
@@ -158,7 +159,7 @@ def weigh_sets(
         varied = order[: min(open_ones.sum(), _MOST_CANDIDATES)]
         sets = np.repeat(best[None], 2 ** len(varied), axis=0)
         sets[:, varied] = [*itertools.product((False, True), repeat=len(varied))]
-        sets = sets[sets.sum(axis=1) <= max(most, best.sum())]
+        sets = sets[sets.sum(axis=1) <= max(most, own.sum())]
         evidence, values, covariance = solve(sets)
         first = int(np.argmax(evidence))
         best = sets[first]
