@@ -287,9 +287,9 @@ def with_likely_size(effect: Effect, spread: float) -> tuple[Effect, float, floa
     parameter, place = effect.parameters[name], effect.vector_names().index(name)
     if not _has_two_sides(parameter):
         return effect, 1.0, _STRENGTHS[0]
-    guess = vector[place] - parameter.neutral
+    guess = vector[place] - (neutral := parameter.neutral or 0.0)
     likely = math.copysign(math.hypot(guess, spread), guess)
-    vector[place] = parameter.neutral + likely
+    vector[place] = neutral + likely
     return effect.from_vector(np.clip(vector, *effect.vector_bounds())), guess / likely, -math.inf
 
 
