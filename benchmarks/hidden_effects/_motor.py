@@ -2,7 +2,8 @@
 
 The equations are those of :class:`cyclofeat.simulators.motor.Motor`. Small changes of the speed make them
 linear: they are one filter from the torque against the motor to speed and current. The torque is then read
-again at the angle that the motor has reached.
+again at the angle that the motor has reached. Dimensions of the gearbox, and the torsional stiffness and
+damping of gearbox and torque meter in series, are taken from the simulator.
 """
 
 from __future__ import annotations
