@@ -192,7 +192,7 @@ Its pins are displaced by 5 um rms, and it has a brake and none, one or two of {
 of weak to medium size. A run-out of both wheels, two to five times that of the training, looks like wear and
 has a row of its own. A recording holds {TURNS:g} output turns; half have a tachometer. The motor
 current is that of a servo motor with control of its speed, also by an independent implementation
-([_motor.py](hidden_effects/_motor.py)); it has no effects of the torque meter. The packaged models count all.
+(`hidden_effects/_motor.py`); it has no effects of the torque meter. The packaged models count all.
 All recordings are simulated. The goal is that at most 3 % of sound discs are refused.
 {len(found) - len(answered)} of {len(found)} machines diverged.
 
