@@ -112,7 +112,7 @@ _GAINED, _CLEARLY = 0.2, 1.2
 class _Record:
     """Torque at a rate, around a speed in turns per unit of time, and the last lines that are followed.
 
-    ``highest_lobe`` is the highest lobe line that the record holds.
+    ``highest_lobe`` is the highest lobe line that the record holds. A current is ``of_motor``.
     """
 
     torque: Float
@@ -122,6 +122,7 @@ class _Record:
     last_lobe: int
     last_shaft: int
     highest_lobe: int
+    of_motor: bool = False
 
     @property
     def turns(self) -> float:
@@ -374,16 +375,16 @@ def _fit_discs(record: _Record, angle: Float) -> tuple[float, bool]:
     # as far as those: the mesh line then tells which disc it is.
     richer = like_sound.worn - _RICHER
     margin = sound - max(other + _SOUND, richer)
-    if sound >= richer or _mesh_margin_db(windows, n_lobes) > _MESH_DB:
+    if sound >= richer or _mesh_margin_db(windows, n_lobes, record.of_motor) > _MESH_DB:
         margin = max(margin, this.quiet - max(max(one.worn, one.quiet) for one in others) - _SOUND)
     return min(margin, this.mesh - _MESH), reaches
 
 
-def _mesh_margin_db(windows: Float, n_lobes: int) -> float:
+def _mesh_margin_db(windows: Float, n_lobes: int, of_motor: bool) -> float:
     """Return by how much more the mesh line of a sound disc stands out than that of a worn one, in dB.
 
     The worn disc is the one whose lobe lines are the even lines of this shaft. A line stands out by its power
-    over the geometric mean of the even lines beside it.
+    over the geometric mean of the even lines beside it; in a current it may do so as one of the motor's own.
     """
     length = windows.shape[1]
     spectrum = np.abs(np.fft.rfft(np.hanning(length) * (windows - windows.mean(axis=1, keepdims=True)))) ** 2
@@ -395,7 +396,7 @@ def _mesh_margin_db(windows: Float, n_lobes: int) -> float:
         before, line, after = 10 * np.log10(mean[bins - 1] + mean[bins] + mean[bins + 1])
         return float(line - (before + after) / 2)
 
-    return stands_out(n_lobes + 1) - stands_out(2 * n_lobes)
+    return stands_out(n_lobes + 1) - min(stands_out(2 * n_lobes), 0.0 if of_motor else math.inf)
 
 
 def _even_lines(last: int, n_lobes: int) -> Float:
@@ -505,25 +506,23 @@ def follow_motor(current: Float, sampling_rate: float, nominal_hz: float, n_lobe
     Worn lobes brake a motor by some per cent of its speed for a part of a turn, too briefly for
     :func:`follow_speed`, whose arguments and errors it has. The current tells these changes, because the
     control of the speed sets it in answer to them (:func:`controlled_lag`). Gain and integral time are those
-    with which the lines have the most evidence; where none makes them clearly more evident, there is no
-    control. What is slow is then followed as in a torque, in longer blocks.
+    that make the lines most evident, if clearly. The rest is followed as in a torque, in longer blocks.
 
     Where the lobe lines do not reach beyond those of a sound disc (``reaches``), multiples of the speed are
-    followed as well, and the lines do not fit (``fits``) if they are more evident there: a motor's strongest
-    line may pass for that of the mesh at another speed.
+    followed as well, and the lines do not fit (``fits``) if they fit there and are more evident: a motor's
+    strongest line may pass for that of the mesh at another speed.
     """
     followed = _follow_current(current, sampling_rate, nominal_hz, n_lobes, _MOTOR_ATTEMPTS)
     if not followed.fits or followed.reaches:
         return followed
-    shaft = (n_lobes + 1) / n_lobes
     speed_hz = followed.speed_hz
     own = _follow_current(current, sampling_rate, speed_hz, n_lobes, _MOTOR_ATTEMPTS[:1]).evidence
-    for multiple in (1 / 4, 1 / 3, 1 / 2, shaft / 2, 2 / shaft, 2, 3):
+    for multiple in (1 / 4, 1 / 3, 1 / 2, (n_lobes + 1) / (2 * n_lobes), 2, 3):
         try:
             other = _follow_current(current, sampling_rate, multiple * speed_hz, n_lobes, _MOTOR_ATTEMPTS[:1])
         except ValueError:  # the record does not hold that speed
             continue
-        if other.evidence > _CLEARLY * own:
+        if other.fits and other.evidence > _CLEARLY * own:
             return replace(followed, margin=-followed.margin)
     return followed
 
@@ -532,7 +531,7 @@ def _follow_current(
     current: Float, sampling_rate: float, nominal_hz: float, n_lobes: int, attempts: Sequence[_Attempt]
 ) -> FollowedSpeed:
     """Follow the shaft under the most probable control, or, where none is probable, without any."""
-    record = _reduce_record(current, sampling_rate, nominal_hz, n_lobes)
+    record = replace(_reduce_record(current, sampling_rate, nominal_hz, n_lobes), of_motor=True)
     thinned, rate = record.torque, record.rate
     middle = _cut_middle(thinned, _SEARCHED_TURNS * n_lobes / nominal_hz * rate)
     # A current of a negative mean drives the shaft too: its sensor is the other way round.

@@ -240,10 +240,11 @@ def test_a_posterior_goes_on_with_other_effects(posterior, few, held_out):
         return dataclasses.replace(
             some, names=("new", "offset", "hum"), size_names=("new.size", SIZES[1], SIZES[0]),
             logarithmic=(False, False, True), sizes=some.sizes[:, [3, 1, 0]],
-            world=World(effects=(Offset(), Hum()), most=2).to_dict(),
+            world=World(effects=(Offset(), Hum()), most=2, quantity="input_torque").to_dict(),
         )  # fmt: skip
 
     gone_on = EffectPosterior(1, epochs=2).fit(other(few), start=posterior)
+    assert gone_on.n_rigs_ == len(few)  # of its own world alone
     assert recalls(gone_on, other(held_out))["hum"] > 0.95
     place = (posterior.size_names_.index(SIZES[0]), gone_on.size_names_.index(SIZES[0]))
     before, after = (one.size_mean_[k] for one, k in zip((posterior, gone_on), place, strict=True))

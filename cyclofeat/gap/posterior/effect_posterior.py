@@ -110,7 +110,7 @@ class EffectPosterior(BaseEstimator):
     spread_power_ : float
         Power of the networks' spreads of sizes to which those of their errors are proportional.
     n_rigs_ : int
-        Simulated rigs that it has learned from, those of what it started from included.
+        Simulated rigs that it has learned from, with those of a start of the same model and quantity.
 
     See Also
     --------
@@ -176,7 +176,8 @@ class EffectPosterior(BaseEstimator):
         start_weights: list[NetworkWeights | None] = [None] * n_networks
         if start is not None:
             start_weights[:] = self._continue_from(start, random)
-            self.n_rigs_ += start.n_rigs_
+            if all(start.world_.get(key) == rigs.world.get(key) for key in ("rig", "quantity")):
+                self.n_rigs_ += start.n_rigs_
         recordings = recording_arrays(
             rigs.values, rigs.conditions, rigs.counts, rigs.speeds, self.reference_, rigs.cells
         )
