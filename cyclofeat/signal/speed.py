@@ -47,8 +47,9 @@ _SAMPLES_AT_ONCE = 2**17  # of blocks, whose spectra are taken
 # attempt tries, the margin must be more than _SECOND.
 _MULTIPLES = (1 / 4, 1 / 3, 1 / 2, *range(2, 13))
 _WORN, _SOUND, _THAN_ALIKE, _THAN_NONE, _MESH, _RICHER, _SECOND = 6.0, 1.0, 3.0, 8.0, 3.0, 18.0, 3.0
-# dB by which the mesh line of a sound disc stands out more than that of the worn one with the same lines.
-_MESH_DB = 8.0
+# dB by which the first mesh line of a sound disc stands out at least. As a lobe line of a worn disc with the
+# same lines, it rarely does. That one's mesh line, of order 30 for 15 lobes, may be a motor's own.
+_MESH_DB = 3.0
 # Of a search: output turns, at most, in the middle of the record; share of the tolerance that reaches the
 # next start; relative difference of speeds that are the same; evidence below which none is taken; share of
 # the most evidence from which another is possible too, and multiple of it that lines of no disc have at most.
@@ -112,7 +113,7 @@ _GAINED, _CLEARLY = 0.2, 1.2
 class _Record:
     """Torque at a rate, around a speed in turns per unit of time, and the last lines that are followed.
 
-    ``highest_lobe`` is the highest lobe line that the record holds. A current is ``of_motor``.
+    ``highest_lobe`` is the highest lobe line that the record holds.
     """
 
     torque: Float
@@ -122,7 +123,6 @@ class _Record:
     last_lobe: int
     last_shaft: int
     highest_lobe: int
-    of_motor: bool = False
 
     @property
     def turns(self) -> float:
@@ -375,28 +375,19 @@ def _fit_discs(record: _Record, angle: Float) -> tuple[float, bool]:
     # as far as those: the mesh line then tells which disc it is.
     richer = like_sound.worn - _RICHER
     margin = sound - max(other + _SOUND, richer)
-    if sound >= richer or _mesh_margin_db(windows, n_lobes, record.of_motor) > _MESH_DB:
+    if sound >= richer or _mesh_stands_out_db(windows, n_lobes) > _MESH_DB:
         margin = max(margin, this.quiet - max(max(one.worn, one.quiet) for one in others) - _SOUND)
     return min(margin, this.mesh - _MESH), reaches
 
 
-def _mesh_margin_db(windows: Float, n_lobes: int, of_motor: bool) -> float:
-    """Return by how much more the mesh line of a sound disc stands out than that of a worn one, in dB.
-
-    The worn disc is the one whose lobe lines are the even lines of this shaft. A line stands out by its power
-    over the geometric mean of the even lines beside it; in a current it may do so as one of the motor's own.
-    """
+def _mesh_stands_out_db(windows: Float, n_lobes: int) -> float:
+    """Return the power of the first mesh line over the geometric mean of the even lines beside it, in dB."""
     length = windows.shape[1]
     spectrum = np.abs(np.fft.rfft(np.hanning(length) * (windows - windows.mean(axis=1, keepdims=True)))) ** 2
     mean = spectrum.mean(axis=0)
-
-    def stands_out(order: int) -> float:
-        orders = np.array([order - 2, order, order + 2])
-        bins = np.round(orders * length / _SAMPLES_PER_TURN).astype(int)
-        before, line, after = 10 * np.log10(mean[bins - 1] + mean[bins] + mean[bins + 1])
-        return float(line - (before + after) / 2)
-
-    return stands_out(n_lobes + 1) - min(stands_out(2 * n_lobes), 0.0 if of_motor else math.inf)
+    bins = np.round((n_lobes + 1 + np.array([-2, 0, 2])) * length / _SAMPLES_PER_TURN).astype(int)
+    before, line, after = 10 * np.log10(mean[bins - 1] + mean[bins] + mean[bins + 1])
+    return float(line - (before + after) / 2)
 
 
 def _even_lines(last: int, n_lobes: int) -> Float:
@@ -531,7 +522,7 @@ def _follow_current(
     current: Float, sampling_rate: float, nominal_hz: float, n_lobes: int, attempts: Sequence[_Attempt]
 ) -> FollowedSpeed:
     """Follow the shaft under the most probable control, or, where none is probable, without any."""
-    record = replace(_reduce_record(current, sampling_rate, nominal_hz, n_lobes), of_motor=True)
+    record = _reduce_record(current, sampling_rate, nominal_hz, n_lobes)
     thinned, rate = record.torque, record.rate
     middle = _cut_middle(thinned, _SEARCHED_TURNS * n_lobes / nominal_hz * rate)
     # A current of a negative mean drives the shaft too: its sensor is the other way round.
