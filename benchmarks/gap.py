@@ -73,11 +73,19 @@ def main() -> None:
     found = whole(names, posterior, given)
     learned = f"It has learned from {posterior.n_rigs_:,} simulated rigs."
     goals = beside_goals(figures(found))
-    parts = [HEAD, counted(found), "## The whole workflow", "", WHOLE, goals, details(found)]
+    parts = [
+        HEAD.format(" --times" if given.times else ""),
+        counted(found),
+        "## The whole workflow",
+        "",
+        WHOLE,
+        goals,
+        details(found),
+    ]
     parts += ["## The posterior's networks alone", "", learned, "", *by_posterior(posterior, sessions)]
     if given.times:
         on = f"On {given.jobs} processor cores with vectors of {vector_width()}."
-        parts += ["", "## What it costs", "", on, "", costs(names, posterior, given)]
+        parts += ["## What it costs", "", on, "", costs(names, posterior, given)]
     text = "\n".join(parts)
     given.page.write_text(text.rstrip() + "\n", encoding="utf-8")
     print(text)
@@ -160,7 +168,7 @@ def seconds(work: Callable[[Any], object], of: Any) -> float:
 
 HEAD = """# Hidden effects: names, sizes and proof
 
-Made by `python -m benchmarks.gap`. All recordings are simulated, by the generator of
+Made by `python -m benchmarks.gap{}`. All recordings are simulated, by the generator of
 [the hidden effects](hidden_effects/README.md), which shares no code with the simulator. "Visible" are effects
 that an oracle detects at 3 sigma which knows all others and their sizes; "ties" are the groups of `ties.csv`.
 """

@@ -47,9 +47,10 @@ _SAMPLES_AT_ONCE = 2**17  # of blocks, whose spectra are taken
 # attempt tries, the margin must be more than _SECOND.
 _MULTIPLES = (1 / 4, 1 / 3, 1 / 2, *range(2, 13))
 _WORN, _SOUND, _THAN_ALIKE, _THAN_NONE, _MESH, _RICHER, _SECOND = 6.0, 1.0, 3.0, 8.0, 3.0, 18.0, 3.0
-# dB by which the first mesh line of a sound disc stands out at least. As a lobe line of a worn disc with the
-# same lines, it rarely does. That one's mesh line, of order 30 for 15 lobes, may be a motor's own.
-_MESH_DB = 3.0
+# dB by which the first mesh line of a sound disc stands out at least, at a stated speed and in a search. As a
+# lobe line of a worn disc with the same lines, it rarely does. The mesh line of that one, of order 30 for 15
+# lobes, may be a motor's own.
+_MESH_DB, _SEARCHED_MESH_DB = 3.0, 8.0
 # Of a search: output turns, at most, in the middle of the record; share of the tolerance that reaches the
 # next start; relative difference of speeds that are the same; evidence below which none is taken; share of
 # the most evidence from which another is possible too, and multiple of it that lines of no disc have at most.
@@ -113,7 +114,8 @@ _GAINED, _CLEARLY = 0.2, 1.2
 class _Record:
     """Torque at a rate, around a speed in turns per unit of time, and the last lines that are followed.
 
-    ``highest_lobe`` is the highest lobe line that the record holds.
+    ``highest_lobe`` is the highest lobe line that the record holds, ``mesh_db`` the dB by which the mesh line
+    of a sound disc stands out.
     """
 
     torque: Float
@@ -123,6 +125,7 @@ class _Record:
     last_lobe: int
     last_shaft: int
     highest_lobe: int
+    mesh_db: float = _MESH_DB
 
     @property
     def turns(self) -> float:
@@ -161,11 +164,7 @@ class FollowedSpeed:
 
 
 def follow_speed(
-    torque: Float,
-    sampling_rate: float,
-    nominal_hz: float,
-    n_lobes: int = 15,
-    attempts: Sequence[_Attempt] = _ATTEMPTS,
+    torque: Float, sampling_rate: float, nominal_hz: float, n_lobes: int = 15, *, searched: bool = False
 ) -> FollowedSpeed:
     """Follow the speed of the input shaft by the lobe, mesh and shaft lines of the torque.
 
@@ -178,11 +177,14 @@ def follow_speed(
     disc that turns faster (16/15 of the speed for 15 lobes).
 
     ``nominal_hz`` is the stated speed in turns per second; the true one may lie up to 5.5 % beside it, and
-    wander. ``ValueError`` if the record is shorter than six turns of the input, or the sampling rate in Hz
-    does not hold the first line of the mesh.
+    wander. If it is one of many that are ``searched``, only the first attempt is made, and a sound disc needs
+    a clearer mesh line. ``ValueError`` if the record is shorter than six turns of the input, or the sampling
+    rate in Hz does not hold the first line of the mesh.
     """
     record = _reduce_record(torque, sampling_rate, nominal_hz, n_lobes)
-    return _at_samples(_follow_until_fit(record, attempts), record.rate, torque.size, sampling_rate)
+    record = replace(record, mesh_db=_SEARCHED_MESH_DB if searched else _MESH_DB)
+    followed = _follow_until_fit(record, _ATTEMPTS[:1] if searched else _ATTEMPTS)
+    return _at_samples(followed, record.rate, torque.size, sampling_rate)
 
 
 def _reduce_record(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes: int) -> _Record:
@@ -239,7 +241,7 @@ def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list
     followed = []
     for nominal in np.geomspace(lowest, highest, n_steps + 1).tolist():
         middle = _cut_middle(torque, _SEARCHED_TURNS * n_lobes / nominal * sampling_rate)
-        followed.append(follow_speed(middle, sampling_rate, nominal, n_lobes, _ATTEMPTS[:1]))
+        followed.append(follow_speed(middle, sampling_rate, nominal, n_lobes, searched=True))
     clear = sorted((one for one in followed if one.evidence >= _LEAST), key=lambda one: -one.evidence)
     best = next((one for one in clear if one.fits), None)
     if best is None or clear[0].evidence > _MORE * best.evidence:
@@ -375,7 +377,7 @@ def _fit_discs(record: _Record, angle: Float) -> tuple[float, bool]:
     # as far as those: the mesh line then tells which disc it is.
     richer = like_sound.worn - _RICHER
     margin = sound - max(other + _SOUND, richer)
-    if sound >= richer or _mesh_stands_out_db(windows, n_lobes) > _MESH_DB:
+    if sound >= richer or _mesh_stands_out_db(windows, n_lobes) > record.mesh_db:
         margin = max(margin, this.quiet - max(max(one.worn, one.quiet) for one in others) - _SOUND)
     return min(margin, this.mesh - _MESH), reaches
 
