@@ -73,15 +73,8 @@ def main() -> None:
     found = whole(names, posterior, given)
     learned = f"It has learned from {posterior.n_rigs_:,} simulated rigs."
     goals = beside_goals(figures(found))
-    parts = [
-        HEAD.format(" --times" if given.times else ""),
-        counted(found),
-        "## The whole workflow",
-        "",
-        WHOLE,
-        goals,
-        details(found),
-    ]
+    head = HEAD.format(" --times" if given.times else "")
+    parts = [head, counted(found), "## The whole workflow", "", WHOLE, goals, details(found)]
     parts += ["## The posterior's networks alone", "", learned, "", *by_posterior(posterior, sessions)]
     if given.times:
         on = f"On {given.jobs} processor cores with vectors of {vector_width()}."

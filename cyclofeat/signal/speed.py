@@ -182,9 +182,10 @@ def follow_speed(
     rate in Hz does not hold the first line of the mesh.
     """
     record = _reduce_record(torque, sampling_rate, nominal_hz, n_lobes)
-    record = replace(record, mesh_db=_SEARCHED_MESH_DB if searched else _MESH_DB)
-    followed = _follow_until_fit(record, _ATTEMPTS[:1] if searched else _ATTEMPTS)
-    return _at_samples(followed, record.rate, torque.size, sampling_rate)
+    attempts: Sequence[_Attempt] = _ATTEMPTS
+    if searched:
+        record, attempts = replace(record, mesh_db=_SEARCHED_MESH_DB), _ATTEMPTS[:1]
+    return _at_samples(_follow_until_fit(record, attempts), record.rate, torque.size, sampling_rate)
 
 
 def _reduce_record(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes: int) -> _Record:
