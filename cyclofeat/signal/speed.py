@@ -48,9 +48,11 @@ _SAMPLES_AT_ONCE = 2**17  # of blocks, whose spectra are taken
 _MULTIPLES = (1 / 4, 1 / 3, 1 / 2, *range(2, 13))
 _WORN, _SOUND, _THAN_ALIKE, _THAN_NONE, _MESH, _RICHER, _SECOND = 6.0, 1.0, 3.0, 8.0, 3.0, 18.0, 3.0
 # dB by which the first mesh line of a sound disc stands out at least, at a stated speed and in a search. As a
-# lobe line of a worn disc with the same lines, it rarely does. The mesh line of that one, of order 30 for 15
-# lobes, may be a motor's own.
-_MESH_DB, _SEARCHED_MESH_DB = 3.0, 8.0
+# lobe line of a worn disc with the same lines, it rarely does. In a motor's current it may be lost, but there
+# the even lines of a sound disc, and of no worn one, are less than a share of the mean.
+_MESH_DB, _SEARCHED_MESH_DB, _SMALL = 3.0, 8.0, 0.04
+# dB by which odd lines lie below even ones if the shaft turns at no half of the speed: there both are even.
+_ODD_DB = -15.0
 # Of a search: output turns, at most, in the middle of the record; share of the tolerance that reaches the
 # next start; relative difference of speeds that are the same; evidence below which none is taken; share of
 # the most evidence from which another is possible too, and multiple of it that lines of no disc have at most.
@@ -105,17 +107,16 @@ _MOTOR_ATTEMPTS = (
 )
 # Samples per input turn by which controls are compared.
 _COMPARED_PER_TURN = 160
-# Evidence per turn that a control must add before it is believed; multiple of the evidence that lines at
-# another speed have.
-_GAINED, _CLEARLY = 0.2, 1.2
+# Evidence per turn that a control must add before it is believed.
+_GAINED = 0.2
 
 
 @dataclass(frozen=True)
 class _Record:
     """Torque at a rate, around a speed in turns per unit of time, and the last lines that are followed.
 
-    ``highest_lobe`` is the highest lobe line that the record holds, ``mesh_db`` the dB by which the mesh line
-    of a sound disc stands out.
+    ``highest_lobe`` is the highest lobe line that the record holds. A sound disc's mesh line stands out by
+    ``mesh_db``, or the root mean square of its even lines is below ``small``.
     """
 
     torque: Float
@@ -126,6 +127,7 @@ class _Record:
     last_shaft: int
     highest_lobe: int
     mesh_db: float = _MESH_DB
+    small: float = 0.0
 
     @property
     def turns(self) -> float:
@@ -144,11 +146,10 @@ class FollowedSpeed:
     turn; it compares speeds followed by the same lobe lines. ``margin`` is the difference of log
     probabilities, for one output turn, between a disc at this speed and the most probable one at another (a
     quarter, a third, a half, 2 to 12 times it, and where the lines look alike), less the least difference
-    that counts. It is also negative where the lines are the shaft's alone, and for a current where another
-    speed has clearly more evidence; minus infinity where the torque holds no lines, or the speed lies at the
-    end of the range. ``reaches`` is true for the lines of a worn disc: they reach beyond what the shaft of a
-    sound disc has at (n_lobes + 1) / (2 n_lobes) of the speed, where its even lines are in the places of the
-    lobe lines.
+    that counts. It is also negative where the lines are the shaft's alone; minus infinity where the torque
+    holds no lines, or the speed lies at the end of the range. ``reaches`` is true for the lines of a worn
+    disc: they reach beyond what the shaft of a sound disc has at (n_lobes + 1) / (2 n_lobes) of the speed,
+    where its even lines are in the places of the lobe lines.
     """
 
     angle: Float
@@ -366,10 +367,16 @@ def _fit_discs(record: _Record, angle: Float) -> tuple[float, bool]:
         discs.append(_Disc(worn, mesh + shaft, mesh + max(shaft, every_even), mesh))
     this, like_worn, like_sound, *others = discs
     worn, sound = this.worn, this.sound
-    other = max(max(one.worn, one.sound) for one in others)
     reaches = worn > max(sound, like_worn.sound + _THAN_ALIKE)
     if max(worn, sound) <= _THAN_NONE:
         return -math.inf, reaches
+    mesh_db, odd_db, even_rms = _shaft_lines(windows, n_lobes)
+    if odd_db < _ODD_DB:
+        others = [
+            one._replace(sound=-math.inf, quiet=-math.inf) if multiple in (1 / 2, 1 / 4) else one
+            for multiple, one in zip(multiples[3:], others, strict=True)
+        ]
+    other = max(max(one.worn, one.sound) for one in others)
     if worn > this.quiet:  # at least as large as sound
         # The shaft of a sound disc has lines at the lowest n_lobes places: a low rate may hold no others.
         like = like_worn.sound if record.highest_lobe > n_lobes else -math.inf
@@ -378,19 +385,28 @@ def _fit_discs(record: _Record, angle: Float) -> tuple[float, bool]:
     # as far as those: the mesh line then tells which disc it is.
     richer = like_sound.worn - _RICHER
     margin = sound - max(other + _SOUND, richer)
-    if sound >= richer or _mesh_stands_out_db(windows, n_lobes) > record.mesh_db:
+    if sound >= richer or even_rms < record.small or mesh_db > record.mesh_db:
         margin = max(margin, this.quiet - max(max(one.worn, one.quiet) for one in others) - _SOUND)
     return min(margin, this.mesh - _MESH), reaches
 
 
-def _mesh_stands_out_db(windows: Float, n_lobes: int) -> float:
-    """Return the power of the first mesh line over the geometric mean of the even lines beside it, in dB."""
-    length = windows.shape[1]
-    spectrum = np.abs(np.fft.rfft(np.hanning(length) * (windows - windows.mean(axis=1, keepdims=True)))) ** 2
-    mean = spectrum.mean(axis=0)
-    bins = np.round((n_lobes + 1 + np.array([-2, 0, 2])) * length / _SAMPLES_PER_TURN).astype(int)
-    before, line, after = 10 * np.log10(mean[bins - 1] + mean[bins] + mean[bins + 1])
-    return float(line - (before + after) / 2)
+def _shaft_lines(windows: Float, n_lobes: int) -> tuple[float, float, float]:
+    """Return what lines of the shaft tell of a sound disc.
+
+    By how many dB the first mesh line stands out from the even lines beside it, and the odd lines below the
+    15th from the even ones there; then the root mean square of even lines up to the 30th.
+    """
+    length, mesh = windows.shape[1], n_lobes + 1
+    taper = np.hanning(length)
+    spectrum = np.abs(np.fft.rfft(taper * (windows - windows.mean(axis=1, keepdims=True)))) ** 2
+    mean = 2 * spectrum.mean(axis=0) / (length * (taper**2).sum()) + np.finfo(float).tiny
+    bins = np.round(np.arange(max(_LAST_SHAFT_LINE, mesh + 2) + 1) * length / _SAMPLES_PER_TURN).astype(int)
+    power = mean[bins - 1] + mean[bins] + mean[bins + 1]
+    level = 10 * np.log10(power)
+    odd, even = range(5, 15, 2), range(6, 15, 2)
+    of_odd = np.median(level[odd]) - np.median([level[line] for line in even if line != mesh])
+    of_even = np.sqrt(power[_FIRST_SHAFT_LINE : _LAST_SHAFT_LINE + 1 : 2].sum())
+    return float(level[mesh] - level[[mesh - 2, mesh + 2]].mean()), float(of_odd), float(of_even)
 
 
 def _even_lines(last: int, n_lobes: int) -> Float:
@@ -501,31 +517,9 @@ def follow_motor(current: Float, sampling_rate: float, nominal_hz: float, n_lobe
     :func:`follow_speed`, whose arguments and errors it has. The current tells these changes, because the
     control of the speed sets it in answer to them (:func:`controlled_lag`). Gain and integral time are those
     that make the lines most evident, if clearly. The rest is followed as in a torque, in longer blocks.
-
-    Where the lobe lines do not reach beyond those of a sound disc (``reaches``), multiples of the speed are
-    followed as well, and the lines do not fit (``fits``) if they fit there and are more evident: a motor's
-    strongest line may pass for that of the mesh at another speed.
     """
-    followed = _follow_current(current, sampling_rate, nominal_hz, n_lobes, _MOTOR_ATTEMPTS)
-    if not followed.fits or followed.reaches:
-        return followed
-    speed_hz = followed.speed_hz
-    own = _follow_current(current, sampling_rate, speed_hz, n_lobes, _MOTOR_ATTEMPTS[:1]).evidence
-    for multiple in (1 / 4, 1 / 3, 1 / 2, (n_lobes + 1) / (2 * n_lobes), 2, 3):
-        try:
-            other = _follow_current(current, sampling_rate, multiple * speed_hz, n_lobes, _MOTOR_ATTEMPTS[:1])
-        except ValueError:  # the record does not hold that speed
-            continue
-        if other.fits and other.evidence > _CLEARLY * own:
-            return replace(followed, margin=-followed.margin)
-    return followed
-
-
-def _follow_current(
-    current: Float, sampling_rate: float, nominal_hz: float, n_lobes: int, attempts: Sequence[_Attempt]
-) -> FollowedSpeed:
-    """Follow the shaft under the most probable control, or, where none is probable, without any."""
     record = _reduce_record(current, sampling_rate, nominal_hz, n_lobes)
+    record = replace(record, small=_SMALL * abs(float(current.mean())), mesh_db=math.inf)
     thinned, rate = record.torque, record.rate
     middle = _cut_middle(thinned, _SEARCHED_TURNS * n_lobes / nominal_hz * rate)
     # A current of a negative mean drives the shaft too: its sensor is the other way round.
@@ -534,14 +528,14 @@ def _follow_current(
         return follow_speed(current, sampling_rate, nominal_hz, n_lobes)
     control = _likeliest_control(replace(record, torque=middle), unit)
     steady: Float = nominal_hz / rate * np.arange(thinned.size, dtype=float)
-    best, start = _followed_from(steady, record, attempts[:1]), steady
+    best, start = _followed_from(steady, record, _MOTOR_ATTEMPTS[:1]), steady
     turned = control and _controlled_turns((thinned - middle.mean()) / unit, rate, nominal_hz, *control)
     if turned is not None:
-        controlled = _followed_from(turned, record, attempts[:1])
+        controlled = _followed_from(turned, record, _MOTOR_ATTEMPTS[:1])
         if controlled.evidence > best.evidence + _GAINED:
             best, start = controlled, turned
-    if attempts[1:] and not best.fits:
-        again = _followed_from(start, record, attempts[1:])
+    if not best.fits:
+        again = _followed_from(start, record, _MOTOR_ATTEMPTS[1:])
         best = max(best, again, key=attrgetter("margin"))
     return _at_samples(best, rate, current.size, sampling_rate)
 

@@ -16,7 +16,7 @@ RATE, HERTZ = 4_000.0, 8.0
 WORN = tuple(16 / 15 * np.arange(1, 33))
 # Of a sound disc: mesh and even lines of the shaft; of its motor: ripple, and one wave for each of 21 slots.
 SOUND = (4.0, 6.0, 8.0, 10.0, 14.0, 16.0, 20.0, 32.0)
-QUIET = tuple(np.arange(4.0, 92.0, 2.0)) + 30 * (16.0,)  # or of a worn disc at 15/8 of the speed
+EVEN = tuple(np.arange(4.0, 92.0, 2.0))  # or, if they are large, of a worn disc at 15/8 of the speed
 
 
 @cache
@@ -88,12 +88,29 @@ def test_a_line_of_the_motor_beside_a_lobe_line_does_not_draw_the_speed():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("orders", "motor"), [(SOUND, (21.0, 24.0)), (QUIET, (30.0,))])
-def test_one_line_beside_those_of_a_sound_disc_is_left_to_the_motor(orders, motor):
-    current, angle = driven(orders, gain=0.02, motor=motor)
+def test_one_line_beside_those_of_a_sound_disc_is_left_to_the_motor():
+    current, angle = driven(SOUND, gain=0.02, motor=(21.0, 24.0))
     found = follow_motor(current, RATE, HERTZ)
     assert found.fits
     assert error(found, angle) < 0.003
+
+
+@pytest.mark.slow
+def test_small_even_lines_are_those_of_a_sound_disc():
+    current, angle = driven(EVEN, gain=0.02)
+    assert not follow_motor(current, RATE, HERTZ).fits
+    found = follow_motor(380 + current, RATE, HERTZ)
+    assert found.fits
+    assert error(found, angle) < 0.003
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("size", "fits"), [(0.2, True), (1.0, False)])
+def test_at_half_the_speed_the_lowest_odd_lines_would_be_as_large_as_even_ones(size, fits):
+    current, angle = driven(EVEN, gain=0.02)
+    odd = np.arange(1.0, 92.0, 2.0)
+    lines = np.cos(np.multiply.outer(angle, odd) + np.arange(odd.size)) @ np.where(odd < 15, size, 0.6)
+    assert follow_motor(380 + current + lines, RATE, HERTZ).fits is fits
 
 
 @pytest.mark.slow
