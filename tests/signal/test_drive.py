@@ -88,18 +88,10 @@ def test_a_line_of_the_motor_beside_a_lobe_line_does_not_draw_the_speed():
 
 
 @pytest.mark.slow
-def test_one_line_beside_those_of_a_sound_disc_is_left_to_the_motor():
-    current, angle = driven(SOUND, gain=0.02, motor=(21.0, 24.0))
-    found = follow_motor(current, RATE, HERTZ)
-    assert found.fits
-    assert error(found, angle) < 0.003
-
-
-@pytest.mark.slow
-def test_small_even_lines_are_those_of_a_sound_disc():
-    current, angle = driven(EVEN, gain=0.02)
-    assert not follow_motor(current, RATE, HERTZ).fits
-    found = follow_motor(380 + current, RATE, HERTZ)
+@pytest.mark.parametrize(("orders", "mean", "motor"), [(SOUND, 20, (21.0, 24.0)), (EVEN, 400, (30.0,))])
+def test_a_sound_disc_beside_lines_of_its_motor_is_followed(orders, mean, motor):
+    current, angle = driven(orders, gain=0.02, motor=motor)
+    found = follow_motor(current - 20 + mean, RATE, HERTZ)
     assert found.fits
     assert error(found, angle) < 0.003
 
@@ -114,8 +106,10 @@ def test_at_half_the_speed_the_lowest_odd_lines_would_be_as_large_as_even_ones(s
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("orders", "multiple"), [(WORN, 2.0), (WORN, 0.5), (WORN, 15 / 8), (SOUND, 2.0)])
-def test_another_speed_does_not_fit(orders, multiple):
+@pytest.mark.parametrize(
+    ("orders", "multiple"), [(WORN, 2.0), (WORN, 0.5), (WORN, 15 / 8), (SOUND, 2.0), (EVEN, 1.0)]
+)
+def test_a_speed_does_not_fit_if_it_may_be_another(orders, multiple):
     current, _ = driven(orders)
     assert not follow_motor(current, RATE, multiple * HERTZ).fits
 
