@@ -63,12 +63,10 @@ def run(arguments: Arguments) -> Iterator[Printed]:
 
 def _speed_text(facts: dict[str, Any]) -> str:
     nominal, measured = facts["speed_rpm"], facts["speed_measured_rpm"]
+    if measured is None and nominal is None:
+        return "unknown"
     if measured is None:
-        if nominal is None:
-            return "unknown"
-        return (
-            f"nominal {nominal:g} RPM; no lobe lines near it: a healthy disc, another speed or no gear signal"
-        )
+        return f"nominal {nominal:g} RPM; no lobe lines near it: sound, another speed or no gear signal"
     by = f"{measured:.5g} RPM by its {facts['speed_from']}"
     if nominal is None:
         return by

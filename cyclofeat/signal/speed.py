@@ -47,12 +47,10 @@ _SAMPLES_AT_ONCE = 2**17  # of blocks, whose spectra are taken
 # attempt tries, the margin must be more than _SECOND.
 _MULTIPLES = (1 / 4, 1 / 3, 1 / 2, *range(2, 13))
 _WORN, _SOUND, _THAN_ALIKE, _THAN_NONE, _MESH, _RICHER, _SECOND = 6.0, 1.0, 3.0, 8.0, 3.0, 18.0, 3.0
-# dB by which the first mesh line of a sound disc stands out at least, at a stated speed and in a search. As a
-# lobe line of a worn disc with the same lines, it rarely does. In a motor's current it may be lost, but there
-# the even lines of a sound disc, and of no worn one, are less than a share of the mean.
-_MESH_DB, _SEARCHED_MESH_DB, _SMALL = 3.0, 8.0, 0.04
-# dB by which odd lines lie below even ones if the shaft turns at no half of the speed: there both are even.
-_ODD_DB = -15.0
+# dB by which the first mesh line of a sound disc stands out, at a stated speed and in a search; as a line of
+# worn lobes it rarely does. In a current it may be lost, but there the even lines of sound discs alone are
+# below a share of the mean. dB of odd lines beside even ones; at half the speed all of these would be even.
+_MESH_DB, _SEARCHED_MESH_DB, _SMALL, _ODD_DB = 3.0, 8.0, 0.04, -15.0
 # Of a search: output turns, at most, in the middle of the record; share of the tolerance that reaches the
 # next start; relative difference of speeds that are the same; evidence below which none is taken; share of
 # the most evidence from which another is possible too, and multiple of it that lines of no disc have at most.
@@ -105,10 +103,8 @@ _MOTOR_ATTEMPTS = (
     ((_COARSE, _SHARP, _SHARPER), True),
     ((replace(_STEADY, apart=0.15), _SHARPER), True),
 )
-# Samples per input turn by which controls are compared.
-_COMPARED_PER_TURN = 160
-# Evidence per turn that a control must add before it is believed.
-_GAINED = 0.2
+# Samples per input turn by which controls are compared, and evidence per turn that one must add.
+_COMPARED_PER_TURN, _GAINED = 160, 0.2
 
 
 @dataclass(frozen=True)

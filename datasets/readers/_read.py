@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import fields
 from itertools import pairwise
 from pathlib import Path
@@ -111,7 +112,8 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
         Line of a text, from 1, in which its columns are named, or its samples begin. Default: found.
     **labels
         Parameters of :class:`~cyclofeat.recordings.Recording`, e.g. ``assembly="A1"``; they take precedence
-        over labels in the file, and ``meta`` is merged.
+        over labels in the file, and ``meta`` is merged. Without an angle and a label, ``speed_rpm`` is the
+        median in whole RPM of the only channel called "speed", "Drehzahl" and the like in rpm or 1/min.
 
     Returns
     -------
@@ -149,6 +151,8 @@ def read_stretches(path: str | os.PathLike[str], **options: Any) -> list[Recordi
         source = _open_source(path, reading)
         parameters, angle, stretches = _read_parameters(source, reading)
         meta = parameters["meta"] | dict(labels.pop("meta", None) or {})
+        if "speed_rpm" in labels:
+            meta.pop("speed_from", None)
         if labels.get("worn_lobes") is not None:
             parameters.pop("defect_count", None)  # the file's count belongs to the file's lobes
         elif labels.get("defect_count") is not None:
@@ -252,10 +256,8 @@ def _open_source(path: Path, reading: ReadingOptions) -> Source:
     if not path.exists():
         raise FileNotFoundError(f"no such file: {path}")
     if not path.is_file():
-        problem = (
-            "is a directory; give a file in it, or use read_folder" if path.is_dir() else "no ordinary file"
-        )
-        raise ValueError(problem)
+        use = "is a directory; give a file in it, or use read_folder"
+        raise ValueError(use if path.is_dir() else "no ordinary file")
     # The ending that says how the file is read; the name's own if none does.
     suffix = next((end for end in (*SOURCES, *_TEXT_FILES) if path.name.lower().endswith(end)), path.suffix)
     suffix = _TEXT_FILES.get(suffix, suffix)
@@ -307,9 +309,21 @@ def _read_parameters(
     meta = source.labels.get("meta", {}) | meta
     parameters = {"quantity": quantity} | source.labels | {"torque": samples, "meta": meta}
     if angle is None:  # then the file's labels of the angle are void
+        if "speed_rpm" not in parameters:
+            _add_speed(source, parameters)
         return {key: x for key, x in parameters.items() if not key.startswith("angle")}, None, stretches
     parameters.setdefault("angle_of", "disc" if angle.base in words.DISC_ANGLE_NAMES else "input")
     return parameters, (angle, source.column_values(angle)), stretches
+
+
+def _add_speed(source: Source, parameters: dict[str, Any]) -> None:
+    """Add the speed in whole RPM that a channel holds, if one alone does."""
+    found = [x for x in source.channels if x.unit == "rpm" and words.is_usual(x.base, "speed")]
+    with suppress(TypeError, ValueError):  # of several channels, gaps or text: then it is as without
+        (channel,) = found
+        if rpm := float(round(np.median(np.abs(source.column_values(channel))))):
+            parameters["speed_rpm"] = rpm
+            parameters["meta"]["speed_from"] = source.call(channel)
 
 
 def _find_angle(source: Source, reading: ReadingOptions) -> Channel | None:

@@ -29,6 +29,7 @@ _USUAL = {
     "output_torque": f"(?:{_OUT})? ?(?:{_TORQUE})|(?:{_TORQUE}) (?:{_OUT})",
     "input_torque": f"(?:{_IN}) ?(?:{_TORQUE})|(?:{_TORQUE}) (?:{_IN})",
     "motor_current": f"(?:motor)? ?(?:{_CURRENT})|(?:{_CURRENT}) motor|i ?q|i motor|motor i",
+    "speed": f"(?:{_IN}|shaft)? ?(?:speed|rpm|drehzahl)|(?:speed|drehzahl) (?:{_IN})|n",
 }
 # Words that state the quantity in any other name.
 _WORDS = {
@@ -56,14 +57,15 @@ PULSE_NAMES = {
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86_400.0}
 RATE_UNITS = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6}
 ANGLE_UNITS = {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi}
-UNITS = TORQUE_UNITS | CURRENT_UNITS | RELATIVE_UNITS | TIME_UNITS | ANGLE_UNITS | RATE_UNITS
+UNITS = TORQUE_UNITS | CURRENT_UNITS | RELATIVE_UNITS | TIME_UNITS | ANGLE_UNITS | RATE_UNITS | {"rpm": 1.0}
 _OTHER_SPELLINGS = {
     "µs": "us", "μs": "us", "sec": "s", "second": "s", "seconds": "s", "sekunden": "s", "msec": "ms",
     "°": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "radian": "rad", "radians": "rad",
     "sek": "s", "hertz": "Hz", "hz": "Hz", "khz": "kHz", "mhz": "MHz", "s/s": "Hz", "sa/s": "Hz", "1/s": "Hz",
     "rev.": "rev", "turn": "rev", "turns": "rev", "umdrehungen": "rev", "newtonmeter": "Nm",
     "newtonmeters": "Nm", "ampere": "A", "amp": "A", "amps": "A", "pu": "p.u.", "percent": "%",
-    "prozent": "%", **dict.fromkeys(("lbfft", "lbft", "ftlb", "ftlbf", "ftlbs"), "lbf ft"),
+    "prozent": "%", **dict.fromkeys(("rpm", "1/min", "min1", "min⁻¹", "min^1", "u/min", "r/min"), "rpm"),
+    **dict.fromkeys(("lbfft", "lbft", "ftlb", "ftlbf", "ftlbs"), "lbf ft"),
     **dict.fromkeys(("lbfin", "lbin", "inlb", "inlbf", "inlbs"), "lbf in"), "kgfm": "kgf m",
 }  # fmt: skip
 # Units that may follow a name after an underscore, as in torque_nm.

@@ -682,6 +682,16 @@ def test_names_and_units_select_the_channel(tmp_path, names, quantity, column, f
     assert recording.unit == ("A" if quantity == CURRENT else "Nm")
 
 
+def test_a_channel_of_speeds_states_the_speed(tmp_path):
+    """The only one of the input, unless an angle or a label does."""
+    stated = "M1 [Nm],n [1/min]", "torque,speed_rpm", "Drehmoment;Motordrehzahl [min-1]"
+    unknown = "torque,output speed [rpm]", "torque,speed [rpm],n [rpm]", "torque,n", "torque,rpm,angle [deg]"
+    for names in (*stated, *unknown):
+        path = file_with(tmp_path, names)
+        assert read_recording(path, sampling_rate=9).speed_rpm == (151 if names in stated else None)
+        assert " 150 RPM, " in one_line(read_recording(path, sampling_rate=9, speed_rpm=150))
+
+
 @pytest.mark.parametrize(
     ("names", "quantity", "words"),
     [
