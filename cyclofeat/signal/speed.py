@@ -49,7 +49,7 @@ _MULTIPLES = (1 / 4, 1 / 3, 1 / 2, *range(2, 13))
 _WORN, _SOUND, _THAN_ALIKE, _THAN_NONE, _MESH, _RICHER, _SECOND = 6.0, 1.0, 3.0, 8.0, 3.0, 18.0, 3.0
 # dB by which the first mesh line of a sound disc stands out, at a stated speed and in a search; as a line of
 # worn lobes it rarely does. In a current it may be lost, but there the even lines of sound discs alone are
-# below a share of the mean. dB of odd lines beside even ones; at half the speed all of these would be even.
+# below a share of the mean. dB of odd lines beside these; at half the speed all of them would be even.
 _MESH_DB, _SEARCHED_MESH_DB, _SMALL, _ODD_DB = 3.0, 8.0, 0.04, -15.0
 # Of a search: output turns, at most, in the middle of the record; share of the tolerance that reaches the
 # next start; relative difference of speeds that are the same; evidence below which none is taken; share of
@@ -367,7 +367,8 @@ def _fit_discs(record: _Record, angle: Float) -> tuple[float, bool]:
     if max(worn, sound) <= _THAN_NONE:
         return -math.inf, reaches
     mesh_db, odd_db, even_rms = _shaft_lines(windows, n_lobes)
-    if odd_db < _ODD_DB:
+    is_small = even_rms < record.small
+    if is_small and odd_db < _ODD_DB:
         others = [
             one._replace(sound=-math.inf, quiet=-math.inf) if multiple in (1 / 2, 1 / 4) else one
             for multiple, one in zip(multiples[3:], others, strict=True)
@@ -381,7 +382,7 @@ def _fit_discs(record: _Record, angle: Float) -> tuple[float, bool]:
     # as far as those: the mesh line then tells which disc it is.
     richer = like_sound.worn - _RICHER
     margin = sound - max(other + _SOUND, richer)
-    if sound >= richer or even_rms < record.small or mesh_db > record.mesh_db:
+    if sound >= richer or is_small or mesh_db > record.mesh_db:
         margin = max(margin, this.quiet - max(max(one.worn, one.quiet) for one in others) - _SOUND)
     return min(margin, this.mesh - _MESH), reaches
 
