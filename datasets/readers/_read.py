@@ -53,8 +53,8 @@ _SIGNATURES = (
 )  # fmt: skip
 # In reverse the lobes pass, and are loaded, the other way round; or the sensor was mounted so.
 _TURNED = "was turned round, since it fell: positions of lobes are relative, and may count the other way"
-# No input shaft turns faster; an angle in degrees taken for rad would.
-_FASTEST_INPUT_HZ = 100.0
+# No input shaft turns faster; an angle in degrees taken for rad would. A lower speed may be the output's.
+_FASTEST_INPUT_HZ, _SLOWEST_RPM = 100.0, 100.0
 _OPTIONS = frozenset(field.name for field in fields(ReadingOptions))
 
 
@@ -112,8 +112,8 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
         Line of a text, from 1, in which its columns are named, or its samples begin. Default: found.
     **labels
         Parameters of :class:`~cyclofeat.recordings.Recording`, e.g. ``assembly="A1"``; they take precedence
-        over labels in the file, and ``meta`` is merged. Without an angle and a label, ``speed_rpm`` is the
-        median in whole RPM of the only channel called "speed", "Drehzahl" and the like in rpm or 1/min.
+        over labels in the file, and ``meta`` is merged. Without angle and label, ``speed_rpm`` is the median
+        of the only channel called "speed", "Drehzahl" and the like in rpm or 1/min, if that is 100 or more.
 
     Returns
     -------
@@ -317,11 +317,11 @@ def _read_parameters(
 
 
 def _add_speed(source: Source, parameters: dict[str, Any]) -> None:
-    """Add the speed in whole RPM that a channel holds, if one alone does."""
+    """Add the speed in whole RPM that a channel holds, if one alone does, and if it is not the output's."""
     found = [x for x in source.channels if x.unit == "rpm" and words.is_usual(x.base, "speed")]
     with suppress(TypeError, ValueError):  # of several channels, gaps or text: then it is as without
         (channel,) = found
-        if rpm := float(round(np.median(np.abs(source.column_values(channel))))):
+        if (rpm := float(round(np.median(np.abs(source.column_values(channel)))))) >= _SLOWEST_RPM:
             parameters["speed_rpm"] = rpm
             parameters["meta"]["speed_from"] = source.call(channel)
 

@@ -682,14 +682,15 @@ def test_names_and_units_select_the_channel(tmp_path, names, quantity, column, f
     assert recording.unit == ("A" if quantity == CURRENT else "Nm")
 
 
-def test_a_channel_of_speeds_states_the_speed(tmp_path):
-    """The only one of the input, unless an angle or a label does."""
+def test_the_only_channel_of_input_speeds_states_the_speed_unless_an_angle_or_a_label_does(tmp_path):
     stated = "M1 [Nm],n [1/min]", "torque,speed_rpm", "Drehmoment;Motordrehzahl [min-1]"
     unknown = "torque,output speed [rpm]", "torque,speed [rpm],n [rpm]", "torque,n", "torque,rpm,angle [deg]"
     for names in (*stated, *unknown):
         path = file_with(tmp_path, names)
         assert read_recording(path, sampling_rate=9).speed_rpm == (151 if names in stated else None)
         assert " 150 RPM, " in one_line(read_recording(path, sampling_rate=9, speed_rpm=150))
+    path = write(tmp_path / "rig.csv", "torque,n [rpm]\n1,33\n2,34\n")  # as slow as an output
+    assert read_recording(path, sampling_rate=9).speed_rpm is None
 
 
 @pytest.mark.parametrize(
