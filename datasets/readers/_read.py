@@ -318,12 +318,12 @@ def _read_parameters(
 
 def _add_speed(source: Source, parameters: dict[str, Any]) -> None:
     """Add the speed in whole RPM that a channel holds, if one alone does, and if it is not the output's."""
-    found = [x for x in source.channels if x.unit == "rpm" and words.is_usual(x.base, "speed")]
-    with suppress(TypeError, ValueError):  # of several channels, gaps or text: then it is as without
-        (channel,) = found
-        if (rpm := float(round(np.median(np.abs(source.column_values(channel)))))) >= _SLOWEST_RPM:
+    with suppress(TypeError, ValueError):  # of no or several channels, gaps or text
+        [speed] = [x for x in source.channels if words.is_usual(x.base, "rpm") and "rpm" in (x.unit, x.base)]
+        rpm = float(round(np.median(np.abs(source.column_values(speed)))))
+        if _SLOWEST_RPM <= rpm <= 60 * _FASTEST_INPUT_HZ:
             parameters["speed_rpm"] = rpm
-            parameters["meta"]["speed_from"] = source.call(channel)
+            parameters["meta"]["speed_from"] = source.call(speed)
 
 
 def _find_angle(source: Source, reading: ReadingOptions) -> Channel | None:

@@ -683,7 +683,7 @@ def test_names_and_units_select_the_channel(tmp_path, names, quantity, column, f
 
 
 def test_the_only_channel_of_input_speeds_states_the_speed_unless_an_angle_or_a_label_does(tmp_path):
-    stated = "M1 [Nm],n [1/min]", "torque,speed_rpm", "Drehmoment;Motordrehzahl [min-1]"
+    stated = "M1 [Nm],n [1/min]", "torque,speed_rpm", "Drehmoment;Motordrehzahl [min-1]", "torque,RPM"
     unknown = "torque,output speed [rpm]", "torque,speed [rpm],n [rpm]", "torque,n", "torque,rpm,angle [deg]"
     for names in (*stated, *unknown):
         path = file_with(tmp_path, names)
