@@ -379,7 +379,7 @@ def _fit_discs(record: _Record, angle: Float) -> tuple[float, bool]:
         like = like_worn.sound if record.highest_lobe > n_lobes else -math.inf
         return min(worn - other - _WORN, worn - like - _THAN_ALIKE), reaches
     # Lines of the shaft alone may be lobe lines of a worn disc at another speed. With little noise they reach
-    # as far as those: the mesh line then tells which disc it is.
+    # as far as those: the mesh line then tells which disc it is, or in a current their size.
     richer = like_sound.worn - _RICHER
     margin = sound - max(other + _SOUND, richer)
     if sound >= richer or is_small or mesh_db > record.mesh_db:
@@ -401,7 +401,7 @@ def _shaft_lines(windows: Float, n_lobes: int) -> tuple[float, float, float]:
     power = mean[bins - 1] + mean[bins] + mean[bins + 1]
     level = 10 * np.log10(power)
     odd, even = range(5, 15, 2), range(6, 15, 2)
-    of_odd = np.median(level[odd]) - np.median([level[line] for line in even if line != mesh])
+    of_odd = np.median(level[odd]) - np.median([level[line] for line in even if line % mesh])
     of_even = np.sqrt(power[_FIRST_SHAFT_LINE : _LAST_SHAFT_LINE + 1 : 2].sum())
     return float(level[mesh] - level[[mesh - 2, mesh + 2]].mean()), float(of_odd), float(of_even)
 
