@@ -29,7 +29,7 @@ _USUAL = {
     "output_torque": f"(?:{_OUT})? ?(?:{_TORQUE})|(?:{_TORQUE}) (?:{_OUT})",
     "input_torque": f"(?:{_IN}) ?(?:{_TORQUE})|(?:{_TORQUE}) (?:{_IN})",
     "motor_current": f"(?:motor)? ?(?:{_CURRENT})|(?:{_CURRENT}) motor|i ?q|i motor|motor i",
-    "rpm": f"(?:{_IN}|shaft)? ?(?:speed|rpm|drehzahl)|(?:speed|drehzahl) (?:{_IN})|n(?: mot)?",
+    "rpm": f"(?:{_IN}|shaft)? ?(?:speed|rpm|drehzahl)|(?:speed|drehzahl) (?:{_IN})|n(?: (?:{_IN}))?",
 }
 # Words that state the quantity in any other name.
 _WORDS = {
