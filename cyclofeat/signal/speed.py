@@ -47,9 +47,9 @@ _SAMPLES_AT_ONCE = 2**17  # of blocks, whose spectra are taken
 # attempt tries, the margin must be more than _SECOND.
 _MULTIPLES = (1 / 4, 1 / 3, 1 / 2, *range(2, 13))
 _WORN, _SOUND, _THAN_ALIKE, _THAN_NONE, _MESH, _RICHER, _SECOND = 6.0, 1.0, 3.0, 8.0, 3.0, 18.0, 3.0
-# dB by which the first mesh line of a sound disc stands out, at a stated speed and in a search; as a line of
-# worn lobes it rarely does. In a current it may be lost, but there the even lines of sound discs alone are
-# below a share of the mean. dB of odd lines beside these; at half the speed all of them would be even.
+# dB by which the first mesh line of a sound disc stands out, at a stated speed and in a search; a lobe line
+# rarely does. In a current it may be lost, but there only the even lines of a sound disc are below this share
+# of the mean. Where odd lines are so many dB below even ones, the shaft does not turn at half the speed.
 _MESH_DB, _SEARCHED_MESH_DB, _SMALL, _ODD_DB = 3.0, 8.0, 0.04, -15.0
 # Of a search: output turns, at most, in the middle of the record; share of the tolerance that reaches the
 # next start; relative difference of speeds that are the same; evidence below which none is taken; share of

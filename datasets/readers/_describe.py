@@ -228,7 +228,7 @@ def one_line(recording: Recording) -> str:
     low, high, lobes = torque.min(), torque.max(), lobes_text(recording.worn_lobes, recording.n_lobes)
     unit = recording.unit + (" (unit assumed)" if meta.get("unit_assumed") else "")
     worn, angle = f" ({lobes})" if lobes else "", _angle_text(recording)
-    from_ = f" from {meta['speed_from']}" if meta.get("speed_from") else ""
+    origin = {name: f" from {meta[name]}" for name in ("rate_from", "speed_from") if meta.get(name)}
     names = [
         str(meta.get("file") or ""),
         f"part {meta['part']}" if meta.get("part") else "",
@@ -238,9 +238,9 @@ def one_line(recording: Recording) -> str:
     parts = [
         f"{channel} {low:.4g} to {high:.4g} {unit} (mean {torque.mean():.4g})",
         "CONSTANT" if low == high else "",
-        f"{recording.sampling_rate:g} Hz" + (f" from {meta['rate_from']}" if meta.get("rate_from") else ""),
+        f"{recording.sampling_rate:g} Hz{origin.get('rate_from', '')}",
         f"{recording.n_samples} samples = {recording.duration:.4g} s",
-        "" if recording.speed_rpm is None else f"{recording.speed_rpm:g} RPM{from_}",
+        "" if recording.speed_rpm is None else f"{recording.speed_rpm:g} RPM{origin.get('speed_from', '')}",
         "" if recording.load_nm is None else f"load {recording.load_nm:g} Nm",
         f"angle of the {angle}" if angle else "no angle",
         "" if recording.defect_count is None else number_of(recording.defect_count, "worn lobe") + worn,

@@ -379,6 +379,7 @@ def test_bands_by_default_are_octaves_and_hold_lines_however_short_the_window():
         (lambda f, p: narrowband_ratio(p, f, 100, 5, 129), "harmonic 129 .* 12900 Hz, beyond .* 12800 Hz"),
         (lambda f, p: narrowband_ratio(p, f, 13_000), "harmonic 1 .* 13000 Hz"),
         (lambda f, p: welch_psd(p, 0), "sampling_rate .* got 0"),
+        (lambda f, p: welch_psd(p, -25_600), "sampling_rate .* got -25600"),
         (lambda f, p: welch_psd(p, np.nan), "sampling_rate .* got nan"),
         (lambda f, p: welch_psd(p, np.inf), "sampling_rate .* got inf"),
         (lambda f, p: welch_psd(p, 1.0, "welch"), "'matlab_pwelch' or 'ripple', got 'welch'"),

@@ -10,10 +10,9 @@ from cyclofeat.signal.speed import follow_speed, search_speed
 RATE = 4_000.0
 
 
-def torque(
-    rpm: float, seconds: float, worn: bool = True, noise: float = 1.0, mesh: float = 0.0
-) -> np.ndarray:
-    """Lobe lines of a worn disc, or mesh and even shaft lines of a sound one, in noise and drift."""
+def torque(rpm: float, seconds: float, worn: bool = True, noise: float = 1.0, mesh: float = 0.0):
+    """Lobe lines of a worn disc, or mesh and even lines of a sound one (more of these with ``mesh`` lines
+    that are so many times larger), in noise and drift."""
     random = np.random.default_rng(0)
     time = np.arange(round(seconds * RATE)) / RATE
     turns = rpm / 60 * time
