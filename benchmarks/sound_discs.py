@@ -14,6 +14,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -42,6 +43,9 @@ FURTHER, SPOILS = (
     "load_scale", "speed_scale", "load_warm_up", "sensor_warm_up", "sensor_drift", "gain", "offset", "noise",
     "hum", "clock_error", "torque_meter_low_pass",
 ), "run_out"  # fmt: skip
+# Machines from this number on have no assembly errors, but what a meter of torque adds.
+PERFECT, METER = 100_000, ("hum", "offset", "sensor_drift", "torque_meter_low_pass")
+WITHOUT_ERRORS = "without assembly errors"
 Made = tuple[str, list[Recording]]
 
 
@@ -63,9 +67,11 @@ def made_recordings(number: int, count: int) -> Made:
     """Return the words for a machine's further effects, and its recordings of torques and current."""
     random = np.random.default_rng([SEED, number])
     speed, load = (low * (high / low) ** random.random() for low, high in (SPEEDS, LOADS))
-    further = random.choice(FURTHER, number % 3, replace=False).tolist()
+    further = random.choice(FURTHER, number % 3, replace=False).tolist() if number < PERFECT else METER
     effects = [(name, drawn_sizes(name, random)) for name in ("brake_rotor", *further)]
     nuisance, seed = nuisance_and_seed([SEED, number, 1])
+    if number >= PERFECT:
+        nuisance = replace(nuisance, pins=0 * nuisance.pins)
     n_samples = math.ceil(TURNS * 15 * 60 / speed * SAMPLING_RATE)
     condition = Condition(speed, load)
     run = run_machine(count, condition, effects, seed, nuisance, n_samples)
@@ -88,7 +94,7 @@ def made_recordings(number: int, count: int) -> Made:
             values, SAMPLING_RATE, quantity=quantity, defect_count=count, speed_rpm=round(speed, 1),
             load_nm=load, angle=angle[recorded] if has_tachometer else None, source="surrogate",
         ))  # fmt: skip
-    return " and ".join(further) or "none", recordings
+    return WITHOUT_ERRORS if number >= PERFECT else " and ".join(further) or "none", recordings
 
 
 def attempt(number: int, count: int) -> Made | None:
@@ -121,7 +127,8 @@ def answers_of(number: int, count: int, folder: Path) -> Answered | None:
 
 def rows_of(answered: Sequence[Answered], quantity: str) -> list[list[str]]:
     """Return the rows of the table for a quantity."""
-    harmless = [one for one in answered if SPOILS not in one.effects]
+    perfect = [one for one in answered if one.effects == WITHOUT_ERRORS]
+    harmless = [one for one in answered if SPOILS not in one.effects and one.effects != WITHOUT_ERRORS]
     sound = [one for one in harmless if one.count == 0]
     groups = {
         "sound, no further effect": [one for one in sound if one.effects == "none"],
@@ -136,6 +143,10 @@ def rows_of(answered: Sequence[Answered], quantity: str) -> list[list[str]]:
             one for one in answered if SPOILS in one.effects and one.count == 0
         ],
         "worn, all": [one for one in harmless if one.count > 0],
+        f"{WITHOUT_ERRORS}, sound": [one for one in perfect if one.count == 0],
+        "- with a tachometer ": [one for one in perfect if one.count == 0 and one.has_tachometer],
+        "- without ": [one for one in perfect if one.count == 0 and not one.has_tachometer],
+        f"{WITHOUT_ERRORS}, worn": [one for one in perfect if one.count > 0],
     }
     name = quantity.replace("_", " ")
     return [
@@ -170,9 +181,12 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=Path("build/sound_discs"), help="what is made is kept")
     parser.add_argument("--out", type=Path, default=Path("benchmarks/sound_discs.md"))
     arguments = parser.parse_args()
-    counts = [0] * arguments.sound + [1 + k % 7 for k in range(arguments.worn)]
+    counts = dict(enumerate([0] * arguments.sound + [1 + k % 7 for k in range(arguments.worn)]))
+    # Of those without assembly errors half as many.
+    of_perfect = [0] * (arguments.sound // 2) + [1 + k % 7 for k in range(arguments.worn // 2)]
+    counts |= dict(enumerate(of_perfect, start=PERFECT))
     found = joblib.Parallel(n_jobs=arguments.jobs)(
-        joblib.delayed(answers_of)(number, count, arguments.folder) for number, count in enumerate(counts)
+        joblib.delayed(answers_of)(number, count, arguments.folder) for number, count in counts.items()
     )
     answered = [one for one in found if one is not None]
     rows, reasons = [], []
@@ -190,7 +204,8 @@ the [hidden effects](hidden_effects/README.md) makes the recordings with code of
 another machine at {SPEEDS[0]:g} to {SPEEDS[1]:,.0f} RPM and {LOADS[0]:g} to {LOADS[1]:g} Nm (log-uniform).
 Its pins are displaced by 5 um rms, and it has a brake and none, one or two of {len(FURTHER)} further effects
 of weak to medium size. A run-out of both wheels, two to five times that of the training, looks like wear and
-has a row of its own. A recording holds {TURNS:g} output turns; half have a tachometer. The motor
+has a row of its own. Machines without assembly errors have a brake and a torque meter with hum, an offset,
+drift and a low-pass. A recording holds {TURNS:g} output turns; half have a tachometer. The motor
 current is that of a servo motor with control of its speed, also by an independent implementation
 (`hidden_effects/_motor.py`); it has no effects of the torque meter. The packaged models count all.
 All recordings are simulated. The goal is that at most 3 % of sound discs are refused.

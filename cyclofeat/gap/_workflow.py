@@ -116,6 +116,8 @@ def find_gap(
         say("judging on recordings held out")
         proof = prove_all(rig, held, corrected, world, settings)
     effects = _effect_rows(posterior, session, presence, confirmed, variants)
+    undecided = [row for row in effects if row.state in ("probably missing", "undecided")]
+    bits = {row.effect: float(entropy([row.probability, 1 - row.probability], base=2)) for row in undecided}
     left = LEFT[remainder.cause] if confirmed.effects and remainder.cause != "chance" else ""
     note = f"sizes are wider, because the corrected model leaves {left}" if left else ""
     return GapResult(
@@ -127,7 +129,7 @@ def find_gap(
         named=confirmed.effects,
         remainder=remainder,
         size_note=note,
-        next_measurements=rank_measurements(_undecided_bits(effects), session, world),
+        next_measurements=rank_measurements(bits, session, world),
         overlays=_simulate_overlays(located, settings, corrected),
         proof=proof,
         warnings=(*([note] if note else ()), *rig.warnings, *rig.doubts),
@@ -153,12 +155,6 @@ def _choose_posterior(
             "learn one, or prepare it for this model"
         )
     return posterior
-
-
-def _undecided_bits(effects: Iterable[FoundEffect]) -> dict[str, float]:
-    """Return how much is not known of each effect that is probably missing or undecided, in bits."""
-    open_rows = [row for row in effects if row.state in ("probably missing", "undecided")]
-    return {row.effect: float(entropy([row.probability, 1 - row.probability], base=2)) for row in open_rows}
 
 
 def _rotor_resonance(variants: Iterable[Sequence[Effect]], gearbox: CycloidalGearbox) -> list[Size]:

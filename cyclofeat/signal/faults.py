@@ -5,7 +5,6 @@ What is measured is compared with the record itself, so that it holds for any ri
 
 from __future__ import annotations
 
-import functools
 import math
 
 import numpy as np
@@ -164,7 +163,7 @@ def spectral_falls(
     if _HIGH_LINES[1] * lobe > 0.4 * sampling_rate:
         return np.nan, np.nan
     # Up to two per cent are left out: a record of a prime number of samples takes ten times as long.
-    part = torque[: _fast_length(torque.size)]
+    part = torque[: next(n for n in range(torque.size, 0, -1) if next_fast_len(n, real=True) == n)]
     spectrum = rfft(part - part.mean())
     per_line = lobe * part.size / sampling_rate
 
@@ -176,14 +175,6 @@ def spectral_falls(
 
     high = level(*_HIGH_LINES)
     return high - level(*_LOW_LINES), high - level(_HIGH_LINES[0] / 1.5, _HIGH_LINES[0])
-
-
-@functools.lru_cache(maxsize=256)
-def _fast_length(n_samples: int) -> int:
-    """Return the largest number of samples, of as many, that is transformed quickly."""
-    while next_fast_len(n_samples, real=True) > n_samples:
-        n_samples -= 1
-    return n_samples
 
 
 def weakest_part(

@@ -48,6 +48,12 @@ _SPEED_STEPS = 301
 _FIRST_SEARCHED = 5
 # Windows taken at once: their spectra need some fifty times their memory.
 _BLOCK = 256
+# Mean power over floor of lines that are absent, clear and strong; most that counts; their shares if worn.
+_MEANS, _MOST, LOBE_LINE = np.array([1.0, 4.0, 10.0]), 15.0, (0.25, 0.4, 0.35)
+#: Usual numbers of pins of the output, each of which a lobe passes as often as the load.
+OUTPUT_PINS = range(6, 13)
+# Prominence in dB of a mesh line that stands alone; evidence from which lobe lines are there, and the first.
+_ALONE_DB, _LEAST_EVIDENCE, _FIRST_CLEAR = 11.0, 6.0, 3
 # Power ratios are read down to -30 dB.
 _TINY = 1e-3
 
@@ -319,3 +325,35 @@ def line_contrast(lines: LobeLines) -> Float:
     power = np.abs(lines.lines) ** 2
     around = uniform_filter1d(power, _CONTRAST_WIDTH, axis=1, mode="nearest")
     return np.asarray(10 * np.log10(ratio(power, around) + _TINY))
+
+
+def log_ratio(power: Float, shares: tuple[float, ...]) -> Float:
+    """Logarithm of the probability of lines' power over their floor, over that of noise."""
+    power = np.minimum(power, _MOST)
+    mixed = sum(
+        share / mean * np.exp(power * (1 - 1 / mean)) for share, mean in zip(shares, _MEANS, strict=True)
+    )
+    return np.asarray(np.log(mixed))
+
+
+def sum_to_last_line(ratios: Float) -> Any:
+    """Return the log probability ratio over noise of lines from the first to an unknown last one, or none."""
+    sums = np.cumsum(ratios, axis=-1)
+    return np.logaddexp(0.0, np.logaddexp.reduce(sums, axis=-1)) - np.log(ratios.shape[-1] + 1)
+
+
+def tell_mesh_alone(features: Float, n_lobes: int) -> NDArray[np.bool_]:
+    """Tell of each window whether lines of the mesh stand out, but no lobe line of a worn disc.
+
+    Where the last line of the mesh or most of them do, noise does not hide lobe lines. A worn disc has those
+    of most numbers; a sound one of the mesh and of the output's pins, of which there are six to twelve.
+    ``features`` are those of a lobe map.
+    """
+    prominence = features[:, 2 * n_lobes : features.shape[1] // 2 + n_lobes]
+    numbers = np.arange(1, prominence.shape[1] + 1)
+    clear = prominence[:, numbers % n_lobes == 0] > _ALONE_DB
+    reaches = (clear.sum(axis=1) > max(1, clear.shape[1] / 2)) | clear[:, 1:][:, -1:].any(axis=1)
+    ratios = log_ratio(10 ** (prominence / 10), LOBE_LINE)
+    others = (numbers >= _FIRST_CLEAR) & (numbers % n_lobes > 0)
+    evidence = [sum_to_last_line(ratios[:, others & (numbers % n_pins > 0)]) for n_pins in OUTPUT_PINS]
+    return np.asarray(reaches & (np.min(evidence, axis=0) < _LEAST_EVIDENCE))

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import PchipInterpolator
-from scipy.signal import lfilter
+from scipy.signal import lfilter, periodogram
 
+from cyclofeat.signal import lobes
 from cyclofeat.signal.lobes import comb_prominence, highest_frequency, lobe_frequency, reduce_rate
 from cyclofeat.signal.orders import at_every_sample, mean_speed, resample_by_angle
 from cyclofeat.signal.windows import Float
@@ -31,10 +32,7 @@ _FIRST_LOBE_LINE, _LAST_LOBE_LINE, _FIRST_SHAFT_LINE, _LAST_SHAFT_LINE = 3, 36, 
 # Highest lobe line that is used where these do not suffice, and to tell at which speed the lines fit: at low
 # speeds the disturbance of a worn lobe is short, and the lower lines are lost in the drift of the load.
 _HIGHEST_LOBE_LINE = 88
-# A line's power over its floor is exponentially distributed with one of these means: absent, clear, strong.
-_MEANS = np.array([1.0, 4.0, 10.0])
-_LOBE_LINE, _MESH_LINE, _SHAFT_LINE = (0.25, 0.4, 0.35), (0.2, 0.3, 0.5), (0.45, 0.35, 0.2)
-_MOST = 15.0  # power over floor that still counts
+_MESH_LINE, _SHAFT_LINE = (0.2, 0.3, 0.5), (0.45, 0.35, 0.2)  # shares as those of LOBE_LINE
 # Over the angle, with room for the highest line; in time, six times that line.
 _SAMPLES_PER_TURN, _DENSE = 256, 560
 _SAMPLES_AT_ONCE = 2**17  # of blocks, whose spectra are taken
@@ -43,14 +41,13 @@ _SAMPLES_AT_ONCE = 2**17  # of blocks, whose spectra are taken
 # worn one by _WORN and a sound one by _SOUND, and than noise, by _THAN_NONE. A worn one must also be more
 # probable than the sound disc whose even shaft lines lie at its lobe lines, by _THAN_ALIKE, and a sound one
 # by its mesh lines alone than noise, by _MESH. The even lines of a sound disc are also lobe lines of a worn
-# one at another speed: as that has more, it may be more probable by _RICHER. Of a second speed that an
-# attempt tries, the margin must be more than _SECOND.
+# one at another speed: as that has more, it may be more probable by _RICHER. A sound disc also has the lobe
+# lines of the output's pins. Of a second speed that an attempt tries, the margin must be more than _SECOND.
 _MULTIPLES = (1 / 4, 1 / 3, 1 / 2, *range(2, 13))
 _WORN, _SOUND, _THAN_ALIKE, _THAN_NONE, _MESH, _RICHER, _SECOND = 6.0, 1.0, 3.0, 8.0, 3.0, 18.0, 3.0
 # dB by which the first mesh line of a sound disc stands out, at a stated speed and in a search; a lobe line
-# rarely does. In a current it may be lost, but there only the even lines of a sound disc are below this share
-# of the mean. Where odd lines are so many dB below even ones, the shaft does not turn at half the speed.
-_MESH_DB, _SEARCHED_MESH_DB, _SMALL, _ODD_DB = 3.0, 8.0, 0.04, -15.0
+# rarely does. In a current it may be lost, but there its even lines alone are below this share of the mean.
+_MESH_DB, _SEARCHED_MESH_DB, _SMALL = 3.0, 8.0, 0.04
 # Of a search: output turns, at most, in the middle of the record; share of the tolerance that reaches the
 # next start; relative difference of speeds that are the same; evidence below which none is taken; share of
 # the most evidence from which another is possible too, and multiple of it that lines of no disc have at most.
@@ -340,70 +337,57 @@ def _fit_discs(record: _Record, angle: Float) -> tuple[float, bool]:
             held = multiple * part
             numbers.append(held[(held >= _FIRST_LOBE_LINE) & (held <= record.highest_lobe)])
     one, every = np.ones(1), np.concatenate(numbers)
-    power = np.concatenate(
-        [
-            comb_prominence(batch, _SAMPLES_PER_TURN, 1.0, one, every, n_lobes)[:, 0]
-            for batch in _in_batches(windows, length)
-        ]
-    )
+    batches = _in_batches(windows, length)
+    powers = [comb_prominence(batch, _SAMPLES_PER_TURN, 1.0, one, every, n_lobes)[:, 0] for batch in batches]
     ends = np.cumsum([part.size for part in numbers])[:-1]
-    parts = np.split(np.minimum(power, _MOST), ends, axis=1)
-    discs = []
+    parts = np.split(np.concatenate(powers), ends, axis=1)
+    discs: list[_Disc] = []
     for place, multiple in enumerate(multiples):
         lobe, even = parts[2 * place : 2 * place + 2]
         places, even_numbers = numbers[2 * place : 2 * place + 2]
-        is_mesh = np.round(places / multiple) % n_lobes == 0
-        of_mesh = _log_ratio(lobe, _MESH_LINE).mean(axis=0)
-        of_lobes = np.where(is_mesh, of_mesh, _log_ratio(lobe, _LOBE_LINE).mean(axis=0))
-        of_even = _log_ratio(even, _SHAFT_LINE).mean(axis=0)
+        lines = np.round(places / multiple)
+        is_mesh = lines % n_lobes == 0
+        of_mesh = lobes.log_ratio(lobe, _MESH_LINE).mean(axis=0)
+        of_lobes = np.where(is_mesh, of_mesh, lobes.log_ratio(lobe, lobes.LOBE_LINE).mean(axis=0))
+        of_even = lobes.log_ratio(even, _SHAFT_LINE).mean(axis=0)
         n_usual = np.sum(even_numbers <= multiple * _LAST_SHAFT_LINE * n_lobes / (n_lobes + 1))
-        shaft, every_even = (max(_sum_to_last_line(part), 0.0) for part in (of_even[:n_usual], of_even))
-        mesh = _sum_to_last_line(of_mesh[is_mesh])
-        worn = _sum_to_last_line(of_lobes) + shaft
-        discs.append(_Disc(worn, mesh + shaft, mesh + max(shaft, every_even), mesh))
+        shaft, every_even = (max(lobes.sum_to_last_line(part), 0.0) for part in (of_even[:n_usual], of_even))
+        mesh = lobes.sum_to_last_line(of_mesh[is_mesh])
+        of_pins = (of_lobes[(lines % n == 0) & ~is_mesh] for n in ([] if discs else lobes.OUTPUT_PINS))
+        rest = mesh + max(map(lobes.sum_to_last_line, of_pins), default=0.0)
+        worn = lobes.sum_to_last_line(of_lobes) + shaft
+        discs.append(_Disc(*map(float, (worn, rest + shaft, rest + max(shaft, every_even), mesh))))
     this, like_worn, like_sound, *others = discs
     worn, sound = this.worn, this.sound
     reaches = worn > max(sound, like_worn.sound + _THAN_ALIKE)
     if max(worn, sound) <= _THAN_NONE:
         return -math.inf, reaches
-    mesh_db, odd_db, even_rms = _shaft_lines(windows, n_lobes)
-    is_small = even_rms < record.small
-    if is_small and odd_db < _ODD_DB:
-        others = [
-            one._replace(sound=-math.inf, quiet=-math.inf) if multiple in (1 / 2, 1 / 4) else one
-            for multiple, one in zip(multiples[3:], others, strict=True)
-        ]
-    other = max(max(one.worn, one.sound) for one in others)
     if worn > this.quiet:  # at least as large as sound
+        other = max(max(one.worn, one.sound) for one in others)
         # The shaft of a sound disc has lines at the lowest n_lobes places: a low rate may hold no others.
         like = like_worn.sound if record.highest_lobe > n_lobes else -math.inf
         return min(worn - other - _WORN, worn - like - _THAN_ALIKE), reaches
     # Lines of the shaft alone may be lobe lines of a worn disc at another speed. With little noise they reach
-    # as far as those: the mesh line then tells which disc it is, or in a current their size.
+    # as far as those: the mesh line then tells which disc it is. In a current their size does, at any speed.
+    mesh_db, even_rms = _shaft_lines(windows, n_lobes)
+    is_small = even_rms < record.small
+    others = [like_worn._replace(sound=-math.inf, quiet=-math.inf), *([] if is_small else others)]
     richer = like_sound.worn - _RICHER
-    margin = sound - max(other + _SOUND, richer)
+    margin = sound - max(richer, _SOUND + max(max(one.worn, one.sound) for one in others))
     if sound >= richer or is_small or mesh_db > record.mesh_db:
         margin = max(margin, this.quiet - max(max(one.worn, one.quiet) for one in others) - _SOUND)
     return min(margin, this.mesh - _MESH), reaches
 
 
-def _shaft_lines(windows: Float, n_lobes: int) -> tuple[float, float, float]:
-    """Return what lines of the shaft tell of a sound disc.
-
-    By how many dB the first mesh line stands out from the even lines beside it, and the odd lines below the
-    15th from the even ones there; then the root mean square of even lines up to the 30th.
-    """
-    length, mesh = windows.shape[1], n_lobes + 1
-    taper = np.hanning(length)
-    spectrum = np.abs(np.fft.rfft(taper * (windows - windows.mean(axis=1, keepdims=True)))) ** 2
-    mean = 2 * spectrum.mean(axis=0) / (length * (taper**2).sum()) + np.finfo(float).tiny
-    bins = np.round(np.arange(max(_LAST_SHAFT_LINE, mesh + 2) + 1) * length / _SAMPLES_PER_TURN).astype(int)
-    power = mean[bins - 1] + mean[bins] + mean[bins + 1]
+def _shaft_lines(windows: Float, n_lobes: int) -> tuple[float, float]:
+    """Return by how many dB the first mesh line is above even ones beside it, and the rms of even ones."""
+    mesh, turns = n_lobes + 1, windows.shape[1] / _SAMPLES_PER_TURN
+    spectrum = periodogram(windows, _SAMPLES_PER_TURN, "hann")[1].mean(axis=0) / turns
+    bins = np.round(np.arange(max(_LAST_SHAFT_LINE, mesh + 2) + 1) * turns).astype(int)
+    power = spectrum[bins - 1] + spectrum[bins] + spectrum[bins + 1] + np.finfo(float).tiny
     level = 10 * np.log10(power)
-    odd, even = range(5, 15, 2), range(6, 15, 2)
-    of_odd = np.median(level[odd]) - np.median([level[line] for line in even if line % mesh])
     of_even = np.sqrt(power[_FIRST_SHAFT_LINE : _LAST_SHAFT_LINE + 1 : 2].sum())
-    return float(level[mesh] - level[[mesh - 2, mesh + 2]].mean()), float(of_odd), float(of_even)
+    return float(level[mesh] - level[[mesh - 2, mesh + 2]].mean()), float(of_even)
 
 
 def _even_lines(last: int, n_lobes: int) -> Float:
@@ -416,14 +400,9 @@ class _Disc(NamedTuple):
     """Log probability ratios over noise, for one output turn, of the lines that a disc has at some speed."""
 
     worn: float  # lobe lines, and even lines of the shaft up to the last that noise usually leaves
-    sound: float  # mesh lines and the same even lines
-    quiet: float  # mesh lines and, if these are more probable, all even lines
+    sound: float  # lines of the mesh and, at the speed itself, of the output's pins, and the same even lines
+    quiet: float  # those but, if these are more probable, all even lines
     mesh: float
-
-
-def _sum_to_last_line(ratios: Float) -> float:
-    """Return the log probability ratio over noise of lines from the first to an unknown last one, or none."""
-    return float(np.logaddexp.reduce(np.append(0.0, np.cumsum(ratios))) - np.log(ratios.size + 1))
 
 
 def _speed_course(record: _Record, search: _Pass) -> tuple[tuple[Float, Float], float]:
@@ -480,19 +459,11 @@ def _speed_votes(record: _Record, blocks: Float, factors: Float, apart: float) -
     beside = np.abs((lobe + n_lobes // 2) % n_lobes - n_lobes // 2) / n_lobes
     lobe, mesh = lobe[mesh | (beside > apart)], mesh[mesh | (beside > apart)]
     numbers = np.concatenate([lobe, _even_lines(record.last_shaft, n_lobes)])
-    power = np.minimum(comb_prominence(blocks, record.rate, record.speed, factors, numbers, n_lobes), _MOST)
+    power = comb_prominence(blocks, record.rate, record.speed, factors, numbers, n_lobes)
     n = lobe.size
-    ratios = _log_ratio(power[..., :n][..., ~mesh], _LOBE_LINE).sum(axis=-1)
-    ratios += _log_ratio(power[..., :n][..., mesh], _MESH_LINE).sum(axis=-1)
-    return np.asarray(ratios + _log_ratio(power[..., n:], _SHAFT_LINE).sum(axis=-1))
-
-
-def _log_ratio(power: Float, shares: tuple[float, ...]) -> Float:
-    """Logarithm of a mixture of exponential laws over the law of noise."""
-    mixed = sum(
-        share / mean * np.exp(power * (1 - 1 / mean)) for share, mean in zip(shares, _MEANS, strict=True)
-    )
-    return np.asarray(np.log(mixed))
+    ratios = lobes.log_ratio(power[..., :n][..., ~mesh], lobes.LOBE_LINE).sum(axis=-1)
+    ratios += lobes.log_ratio(power[..., :n][..., mesh], _MESH_LINE).sum(axis=-1)
+    return np.asarray(ratios + lobes.log_ratio(power[..., n:], _SHAFT_LINE).sum(axis=-1))
 
 
 def controlled_lag(current: Float, sampling_rate: float, integral_s: float) -> Float:

@@ -91,24 +91,15 @@ def test_what_is_typed_leaves_the_defaults_alone():
     ("words", "message"),
     [
         # Typed is also a value that is the default.
-        (
-            "simulate --out x --worn-count 3 --wear-um 30 --depth=1",
-            "--depth has no effect with --wear-um:",
-        ),
-        (
-            "simulate --out x --worn-count 3 --wear-um 30 --dep 1",
-            "--depth has no effect with --wear-um:",
-        ),
+        ("simulate --out x --worn-count 3 --wear-um 30 --depth=1", "--depth has no effect with --wear-um:"),
+        ("simulate --out x --worn-count 3 --wear-um 30 --dep 1", "--depth has no effect with --wear-um:"),
         (
             "train --out x --rig R1 --effects-from a.py --effects-from b.py",
             "-from has no effect with --rig R1",
         ),
         ("train --out x --rig=published --effects-from a.py", "--effects-from has no effect with --rig publ"),
         ("train --out x --wear 5:200 --mixed-wear 60:200", "--mixed-wear: not allowed with argument --wear"),
-        (
-            "count x --report a.html --csv a.html",
-            "--report and --csv must name different files, both are a",
-        ),
+        ("count x --report a.html --csv a.html", "--report and --csv must name different files, both are a"),
     ],
 )
 def test_an_argument_of_any_spelling_may_be_refused(words, message, capsys):

@@ -9,12 +9,7 @@ import cyclofeat.datasets
 from cyclofeat import Windower
 from cyclofeat.cli import make_parser, train
 from cyclofeat.datasets import make_rig_recordings
-from cyclofeat.features import (
-    LobeMap,
-    SpectralCentroid,
-    SpectralEntropy,
-    TorqueStatistics,
-)
+from cyclofeat.features import LobeMap, SpectralCentroid, SpectralEntropy, TorqueStatistics
 from cyclofeat.recordings import WindowSet
 from cyclofeat.recordings.windower import lobe_windower
 from cyclofeat.simulators import Solver

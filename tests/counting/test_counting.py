@@ -8,13 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.signal import butter, sosfilt
 from small_model import first_of_each, recording, shaft_model, small_model
 
-from cyclofeat.counting import (
-    LobeModel,
-    Protocol,
-    evaluate,
-    make_lobe_counter,
-    passage_of_lobe_zero,
-)
+from cyclofeat.counting import LobeModel, Protocol, evaluate, make_lobe_counter, passage_of_lobe_zero
 from cyclofeat.counting.model.turning import turning_of
 from cyclofeat.recordings import Recording, Windower
 

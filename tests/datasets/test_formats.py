@@ -448,10 +448,7 @@ def test_a_recording_that_went_through_excel_keeps_its_labels(tmp_path):
         ({"S": [*EXCEL, [1.5, None]]}, "row 6, column 'Drehmoment' holds nothing; it must hold a number"),
         ({"S": [*EXCEL, [1.5, "=1+2"]]}, "row 6, column 'Drehmoment' holds nothing"),
         ({"S": [*EXCEL, [1.5, "#DIV/0!"]]}, "row 6, column 'Drehmoment' holds '#DIV/0!', which is not"),
-        (
-            {"A": EXCEL, "B": [*EXCEL, ["x"]]},
-            "channel= must be ... fit: 'A/Drehmoment', 'B/Drehmoment'",
-        ),
+        ({"A": EXCEL, "B": [*EXCEL, ["x"]]}, "channel= must be ... fit: 'A/Drehmoment', 'B/Drehmoment'"),
         (
             {"I": [["note"], ["more"]], "B": [*EXCEL, [1.5, "x"]]},
             "row 6 of sheet 'B', column 'Drehmoment' holds 'x'",

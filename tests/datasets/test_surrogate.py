@@ -9,12 +9,7 @@ import pytest
 from joblib import parallel_config
 from scipy.stats import uniform
 
-from cyclofeat.datasets import (
-    load_published_tables,
-    make_rig_recording,
-    make_rig_recordings,
-    rig_preset,
-)
+from cyclofeat.datasets import load_published_tables, make_rig_recording, make_rig_recordings, rig_preset
 from cyclofeat.simulators import (
     BrakeRotor,
     CycloidalGearbox,

@@ -179,10 +179,7 @@ def test_threads_change_nothing():
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        (
-            {"features": ["LobeMap", "Entropy"]},
-            r"names of TorqueStatistics.*got \['LobeMap', 'Entropy'\]",
-        ),
+        ({"features": ["LobeMap", "Entropy"]}, r"names of TorqueStatistics.*got \['LobeMap', 'Entropy'\]"),
         ({"features": ["LobeMap", "LobeMap"]}, r"different names of .*; got \['LobeMap', 'LobeMap'\]"),
         ({"features": []}, r"'all' or different names of .*; got \[\]"),
         ({"features": [3]}, r"got \[3\]"),

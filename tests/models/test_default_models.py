@@ -14,6 +14,7 @@ from cyclofeat.cli import main
 from cyclofeat.datasets import make_rig_recordings, write_recording
 from cyclofeat.models import load_default_model
 from cyclofeat.models.card import card_path, feature_definitions, read_card
+from cyclofeat.simulators import BrakeRotor, Noise, Rig
 
 COUNTS = (0, 2, 4, 6)
 
@@ -58,6 +59,24 @@ def test_other_assemblies_are_counted_at_speeds_and_loads_far_apart(quantity):
                 sure.append(counted.probability[counted.defect_count])
     assert np.mean(right) >= 0.75
     assert max(sure, default=0.0) < 0.99
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_a_perfect_machine_with_next_to_no_noise_is_sound_with_and_without_a_tachometer(quantity):
+    """Worn ones are not. No training machine had lines of the mesh and of the output's pins alone."""
+    rig = Rig(effects=[BrakeRotor(0.02, 1e4, 0.02), Noise(0.02 if quantity == "output_torque" else 0.001)])
+    made = make_rig_recordings(
+        8, (0, 1), rig=rig, output_turns=2.05, random_state=3, with_angle=True, speed_rpm=(100, 1500),
+        load_nm=(15, 40), quantity=quantity, kernel="auto",
+    )  # fmt: skip
+    model = load_default_model(quantity)
+    by_lines = [one.replace(angle=None, angle_is_absolute=False) for one in made]
+    for some in (made, by_lines) if quantity != "input_torque" else (made,):
+        answers = model.count_all(some)
+        is_worn = [one.defect_count > 0 for one in some]
+        assert [answer.defect_count > 0 for answer in answers] == is_worn
+        assert sum(answer.refused for answer, worn in zip(answers, is_worn, strict=True) if not worn) <= 1
 
 
 @pytest.mark.slow

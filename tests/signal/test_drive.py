@@ -97,15 +97,6 @@ def test_a_sound_disc_beside_lines_of_its_motor_is_followed(orders, mean, motor)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("size", "fits"), [(0.2, True), (1.0, False)])
-def test_at_half_the_speed_the_lowest_odd_lines_would_be_as_large_as_even_ones(size, fits):
-    current, angle = driven(EVEN, gain=0.02)
-    odd = np.arange(1.0, 92.0, 2.0)
-    lines = np.cos(np.multiply.outer(angle, odd) + np.arange(odd.size)) @ np.where(odd < 15, size, 0.6)
-    assert follow_motor(380 + current + lines, RATE, HERTZ).fits is fits
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("orders", "multiple"), [(WORN, 2.0), (WORN, 0.5), (WORN, 15 / 8), (SOUND, 2.0), (EVEN, 1.0)]
 )

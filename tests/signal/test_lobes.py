@@ -16,11 +16,11 @@ SPEED = 500 / 60
 N_SAMPLES = 46_080
 
 
-def comb(amplitudes, phases, speed=SPEED, n_samples=N_SAMPLES, rate=RATE):
+def comb(amplitudes, phases, speed=SPEED, n_samples=N_SAMPLES, rate=RATE, n_lobes=15):
     """Sum of cosines at multiples 1, 2, ... of the lobe frequency."""
     time = np.arange(n_samples) / rate
     k = np.arange(1, len(amplitudes) + 1)[:, np.newaxis]
-    frequency = lobes.lobe_frequency(speed)
+    frequency = lobes.lobe_frequency(speed, n_lobes)
     return (np.c_[amplitudes] * np.cos(2 * np.pi * k * frequency * time + np.c_[phases])).sum(0)
 
 
@@ -161,6 +161,23 @@ def test_contrast_is_blind_to_smooth_changes_of_the_spectrum():
         lobes.line_contrast(lobes.LobeLines(np.ones(3), values, floor)) for values in (lines, lines * tilt)
     )
     assert_allclose(tilted, flat, atol=0.5)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "n_lobes", "alone"),
+    [
+        ([15, 30], 15, True), ([8, 15, 16, 24, 30, 32], 15, True), (range(1, 40), 15, False),
+        (range(2, 40, 2), 14, False), ([15, 30, 4, 7, 11], 15, False), ([], 15, False),
+    ],
+)  # fmt: skip
+def test_mesh_lines_stand_alone_beside_those_of_the_output_s_pins(numbers, n_lobes, alone):
+    """Opposite worn lobes of a disc of 14 have every second line; without any line, nothing is known."""
+    amplitudes = np.zeros(44)
+    amplitudes[np.array(numbers, dtype=int) - 1] = 1.0
+    torque = comb(amplitudes, np.arange(44.0), n_lobes=n_lobes)
+    torque += 0.5 * np.random.default_rng(0).normal(size=N_SAMPLES)
+    lobe_map = LobeMap(sampling_rate=RATE, n_lobes=n_lobes, speed_tolerance=0)
+    assert lobes.tell_mesh_alone(lobe_map.fit_transform(torque[np.newaxis]), n_lobes) == [alone]
 
 
 def test_zeros_of_the_pattern_stand_in_the_contrast():

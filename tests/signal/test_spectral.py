@@ -371,10 +371,7 @@ def test_bands_by_default_are_octaves_and_hold_lines_however_short_the_window():
         (lambda f, p: band_power(p, f, [(0, 13_000)]), "beyond the highest frequency, 12800 Hz"),
         (lambda f, p: band_power(p, f, "ab"), "got 'a'"),
         (lambda f, p: narrowband_ratio(p, f, 0), "fundamental_hz must be positive and finite, got 0"),
-        (
-            lambda f, p: narrowband_ratio(p, f, 100, -1),
-            "half_width_hz must be .* not negative, got -1",
-        ),
+        (lambda f, p: narrowband_ratio(p, f, 100, -1), "half_width_hz must be .* not negative, got -1"),
         (lambda f, p: narrowband_ratio(p, f, 100, 5, 0), "n_harmonics must be at least 1, got 0"),
         (lambda f, p: narrowband_ratio(p, f, 100, 5, 129), "harmonic 129 .* 12900 Hz, beyond .* 12800 Hz"),
         (lambda f, p: narrowband_ratio(p, f, 13_000), "harmonic 1 .* 13000 Hz"),

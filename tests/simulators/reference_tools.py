@@ -9,14 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.reference_gearbox import ReferenceGearbox
-from cyclofeat.simulators import (
-    Courses,
-    CycloidalGearbox,
-    LobeDefects,
-    SimulationRun,
-    Solver,
-    simulate,
-)
+from cyclofeat.simulators import Courses, CycloidalGearbox, LobeDefects, SimulationRun, Solver, simulate
 from cyclofeat.simulators import _kernels as kernels  # tests of the kernels take them from here
 from cyclofeat.simulators.gearbox import RPM
 from cyclofeat.simulators.tables import kernel_input, rest_state, stiffness_factor

@@ -117,11 +117,7 @@ def test_fluctuating_speed_reaches_the_machine() -> None:
     """The input torque holds the wheels' inertia at the cams, 2 m e^2 alpha, and output's divided by z^2."""
     a, w = 5.0, 2 * np.pi * 7
     free = STEEL.replace(load_torque=0.0, ramp_time=0.0)
-    swinging = raw(
-        free,
-        speed_fluctuation=lambda t: a * (1 - np.cos(w * t)),
-        load=lambda t: 0.0 * t + 5.0,
-    )
+    swinging = raw(free, speed_fluctuation=lambda t: a * (1 - np.cos(w * t)), load=lambda t: 0.0 * t + 5.0)
     steady = raw(free, load=lambda t: 0.0 * t + 5.0)
     settled = slice(8_000, 28_000)
     time = swinging.time[settled]

@@ -46,11 +46,7 @@ def test_a_failure_ends_everything() -> None:
 @pytest.mark.parametrize(
     ("error", "arguments", "message"),
     [
-        (
-            ValueError,
-            {"defects": DEFECTS, "gearboxes": []},
-            "agree in number, got gearbox 0 and defects 4",
-        ),
+        (ValueError, {"defects": DEFECTS, "gearboxes": []}, "agree in number, got gearbox 0 and defects 4"),
         (ValueError, {"n_jobs": 0}, "n_jobs must be a whole number of workers"),
         (TypeError, {"gearboxes": "steel"}, "gearbox must be of type CycloidalGearbox, got 's'"),
         (TypeError, {"defects": 3}, "defects must be one LobeDefects or several, got 3"),

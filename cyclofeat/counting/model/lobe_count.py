@@ -214,6 +214,7 @@ class PreparedWindows:
     doubt: str  # why the speed is doubted, else empty
     notes: tuple[str, ...]  # what the reader should know
     first_angle: float  # of the input at the recording's first window in rad
+    by_tachometer: bool
 
     @property
     def absolute(self) -> bool:

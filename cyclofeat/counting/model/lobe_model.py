@@ -56,7 +56,7 @@ from cyclofeat.features.base import reject_short_windows
 from cyclofeat.recordings import Recording, WindowSet
 from cyclofeat.recordings.recording import common_n_lobes, common_quantity
 from cyclofeat.recordings.windower import SAMPLES_PER_TURN, Windower, ends_by_angle, lobe_windower
-from cyclofeat.signal.lobes import N_LINES, LobeLines, lobe_frequency
+from cyclofeat.signal.lobes import N_LINES, LobeLines, lobe_frequency, tell_mesh_alone
 from cyclofeat.signal.speed import FOLLOWED_TOLERANCE
 from cyclofeat.signal.windows import Float
 
@@ -70,6 +70,8 @@ _FAR = 3.0
 _REPEATED_SHARE = 1 / 3
 # Number of places between two lobes at which a recording without an absolute angle may begin.
 _START_PLACES = 4
+# Probability that a disc is sound with mesh lines alone, and largest distance inside, where a tachometer's.
+_SURELY_SOUND, _QUIET = 0.99, 2.0
 
 
 @dataclass(eq=False, repr=False)
@@ -219,6 +221,8 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         self.domain_: TrainingDomain | None = None
         if np.unique(windows.recording if windows.groups is None else windows.groups).size > 1:
             self.domain_ = self._fit_domain(windows, features)
+        alone = isinstance(self.counter_, LobeCounter) and tell_mesh_alone(features, n_lobes)[windows.y > 0]
+        self.alone_is_sound_ = not np.any(alone)  # faint wear may leave the lines of the mesh alone
         names = [] if windows.groups is None else np.unique(windows.groups).tolist()
         self.card_: dict[str, Any] = {
             "description": self.description,
@@ -592,7 +596,8 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         stops = ends_by_angle(windows.start_angle, *length, turning.angle, recording.sampling_rate)
         faults = window_faults(recording, windows, stops, self.n_lobes_)
         doubt = turning.doubt or self._untrained_speed(turning.speed_hz)
-        return PreparedWindows(windows, stops, faults, doubt, tuple(notes), float(windows.start_angle[0]))
+        known = doubt, tuple(notes), float(windows.start_angle[0]), not turning.note
+        return PreparedWindows(windows, stops, faults, *known)
 
     def _count_prepared(self, batch: Sequence[PreparedWindows]) -> list[LobeCount]:
         """Count recordings, their windows together."""
@@ -674,11 +679,14 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             return []
         X = np.concatenate([prepared.windows.X for prepared in batch])
         # Lobe lines and features take most of the time: locator and domain reuse those of the counter.
-        counter, lines = self.counter_, None
+        counter, lines, is_sound = self.counter_, None, np.zeros(len(X), dtype=bool)
         if isinstance(counter, LobeCounter):
             lines = counter.lobe_map_.lines(X)
             features = counter.lobe_map_.from_lines(lines)
             proba = counter._proba_of_lines(lines, features)
+            if self.classes_.tolist()[0] == 0 and getattr(self, "alone_is_sound_", True):
+                is_sound = tell_mesh_alone(features, self.n_lobes_)
+                proba[is_sound] += _SURELY_SOUND * ((counter.classes_ == 0) - proba[is_sound])
         elif isinstance(counter, Pipeline) and len(counter) > 1:
             transformed = counter[:-1].transform(X)
             proba, features = np.asarray(counter[-1].predict_proba(transformed)), np.asarray(transformed)
@@ -687,7 +695,8 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             features = features_seen(counter, X)
         distances, unlike = np.full(len(X), np.nan), [OUTSIDE] * len(X)
         if self.domain_ is not None:
-            distances = self.domain_.distance(features)
+            limit = [_QUIET if prepared.by_tachometer else 1.0 for prepared in batch for _ in prepared.faults]
+            distances = self.domain_.distance(features) / np.where(is_sound, limit, 1.0)
             outside = np.flatnonzero(distances > 1)
             names = feature_words(counter, features.shape[1]) if outside.size else []
             ranks = self.domain_._rank_unlike(features[outside]).tolist() if outside.size else []

@@ -205,7 +205,7 @@ class LobeStream:
         faults = window_faults(recording, windows, stop_s, self.model.n_lobes_)
         if not self._answers:
             self._first_angle = float(windows.start_angle[0])
-        prepared = PreparedWindows(windows, stop_s, faults, "", (), self._first_angle)
+        prepared = PreparedWindows(windows, stop_s, faults, "", (), self._first_angle, True)
         (answered,) = self.model._answer_windows([prepared])
         wear, of_run = self.model.wear_, None
         if wear is not None:

@@ -150,7 +150,9 @@ def confirm_effects(
     for number in itertools.count(0 if named else _ROUNDS_OF_SIZES - 1):
         of_sets = number >= _ROUNDS_OF_SIZES
         progress(f"simulating {'undecided' if of_sets else 'the named'} effects, round {number + 1}")
-        undecided = _choose_undecided(before, named, dropped, ABSENT if reliable else 0.0)
+        least = ABSENT if reliable else 0.0
+        left = [name for name in before.keys() - named if before[name] > least or name in dropped]
+        undecided = sorted(left, key=lambda name: (-before[name], name))[:_MOST_ADDED]
         changes = point.size_changes()
         if of_sets:
             changes += point.set_changes(guessed[name] for name in undecided)
@@ -195,14 +197,6 @@ def confirm_effects(
         point = Point(effects, moved.tolerance, guesses, known)
     # A round that chance explains is as good as any other; of others, the closest to the session.
     return rounds[-1] if rounds[-1].accepted else min(rounds, key=lambda one: one.remainder.excess)
-
-
-def _choose_undecided(
-    before: Mapping[str, float], named: set[str], dropped: set[str], least: float
-) -> list[str]:
-    """Return effects that are not named, the likeliest first: ``dropped`` ones and those above ``least``."""
-    left = [name for name in before.keys() - named if before[name] > least or name in dropped]
-    return sorted(left, key=lambda name: (-before[name], name))[:_MOST_ADDED]
 
 
 def settle_presence(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, float]:
