@@ -15,8 +15,10 @@ from small_model import labelled, recording, shaft_model, small_model, unlike_tr
 from cyclofeat.counting import GroupCalibratedCounter, LobeModel, Protocol, evaluate
 from cyclofeat.counting.estimators.trees import CountingTrees
 from cyclofeat.counting.model.lobe_count import AnsweredWindows
+from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.features import LobeMap
 from cyclofeat.recordings.windower import lobe_windower
+from cyclofeat.simulators import BrakeRotor, Noise, Rig
 
 
 @pytest.fixture(scope="module")
@@ -220,3 +222,13 @@ def test_more_recordings_than_fit_a_batch_are_all_counted():
     assert same[0] == same[1]
     assert [one.defect_count for one in same] == [3] * 3
     assert other.defect_count == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("wear_um", "alone_is_sound"), [(None, True), (2.0, False)])
+def test_lines_of_the_mesh_alone_are_of_a_sound_disc_unless_training_has_worn_ones(wear_um, alone_is_sound):
+    made = make_rig_recordings(
+        4, (0, 3), rig=Rig(effects=[BrakeRotor(0.02, 1e4, 0.02), Noise(0.05)]), wear_um=wear_um,
+        output_turns=1.05, random_state=0, with_angle=True, kernel="auto",
+    )  # fmt: skip
+    assert LobeModel(n_trees=5, n_splits=None).fit(made).alone_is_sound_ is alone_is_sound
