@@ -130,28 +130,30 @@ def rows_of(answered: Sequence[Answered], quantity: str) -> list[list[str]]:
     perfect = [one for one in answered if one.effects == WITHOUT_ERRORS]
     harmless = [one for one in answered if SPOILS not in one.effects and one.effects != WITHOUT_ERRORS]
     sound = [one for one in harmless if one.count == 0]
-    groups = {
-        "sound, no further effect": [one for one in sound if one.effects == "none"],
-        "sound, one further effect": [
-            one for one in sound if one.effects != "none" and " and " not in one.effects
-        ],
-        "sound, two further effects": [one for one in sound if " and " in one.effects],
-        "sound, all of these": sound,
-        "- with a tachometer": [one for one in sound if one.has_tachometer],
-        "- without": [one for one in sound if not one.has_tachometer],
-        "sound, run-out of 10 to 25 um": [
-            one for one in answered if SPOILS in one.effects and one.count == 0
-        ],
-        "worn, all": [one for one in harmless if one.count > 0],
-        f"{WITHOUT_ERRORS}, sound": [one for one in perfect if one.count == 0],
-        "- with a tachometer ": [one for one in perfect if one.count == 0 and one.has_tachometer],
-        "- without ": [one for one in perfect if one.count == 0 and not one.has_tachometer],
-        f"{WITHOUT_ERRORS}, worn": [one for one in perfect if one.count > 0],
-    }
+    groups = [
+        ("sound, no further effect", [one for one in sound if one.effects == "none"]),
+        (
+            "sound, one further effect",
+            [one for one in sound if one.effects != "none" and " and " not in one.effects],
+        ),
+        ("sound, two further effects", [one for one in sound if " and " in one.effects]),
+        ("sound, all of these", sound),
+        ("- with a tachometer", [one for one in sound if one.has_tachometer]),
+        ("- without", [one for one in sound if not one.has_tachometer]),
+        (
+            "sound, run-out of 10 to 25 um",
+            [one for one in answered if SPOILS in one.effects and one.count == 0],
+        ),
+        ("worn, all", [one for one in harmless if one.count > 0]),
+        (f"{WITHOUT_ERRORS}, sound", [one for one in perfect if one.count == 0]),
+        ("- with a tachometer", [one for one in perfect if one.count == 0 and one.has_tachometer]),
+        ("- without", [one for one in perfect if one.count == 0 and not one.has_tachometer]),
+        (f"{WITHOUT_ERRORS}, worn", [one for one in perfect if one.count > 0]),
+    ]
     name = quantity.replace("_", " ")
     return [
         row(f"{name}, {words}", [(one.count, one.answers[quantity]) for one in some])
-        for words, some in groups.items()
+        for words, some in groups
         if some
     ]
 

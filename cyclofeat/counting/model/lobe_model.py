@@ -70,7 +70,7 @@ _FAR = 3.0
 _REPEATED_SHARE = 1 / 3
 # Number of places between two lobes at which a recording without an absolute angle may begin.
 _START_PLACES = 4
-# Probability that a disc is sound with mesh lines alone, and largest distance inside, where a tachometer's.
+# Of a window with mesh lines alone: probability of a sound disc; largest distance inside, with a tachometer.
 _SURELY_SOUND, _QUIET = 0.99, 2.0
 
 
@@ -221,7 +221,7 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         self.domain_: TrainingDomain | None = None
         if np.unique(windows.recording if windows.groups is None else windows.groups).size > 1:
             self.domain_ = self._fit_domain(windows, features)
-        alone = isinstance(self.counter_, LobeCounter) and tell_mesh_alone(features, n_lobes)[windows.y > 0]
+        alone = isinstance(self.counter_, LobeCounter) and tell_mesh_alone(features[windows.y > 0], n_lobes)
         self.alone_is_sound_ = not np.any(alone)  # faint wear may leave the lines of the mesh alone
         names = [] if windows.groups is None else np.unique(windows.groups).tolist()
         self.card_: dict[str, Any] = {
