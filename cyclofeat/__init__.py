@@ -26,10 +26,7 @@ from cyclofeat._base import load_with
 
 __version__ = "0.2.0"
 
-_PUBLIC = {
-    "Recording": "cyclofeat.recordings",
-    "Windower": "cyclofeat.recordings",
-}
+_PUBLIC = {"Recording": "cyclofeat.recordings", "Windower": "cyclofeat.recordings"}
 
 __all__ = ["Recording", "Windower", "__version__"]
 

@@ -29,7 +29,7 @@ class Base:
     other : Recording
         As ``recording``, of another machine at the same speed, whose disc has another number of worn lobes.
     other_quantity : Recording
-        As ``silent``, of another quantity.
+        As ``silent``, of another quantity of the same machine.
     """
 
     silent: Recording

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.spoiled._kind import Base, added, kind, per_nm
+from benchmarks.spoiled._kind import Base, added, kind, noisy, per_nm
 from cyclofeat.recordings import Recording
 from cyclofeat.signal.lobes import lobe_frequency
 from cyclofeat.signal.windows import Float
@@ -114,8 +114,8 @@ def two_assemblies_mixed(base: Base, strength: float, random: np.random.Generato
     return recording.replace(torque=np.where(odd, base.other.torque, recording.torque))
 
 
-@kind(1 / 15, 1 / 3, 1, countable=False)
+@kind(1 / 15, 1 / 3, 1)
 def another_quantity(base: Base, strength: float, random: np.random.Generator) -> Recording:
     """The channel is the torque of the other shaft, with a mean of this share of the right one."""
-    other = base.other_quantity
+    other = noisy(base.other_quantity, random)
     return base.recording.replace(torque=strength * base.per_nm / per_nm(other) * other.torque)

@@ -28,11 +28,7 @@ _FAMILY_NAMES = {
 # Names that say too little alone.
 _OF_FAMILY = ("modulation", "course", "decays", "slips", "codes", "mains", "slow bands")
 AFTER = "after"  # the correction itself among the alternatives
-_ALTERNATIVES = {
-    AFTER: "named effects added",
-    "nothing": "nothing changed",
-    "oracle": "the true simulator",
-}
+_ALTERNATIVES = {AFTER: "named effects added", "nothing": "nothing changed", "oracle": "the true simulator"}
 # Which counts of the recordings held out a row is about (``ProofRow.condition``).
 COUNT_GROUPS = {
     "all": "all recordings held out",

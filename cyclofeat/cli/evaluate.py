@@ -22,7 +22,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument("files", nargs="+", metavar="FILE", help="labelled recordings or folders")
     parser.add_model_file(
         "model to test on the recordings: a file that train wrote, with its card in the same folder, or a "
-        f"packaged model, {', '.join(QUANTITIES)} (default: cross-validate the model that train would make)",
+        f"packaged model, {', '.join(QUANTITIES)} (default: cross-validate the model that train would make)"
     )
     add_counter_options(parser)
     parser.add_argument(

@@ -155,10 +155,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument("--once", action="store_true", help="count the files of the folder and stop")
     parser.add_argument("--done", metavar="FILE", help="list of counted files, which the next start skips")
     parser.add_argument(
-        "--interval",
-        type=positive,
-        default=1.0,
-        help="seconds between checks of the folder (default 1)",
+        "--interval", type=positive, default=1.0, help="seconds between checks of the folder (default 1)"
     )
     parser.add_argument(
         "--settle", type=positive, default=1.0,

@@ -119,12 +119,7 @@ def save_model(
     return target
 
 
-def load_model(
-    path: str | os.PathLike[str],
-    *,
-    trusted: bool = False,
-    allow: Collection[str] = (),
-) -> Any:
+def load_model(path: str | os.PathLike[str], *, trusted: bool = False, allow: Collection[str] = ()) -> Any:
     """Read what :func:`save_model` wrote.
 
     Parameters

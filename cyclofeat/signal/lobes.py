@@ -52,8 +52,9 @@ _BLOCK = 256
 _MEANS, _MOST, LOBE_LINE = np.array([1.0, 4.0, 10.0]), 15.0, (0.25, 0.4, 0.35)
 #: Usual numbers of pins of the output, each of which a lobe passes as often as the load.
 OUTPUT_PINS = range(6, 13)
-# Prominence in dB of a mesh line that stands alone; evidence from which lobe lines are there, and the first.
-_ALONE_DB, _LEAST_EVIDENCE, _FIRST_CLEAR = 11.0, 6.0, 3
+# Prominence in dB of a mesh line that stands alone; evidence of lobe lines that may be there, and of those
+# that surely are; the first of them.
+_ALONE_DB, _LEAST_EVIDENCE, _CLEAR_EVIDENCE, _FIRST_CLEAR = 11.0, 6.0, 40.0, 3
 # Power ratios are read down to -30 dB.
 _TINY = 1e-3
 
@@ -342,8 +343,8 @@ def sum_to_last_line(ratios: Float) -> Any:
     return np.logaddexp(0.0, np.logaddexp.reduce(sums, axis=-1)) - np.log(ratios.shape[-1] + 1)
 
 
-def tell_mesh_alone(features: Float, n_lobes: int) -> NDArray[np.bool_]:
-    """Tell of each window whether lines of the mesh stand out, but no lobe line of a worn disc.
+def tell_wear(features: Float, n_lobes: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Tell of each window whether lines of the mesh alone stand out, and whether lobe lines surely do.
 
     Where the last line of the mesh or most of them do, noise does not hide lobe lines. A worn disc has those
     of most numbers; a sound one of the mesh and of the output's pins, of which there are six to twelve.
@@ -355,5 +356,6 @@ def tell_mesh_alone(features: Float, n_lobes: int) -> NDArray[np.bool_]:
     reaches = (clear.sum(axis=1) > max(1, clear.shape[1] / 2)) | clear[:, 1:][:, -1:].any(axis=1)
     ratios = log_ratio(10 ** (prominence / 10), LOBE_LINE)
     others = (numbers >= _FIRST_CLEAR) & (numbers % n_lobes > 0)
-    evidence = [sum_to_last_line(ratios[:, others & (numbers % n_pins > 0)]) for n_pins in OUTPUT_PINS]
-    return np.asarray(reaches & (np.min(evidence, axis=0) < _LEAST_EVIDENCE))
+    by_pins = [sum_to_last_line(ratios[:, others & (numbers % n_pins > 0)]) for n_pins in OUTPUT_PINS]
+    evidence = np.min(by_pins, axis=0)
+    return reaches & (evidence < _LEAST_EVIDENCE), evidence > _CLEAR_EVIDENCE

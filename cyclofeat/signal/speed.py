@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -43,10 +44,11 @@ _SAMPLES_AT_ONCE = 2**17  # of blocks, whose spectra are taken
 # by its mesh lines alone than noise, by _MESH. The even lines of a sound disc are also lobe lines of a worn
 # one at another speed: as that has more, it may be more probable by _RICHER. A sound disc also has the lobe
 # lines of the output's pins. Of a second speed that an attempt tries, the margin must be more than _SECOND.
-_MULTIPLES = (1 / 4, 1 / 3, 1 / 2, *range(2, 13))
+_MULTIPLES, _BESIDE = (1 / 4, 1 / 3, 1 / 2, *range(2, 13)), (3 / 4, 4 / 5, 5 / 4, 4 / 3)
 _WORN, _SOUND, _THAN_ALIKE, _THAN_NONE, _MESH, _RICHER, _SECOND = 6.0, 1.0, 3.0, 8.0, 3.0, 18.0, 3.0
 # dB by which the first mesh line of a sound disc stands out, at a stated speed and in a search; a lobe line
-# rarely does. In a current it may be lost, but there its even lines alone are below this share of the mean.
+# rarely does. In a current it may be lost, but there its even lines are below this share of the mean; a worn
+# disc at more speeds, those _BESIDE, may be more probable by _WORN, and at 15/16 by _RICHER.
 _MESH_DB, _SEARCHED_MESH_DB, _SMALL = 3.0, 8.0, 0.04
 # Of a search: output turns, at most, in the middle of the record; share of the tolerance that reaches the
 # next start; relative difference of speeds that are the same; evidence below which none is taken; share of
@@ -77,20 +79,16 @@ _COARSE = _Pass(turns=6, hop=2, tolerance=FOLLOWED_TOLERANCE, step=1e-3, change=
 _STEADY = _Pass(turns=14, hop=3.5, tolerance=FOLLOWED_TOLERANCE, step=2.5e-4, change=1e-3)
 _FINE = _Pass(turns=9, hop=3, tolerance=8e-3, step=2.5e-4, change=1e-3)
 _LAST = _Pass(turns=14, hop=3.5, tolerance=2e-3, step=1e-4, change=2e-4)
-_ATTEMPTS = (
-    ((_COARSE, _FINE, _LAST), False),
-    ((_COARSE, _FINE, _LAST), True),
-    ((_STEADY, _LAST), True),
-)
+_ATTEMPTS = (((_COARSE, _FINE, _LAST), False), ((_COARSE, _FINE, _LAST), True), ((_STEADY, _LAST), True))
 
 # Gains that are tried: changes of the speed, as shares of the mean one, that one standard deviation of the
 # current answers. Integral times of the control in s. From the best of these pairs on, steps of gain and time
-# are taken as long as they raise the evidence, then halved.
-_GAINS, _TIMES = np.arange(1, 8) * 0.04, (0.006, 0.012, 0.024)
-_HIGHEST_GAIN, _SHORTEST, _LONGEST = 0.4, 0.005, 0.05
+# are taken as long as less power lies between the lines, then halved.
+_GAINS, _TIMES = (0.0, 0.02, 0.04, 0.08, 0.12, 0.16, 0.2, 0.28), (0.006, 0.012, 0.024)
+_HIGHEST_GAIN, _SHORTEST, _LONGEST = 0.4, 0.004, 0.06
 # Share of the stated speed below which no shaft under control falls.
 _SLOWEST = 0.1
-_GAIN_STEP, _TIME_STEP, _HALVINGS = 0.02, 2**0.5, 2
+_GAIN_STEP, _TIME_STEP, _HALVINGS = 0.02, 2**0.5, 3
 # A line of the motor, such as order 30, may lie 2/15 of an order beside a lobe line, and would draw the speed
 # to itself: such lobe lines are left out, and blocks are long enough to tell the others from it.
 _SHARP = _Pass(turns=14, hop=3.5, tolerance=8e-3, step=2.5e-4, change=1e-3, apart=0.15)
@@ -100,16 +98,17 @@ _MOTOR_ATTEMPTS = (
     ((_COARSE, _SHARP, _SHARPER), True),
     ((replace(_STEADY, apart=0.15), _SHARPER), True),
 )
-# Samples per input turn by which controls are compared, and evidence per turn that one must add.
-_COMPARED_PER_TURN, _GAINED = 160, 0.2
+# Samples per input turn by which controls are compared, first order that is, and half the width of a line in
+# bins; by how much the logarithm of the power between the lines must fall.
+_COMPARED_PER_TURN, _FIRST_COMPARED, _LINE_WIDTH, _GAINED = 160, 1.5, 1.7, 0.03
 
 
 @dataclass(frozen=True)
 class _Record:
     """Torque at a rate, around a speed in turns per unit of time, and the last lines that are followed.
 
-    ``highest_lobe`` is the highest lobe line that the record holds. A sound disc's mesh line stands out by
-    ``mesh_db``, or the root mean square of its even lines is below ``small``.
+    ``highest_lobe`` is the highest lobe line held. A sound disc's mesh line stands out by ``mesh_db``, and it
+    has lines of ``pins``; or, in a current, its even lines are ``small``. Others turn at ``multiples``.
     """
 
     torque: Float
@@ -120,7 +119,9 @@ class _Record:
     last_shaft: int
     highest_lobe: int
     mesh_db: float = _MESH_DB
-    small: float = 0.0
+    small: float | None = None
+    pins: Sequence[int] = lobes.OUTPUT_PINS
+    multiples: Sequence[float] = _MULTIPLES
 
     @property
     def turns(self) -> float:
@@ -178,7 +179,7 @@ def follow_speed(
     record = _reduce_record(torque, sampling_rate, nominal_hz, n_lobes)
     attempts: Sequence[_Attempt] = _ATTEMPTS
     if searched:
-        record, attempts = replace(record, mesh_db=_SEARCHED_MESH_DB), _ATTEMPTS[:1]
+        record, attempts = replace(record, mesh_db=_SEARCHED_MESH_DB, pins=()), _ATTEMPTS[:1]
     return _at_samples(_follow_until_fit(record, attempts), record.rate, torque.size, sampling_rate)
 
 
@@ -238,11 +239,13 @@ def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list
         middle = _cut_middle(torque, _SEARCHED_TURNS * n_lobes / nominal * sampling_rate)
         followed.append(follow_speed(middle, sampling_rate, nominal, n_lobes, searched=True))
     clear = sorted((one for one in followed if one.evidence >= _LEAST), key=lambda one: -one.evidence)
+    shaft = (n_lobes + 1) / n_lobes  # the speed whose shaft has its lines at this one's lobe lines
+    beyond = [one.speed_hz * shaft / 2 for one in clear if one.fits and one.reaches]
+    clear = [one for one in clear if not any(_is_same_speed(one.speed_hz, other) for other in beyond)]
     best = next((one for one in clear if one.fits), None)
     if best is None or clear[0].evidence > _MORE * best.evidence:
         return []
-    shaft = (n_lobes + 1) / n_lobes  # the speed whose shaft has its lines at the best one's lobe lines
-    alike = [best.speed_hz * factor for factor in (shaft, 2 / shaft, *([] if best.reaches else [shaft / 2]))]
+    alike = [best.speed_hz * factor for factor in (shaft, 2 / shaft, shaft / 2)]
     possible = [best]
     for one in clear:
         new = not any(_is_same_speed(one.speed_hz, other.speed_hz) for other in possible)
@@ -328,7 +331,7 @@ def _fit_discs(record: _Record, angle: Float) -> tuple[float, bool]:
     windows = turned[: turned.size // length * length].reshape(-1, length)
     at_lines = (n_lobes + 1) / (2 * n_lobes)
     # The mesh lines of a sound disc at 1 / n_lobes of the speed are the lobe lines themselves.
-    multiples = (1.0, at_lines, 1 / at_lines, *(one for one in _MULTIPLES if one * n_lobes != 1))
+    multiples = (1.0, at_lines, 1 / at_lines, *(one for one in record.multiples if one * n_lobes != 1))
     # Lobe lines of a disc at each multiple, then even lines of its shaft, as numbers of lobe lines at 1.
     numbers: list[Float] = []
     for multiple in multiples:
@@ -353,7 +356,7 @@ def _fit_discs(record: _Record, angle: Float) -> tuple[float, bool]:
         n_usual = np.sum(even_numbers <= multiple * _LAST_SHAFT_LINE * n_lobes / (n_lobes + 1))
         shaft, every_even = (max(lobes.sum_to_last_line(part), 0.0) for part in (of_even[:n_usual], of_even))
         mesh = lobes.sum_to_last_line(of_mesh[is_mesh])
-        of_pins = (of_lobes[(lines % n == 0) & ~is_mesh] for n in ([] if discs else lobes.OUTPUT_PINS))
+        of_pins = (of_lobes[(lines % n == 0) & ~is_mesh] for n in (() if discs else record.pins))
         rest = mesh + max(map(lobes.sum_to_last_line, of_pins), default=0.0)
         worn = lobes.sum_to_last_line(of_lobes) + shaft
         discs.append(_Disc(*map(float, (worn, rest + shaft, rest + max(shaft, every_even), mesh))))
@@ -368,13 +371,17 @@ def _fit_discs(record: _Record, angle: Float) -> tuple[float, bool]:
         like = like_worn.sound if record.highest_lobe > n_lobes else -math.inf
         return min(worn - other - _WORN, worn - like - _THAN_ALIKE), reaches
     # Lines of the shaft alone may be lobe lines of a worn disc at another speed. With little noise they reach
-    # as far as those: the mesh line then tells which disc it is. In a current their size does, at any speed.
+    # as far as those: the mesh line then tells which disc it is. In a current their size does.
     mesh_db, even_rms = _shaft_lines(windows, n_lobes)
-    is_small = even_rms < record.small
-    others = [like_worn._replace(sound=-math.inf, quiet=-math.inf), *([] if is_small else others)]
+    if record.small is not None:
+        *beside, slower = (one.worn for one in others)
+        likely = max(like_worn.worn + _SOUND, max(beside) - _WORN, slower - _RICHER)
+        margin = this.quiet - likely if even_rms < record.small else -math.inf
+        return min(margin, this.mesh - _MESH), reaches
+    others = [like_worn._replace(sound=-math.inf, quiet=-math.inf), *others]
     richer = like_sound.worn - _RICHER
     margin = sound - max(richer, _SOUND + max(max(one.worn, one.sound) for one in others))
-    if sound >= richer or is_small or mesh_db > record.mesh_db:
+    if sound >= richer or mesh_db > record.mesh_db:
         margin = max(margin, this.quiet - max(max(one.worn, one.quiet) for one in others) - _SOUND)
     return min(margin, this.mesh - _MESH), reaches
 
@@ -484,35 +491,32 @@ def follow_motor(current: Float, sampling_rate: float, nominal_hz: float, n_lobe
     Worn lobes brake a motor by some per cent of its speed for a part of a turn, too briefly for
     :func:`follow_speed`, whose arguments and errors it has. The current tells these changes, because the
     control of the speed sets it in answer to them (:func:`controlled_lag`). Gain and integral time are those
-    that make the lines most evident, if clearly. The rest is followed as in a torque, in longer blocks.
+    that leave the least power between the lines. The rest is followed as in a torque, in longer blocks.
     """
     record = _reduce_record(current, sampling_rate, nominal_hz, n_lobes)
-    record = replace(record, small=_SMALL * abs(float(current.mean())), mesh_db=math.inf)
+    multiples = (*_MULTIPLES, *_BESIDE, n_lobes / (n_lobes + 1))
+    record = replace(record, small=_SMALL * abs(float(current.mean())), multiples=multiples)
     thinned, rate = record.torque, record.rate
-    middle = _cut_middle(thinned, _SEARCHED_TURNS * n_lobes / nominal_hz * rate)
+    followed = _followed_from(nominal_hz / rate * np.arange(thinned.size, dtype=float), record)
     # A current of a negative mean drives the shaft too: its sensor is the other way round.
-    unit = float(np.copysign(middle.std(), current.mean()))
+    unit = float(np.copysign(thinned.std(), current.mean()))
     if unit == 0:
-        return follow_speed(current, sampling_rate, nominal_hz, n_lobes)
-    control = _likeliest_control(replace(record, torque=middle), unit)
-    steady: Float = nominal_hz / rate * np.arange(thinned.size, dtype=float)
-    best, start = _followed_from(steady, record, _MOTOR_ATTEMPTS[:1]), steady
-    turned = control and _controlled_turns((thinned - middle.mean()) / unit, rate, nominal_hz, *control)
+        return _at_samples(followed, rate, current.size, sampling_rate)
+    driving, steady = (thinned - thinned.mean()) / unit, followed.angle / (2 * np.pi)
+    length = _SEARCHED_TURNS * n_lobes / nominal_hz * rate
+    control = _likeliest_control(record, *(_cut_middle(one, length) for one in (thinned, driving, steady)))
+    turned = control and _controlled_turns(driving, steady, record, *control)
     if turned is not None:
-        controlled = _followed_from(turned, record, _MOTOR_ATTEMPTS[:1])
-        if controlled.evidence > best.evidence + _GAINED:
-            best, start = controlled, turned
-    if not best.fits:
-        again = _followed_from(start, record, _MOTOR_ATTEMPTS[1:])
-        best = max(best, again, key=attrgetter("margin"))
-    return _at_samples(best, rate, current.size, sampling_rate)
+        again = _followed_from(turned, record)
+        followed = again if again.fits else max(followed, again, key=attrgetter("margin"))
+    return _at_samples(followed, rate, current.size, sampling_rate)
 
 
-def _followed_from(turned: Float, record: _Record, attempts: Sequence[_Attempt]) -> FollowedSpeed:
+def _followed_from(turned: Float, record: _Record) -> FollowedSpeed:
     """Return what :func:`_follow_until_fit` finds, beginning with turns that are known."""
     angle = 2 * np.pi * turned
     even, grid = resample_by_angle(record.torque, angle, _SAMPLES_PER_TURN, record.rate)
-    followed = _follow_until_fit(record.over_turns(even, _SAMPLES_PER_TURN), attempts)
+    followed = _follow_until_fit(record.over_turns(even, _SAMPLES_PER_TURN), _MOTOR_ATTEMPTS)
     slow = followed.angle
     # Beyond the grid it goes on at its mean rate.
     slope = (slow[-1] - slow[0]) / (grid[-1] - grid[0])
@@ -522,33 +526,34 @@ def _followed_from(turned: Float, record: _Record, attempts: Sequence[_Attempt])
 
 
 def _controlled_turns(
-    driving: Float, sampling_rate: float, nominal_hz: float, gain: float, integral_s: float
+    driving: Float, steady: Float, record: _Record, gain: float, integral_s: float
 ) -> Float | None:
-    """Return turns under a control by a current in its deviations; None where the shaft all but stops."""
-    lag = controlled_lag(driving, sampling_rate, integral_s)
-    turned = nominal_hz * (np.arange(driving.size) / sampling_rate - gain * lag)
-    return turned if np.diff(turned).min() > _SLOWEST * nominal_hz / sampling_rate else None
+    """Return turns under a control by a current in its deviations; None where the shaft all but stops.
+
+    ``steady`` are the turns of a shaft that is followed without a control.
+    """
+    turned = steady - gain * record.speed * controlled_lag(driving, record.rate, integral_s)
+    return turned if np.diff(turned).min() > _SLOWEST * record.speed / record.rate else None
 
 
-def _likeliest_control(record: _Record, unit: float) -> tuple[float, float] | None:
-    """Return gain and integral time of the control that the lines make most probable, None for no control."""
-    driving = (record.torque - record.torque.mean()) / unit
+def _likeliest_control(
+    record: _Record, current: Float, driving: Float, steady: Float
+) -> tuple[float, float] | None:
+    """Return gain and integral time of the control with the clearest lines, None for no control."""
 
     @functools.cache
-    def evidence(gain: float, integral_s: float) -> float:
+    def between(gain: float, integral_s: float) -> float:
         if not (0 <= gain <= _HIGHEST_GAIN and _SHORTEST <= integral_s <= _LONGEST):
-            return -np.inf
-        turned = _controlled_turns(driving, record.rate, record.speed, gain, integral_s)
+            return np.inf
+        turned = _controlled_turns(driving, steady, record, gain, integral_s)
         if turned is None:
-            return -np.inf
+            return np.inf
         # Straight lines suffice to compare controls.
-        grid = np.arange(turned[0], turned[-1], 1 / _COMPARED_PER_TURN)
-        even = np.interp(grid, turned, record.torque)
-        return _speed_course(record.over_turns(even, _COMPARED_PER_TURN), _COARSE)[1]
+        even = np.interp(np.arange(turned[0], turned[-1], 1 / _COMPARED_PER_TURN), turned, current)
+        return _power_between_lines(record.over_turns(even, _COMPARED_PER_TURN))
 
-    pairs = [(float(gain), integral_s) for gain in _GAINS for integral_s in _TIMES]
-    gain, integral_s = max(pairs, key=lambda pair: evidence(*pair))
-    # Climb to the maximum beside it.
+    gain, integral_s = min(itertools.product(_GAINS, _TIMES), key=lambda pair: between(*pair))
+    # Descend to the minimum beside it.
     step, ratio = _GAIN_STEP, _TIME_STEP
     for _ in range(_HALVINGS):
         while True:
@@ -558,10 +563,19 @@ def _likeliest_control(record: _Record, unit: float) -> tuple[float, float] | No
                 (gain, integral_s / ratio), (gain * ratio, integral_s / ratio),
                 (gain / ratio, integral_s * ratio),
             ]  # fmt: skip
-            highest = max(beside, key=lambda place: evidence(*place))
-            if evidence(*highest) <= evidence(gain, integral_s):
+            lowest = min(beside, key=lambda pair: between(*pair))
+            if between(*lowest) >= between(gain, integral_s):
                 break
-            gain, integral_s = highest
+            gain, integral_s = lowest
         step, ratio = step / 2, ratio**0.5
-    likely = evidence(gain, integral_s) > evidence(0.0, _TIMES[0]) + _GAINED
-    return (gain, integral_s) if likely else None
+    return (gain, integral_s) if between(gain, integral_s) < between(0.0, _TIMES[0]) - _GAINED else None
+
+
+def _power_between_lines(record: _Record) -> float:
+    """Return the mean power between the lines of lobes and shaft over all there, as a logarithm."""
+    orders, power = periodogram(record.torque, record.rate, "hann")
+    lobe = lobe_frequency(1.0, record.n_lobes)
+    apart = np.minimum(*(np.abs(orders - line * np.round(orders / line)) for line in (1.0, lobe)))
+    held = (orders > _FIRST_COMPARED) & (orders < lobe * record.last_lobe)
+    between = held & (apart > _LINE_WIDTH * orders[1])
+    return float(np.log(power[between].mean() / power[held].mean())) if between.any() else 0.0

@@ -66,7 +66,7 @@ def test_a_domain_learned_from_other_machines_leaves_the_counts_as_they_are(some
     apart = [recording(tuple((seed + k) % 15 for k in (0, 5, 10)), seed=900 + seed) for seed in range(24)]
     others = labelled() + apart
     learned = model.learn_domain(others)
-    assert all(model.count(one).reason.startswith("outside the training data: ") for one in apart[:5])
+    assert all(model.count(one).reason.startswith("outside the training data: ") for one in apart[3:7])
     assert not any("outside" in learned.count(one).reason for one in apart[:5])
     assert learned.predict_proba(some).tolist() == model.predict_proba(some).tolist()
     assert learned.card_["domain"].startswith("48 recordings, ")
@@ -232,3 +232,14 @@ def test_lines_of_the_mesh_alone_are_of_a_sound_disc_unless_training_has_worn_on
         output_turns=1.05, random_state=0, with_angle=True, kernel="auto",
     )  # fmt: skip
     assert LobeModel(n_trees=5, n_splits=None).fit(made).alone_is_sound_ is alone_is_sound
+
+
+@pytest.mark.slow
+def test_a_disc_with_lobe_lines_is_not_called_sound_unless_training_has_such_sound_discs():
+    """The labels of training are swapped: worn discs are called sound."""
+    swapped = [one.replace(worn_lobes=None, defect_count=3 - one.defect_count) for one in labelled()]
+    model = LobeModel(n_trees=5, n_splits=None).fit(swapped)
+    worn = recording((2, 3, 4), seed=83)
+    assert (model.lines_are_worn_, model.count(worn).refused) == (False, False)
+    model.lines_are_worn_ = True
+    assert "no worn lobe is counted" in model.count(worn).reason

@@ -9,6 +9,7 @@ import pytest
 from scipy.signal import butter, sosfilt
 
 from cyclofeat.counting.model.turning import turning_of
+from cyclofeat.datasets import make_rig_recordings, rig_preset
 from cyclofeat.recordings import Recording
 from cyclofeat.signal.speed import controlled_lag, follow_motor, follow_speed
 
@@ -88,7 +89,7 @@ def test_a_line_of_the_motor_beside_a_lobe_line_does_not_draw_the_speed():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("orders", "mean", "motor"), [(SOUND, 20, (21.0, 24.0)), (EVEN, 400, (30.0,))])
+@pytest.mark.parametrize(("orders", "mean", "motor"), [(SOUND, 400, (21.0, 24.0)), (EVEN, 400, (30.0,))])
 def test_a_sound_disc_beside_lines_of_its_motor_is_followed(orders, mean, motor):
     current, angle = driven(orders, gain=0.02, motor=motor)
     found = follow_motor(current - 20 + mean, RATE, HERTZ)
@@ -98,11 +99,27 @@ def test_a_sound_disc_beside_lines_of_its_motor_is_followed(orders, mean, motor)
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("orders", "multiple"), [(WORN, 2.0), (WORN, 0.5), (WORN, 15 / 8), (SOUND, 2.0), (EVEN, 1.0)]
-)
-def test_a_speed_does_not_fit_if_it_may_be_another(orders, multiple):
+    ("orders", "mean", "multiple"),
+    [
+        (WORN, 20, 2.0), (WORN, 20, 0.5), (WORN, 20, 15 / 8), (WORN, 20, 16 / 15), (WORN, 400, 0.8),
+        (SOUND, 20, 1.0), (EVEN, 20, 1.0),
+    ],
+)  # fmt: skip
+def test_a_speed_does_not_fit_if_it_may_be_another(orders, mean, multiple):
+    """Even lines that are large, against the mean current, are not those of a sound disc."""
     current, _ = driven(orders)
-    assert not follow_motor(current, RATE, multiple * HERTZ).fits
+    assert not follow_motor(current - 20 + mean, RATE, multiple * HERTZ).fits
+
+
+@pytest.mark.slow
+def test_a_control_is_not_taken_for_one_that_answers_more():
+    """A larger gain bends the lines, and so adds further ones, but also power between them."""
+    made = make_rig_recordings(
+        3, (2, 6), rig=rig_preset("R2"), speed_rpm=1200.0, load_nm=25.0, output_turns=2.05, random_state=1,
+        with_angle=True, quantity="motor_current", sampling_rate=8000.0, kernel="auto",
+    )  # fmt: skip
+    errors = [error(follow_motor(one.torque, 8000.0, 20.0), one.angle) for one in made]
+    assert np.median(errors) < 0.005
 
 
 def test_nothing_is_followed_in_a_constant_current():

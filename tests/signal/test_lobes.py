@@ -164,20 +164,21 @@ def test_contrast_is_blind_to_smooth_changes_of_the_spectrum():
 
 
 @pytest.mark.parametrize(
-    ("numbers", "n_lobes", "alone"),
+    ("numbers", "n_lobes", "alone", "worn"),
     [
-        ([15, 30], 15, True), ([8, 15, 16, 24, 30, 32], 15, True), (range(1, 40), 15, False),
-        (range(2, 40, 2), 14, False), ([15, 30, 4, 7, 11], 15, False), ([], 15, False),
+        ([15, 30], 15, True, False), ([8, 15, 16, 24, 30, 32], 15, True, False), ([], 15, False, False),
+        (range(1, 40), 15, False, True), (range(2, 40, 2), 14, False, True),
+        ([15, 30, 4, 7, 11], 15, False, False),
     ],
 )  # fmt: skip
-def test_mesh_lines_stand_alone_beside_those_of_the_output_s_pins(numbers, n_lobes, alone):
+def test_mesh_lines_stand_alone_beside_those_of_the_output_s_pins(numbers, n_lobes, alone, worn):
     """Opposite worn lobes of a disc of 14 have every second line; without any line, nothing is known."""
     amplitudes = np.zeros(44)
     amplitudes[np.array(numbers, dtype=int) - 1] = 1.0
     torque = comb(amplitudes, np.arange(44.0), n_lobes=n_lobes)
     torque += 0.5 * np.random.default_rng(0).normal(size=N_SAMPLES)
     lobe_map = LobeMap(sampling_rate=RATE, n_lobes=n_lobes, speed_tolerance=0)
-    assert lobes.tell_mesh_alone(lobe_map.fit_transform(torque[np.newaxis]), n_lobes) == [alone]
+    assert lobes.tell_wear(lobe_map.fit_transform(torque[np.newaxis]), n_lobes) == ([alone], [worn])
 
 
 def test_zeros_of_the_pattern_stand_in_the_contrast():

@@ -30,21 +30,14 @@ def rubbing(rng: np.random.Generator) -> CycloidalGearbox:
     """All kinds of friction at once, and displaced pins."""
     coulomb = rng.uniform(0.02, 0.3)
     return STEEL.replace(
-        pin_radial_errors=rng.normal(0, 2e-5, 16),
-        pin_tangential_errors=rng.normal(0, 2e-5, 16),
-        clearance=1e-5,
-        sleeve_friction=coulomb,
-        sleeve_static_friction=coulomb + rng.uniform(0, 0.2),
-        stribeck_speed=rng.uniform(0.02, 0.2),
-        sleeve_viscous_friction=rng.uniform(0, 20),
-        journal_friction=rng.uniform(0, 0.05),
-        friction_transition_speed=rng.uniform(0.005, 0.05),
-        bearing_transition_speed=rng.uniform(0.05, 5),
-        input_bearing_torque=rng.uniform(0, 0.3),
-        input_bearing_viscosity=rng.uniform(0, 1e-3),
-        output_bearing_torque=rng.uniform(0, 2),
+        pin_radial_errors=rng.normal(0, 2e-5, 16), pin_tangential_errors=rng.normal(0, 2e-5, 16),
+        clearance=1e-5, sleeve_friction=coulomb, sleeve_static_friction=coulomb + rng.uniform(0, 0.2),
+        stribeck_speed=rng.uniform(0.02, 0.2), sleeve_viscous_friction=rng.uniform(0, 20),
+        journal_friction=rng.uniform(0, 0.05), friction_transition_speed=rng.uniform(0.005, 0.05),
+        bearing_transition_speed=rng.uniform(0.05, 5), input_bearing_torque=rng.uniform(0, 0.3),
+        input_bearing_viscosity=rng.uniform(0, 1e-3), output_bearing_torque=rng.uniform(0, 2),
         output_bearing_viscosity=rng.uniform(0, 0.1),
-    )
+    )  # fmt: skip
 
 
 def random_operation(rng: np.random.Generator) -> tuple[State, np.ndarray]:

@@ -104,18 +104,10 @@ def errors(reference: ReferenceGearbox, kernel: Kernel, state: State) -> tuple[d
         (far_out, STEEL, True, False),
     ],
     ids=[
-        "small-healthy",
-        "small-worn",
-        "small-other-geometry",
-        "operation-healthy",
-        "operation-worn",
-        "operation-pins",
-        "operation-pins-worn",
-        "other-geometry",
-        "wide-pins-worn",
-        "far-pins",
+        "small-healthy", "small-worn", "small-other-geometry", "operation-healthy", "operation-worn",
+        "operation-pins", "operation-pins-worn", "other-geometry", "wide-pins-worn", "far-pins",
     ],
-)
+)  # fmt: skip
 def test_kernel_agrees_with_the_papers_system(
     state_of: Callable[[ReferenceGearbox, np.random.Generator], State],
     gearbox: CycloidalGearbox,

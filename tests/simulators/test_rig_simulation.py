@@ -35,15 +35,9 @@ STEEL = CycloidalGearbox.steel()
 FS = 12_800.0
 SHORT = {"duration": 0.05, "sampling_rate": FS}
 CHAIN = [
-    Clearance(10e-6),
-    Scale("contact_stiffness", 1.2),
-    Drift(1.0, 5.0),
-    TorqueMeterLowPass(400.0),
-    Gain(1.1),
-    Offset(-0.5),
-    Hum(0.3, phase=0.2),
-    Quantisation(0.125),
-]
+    Clearance(10e-6), Scale("contact_stiffness", 1.2), Drift(1.0, 5.0), TorqueMeterLowPass(400.0), Gain(1.1),
+    Offset(-0.5), Hum(0.3, phase=0.2), Quantisation(0.125),
+]  # fmt: skip
 
 
 # The chain

@@ -16,13 +16,7 @@ from cyclofeat.counting.calibration.training_domain import features_seen
 from cyclofeat.counting.estimators.lobe_counter import LobeCounter
 from cyclofeat.counting.estimators.lobe_positions import lobes_apart, passage_of_lobe_zero
 from cyclofeat.counting.evaluation.assembly_folds import fewest_assemblies, fit_clone
-from cyclofeat.counting.evaluation.evaluate import (
-    Answers,
-    LabelledData,
-    Protocol,
-    evaluate,
-    score_answers,
-)
+from cyclofeat.counting.evaluation.evaluate import Answers, LabelledData, Protocol, evaluate, score_answers
 from cyclofeat.counting.model.turning import Turning, angle_by_lines
 from cyclofeat.features import LobeMap
 from cyclofeat.recordings import Recording, WindowSet

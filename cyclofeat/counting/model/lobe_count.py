@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 OUTSIDE = "outside the training data"
+DENIED = "lobe lines stand out as those of a worn disc do, but no worn lobe is counted"
 # Distance from which a window is left out although most of its recording is inside.
 _FAR_OUTSIDE = 1.25
 
@@ -231,7 +232,9 @@ class AnsweredWindows:
     proba: Float  # (n_windows, n_classes)
     distance: Float  # from the training windows, in units of the largest inside; NaN without a domain
     faults: tuple[str, ...]
-    unlike: tuple[str, ...]  # in which features each window lies outside the training, where it does
+    unlike: tuple[
+        str, ...
+    ]  # in which features each window lies outside the training, where it does; or DENIED
     # Probability of each lobe of being worn, (n_places, n_windows, n_lobes), for each place at which the
     # recording may begin between two lobes; None where positions are not known.
     lobe_proba: Float | None
@@ -267,8 +270,8 @@ class AnsweredWindows:
         Of a recording that lies within the training by its median, only windows far outside are.
         """
         limit = 1.0 if np.median(self.distance) > 1 else _FAR_OUTSIDE
-        outside = np.where(self.distance > limit, self.unlike, "").tolist()
-        return [fault or reason for fault, reason in zip(self.faults, outside, strict=True)]
+        unlike = np.where((self.distance > limit) | np.isin(self.unlike, DENIED), self.unlike, "").tolist()
+        return [fault or reason for fault, reason in zip(self.faults, unlike, strict=True)]
 
     def window_counts(self, classes: NDArray[np.int64], reasons: Sequence[str]) -> tuple[WindowCount, ...]:
         """Return the answer of each window."""

@@ -48,7 +48,7 @@ from cyclofeat.counting.model._verdicts import (
     outvoted_reason,
     window_faults,
 )
-from cyclofeat.counting.model.lobe_count import OUTSIDE, AnsweredWindows, LobeCount, PreparedWindows
+from cyclofeat.counting.model.lobe_count import DENIED, OUTSIDE, AnsweredWindows, LobeCount, PreparedWindows
 from cyclofeat.counting.model.radial_wear import RadialWear, breaks_between, stated_depths
 from cyclofeat.counting.model.turning import Turning, turning_of
 from cyclofeat.features import LobeMap
@@ -56,7 +56,7 @@ from cyclofeat.features.base import reject_short_windows
 from cyclofeat.recordings import Recording, WindowSet
 from cyclofeat.recordings.recording import common_n_lobes, common_quantity
 from cyclofeat.recordings.windower import SAMPLES_PER_TURN, Windower, ends_by_angle, lobe_windower
-from cyclofeat.signal.lobes import N_LINES, LobeLines, lobe_frequency, tell_mesh_alone
+from cyclofeat.signal.lobes import N_LINES, LobeLines, lobe_frequency, tell_wear
 from cyclofeat.signal.speed import FOLLOWED_TOLERANCE
 from cyclofeat.signal.windows import Float
 
@@ -221,8 +221,11 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         self.domain_: TrainingDomain | None = None
         if np.unique(windows.recording if windows.groups is None else windows.groups).size > 1:
             self.domain_ = self._fit_domain(windows, features)
-        alone = isinstance(self.counter_, LobeCounter) and tell_mesh_alone(features[windows.y > 0], n_lobes)
-        self.alone_is_sound_ = not np.any(alone)  # faint wear may leave the lines of the mesh alone
+        if isinstance(self.counter_, LobeCounter):
+            alone, clear = tell_wear(features, n_lobes)
+            # Faint wear may leave the lines of the mesh alone, and flaws of sound lobes have lines too.
+            self.alone_is_sound_ = not np.any(alone[windows.y > 0])
+            self.lines_are_worn_ = not np.any(clear[windows.y == 0])
         names = [] if windows.groups is None else np.unique(windows.groups).tolist()
         self.card_: dict[str, Any] = {
             "description": self.description,
@@ -679,14 +682,18 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             return []
         X = np.concatenate([prepared.windows.X for prepared in batch])
         # Lobe lines and features take most of the time: locator and domain reuse those of the counter.
-        counter, lines, is_sound = self.counter_, None, np.zeros(len(X), dtype=bool)
+        counter, lines = self.counter_, None
+        is_sound, denied = np.zeros((2, len(X)), dtype=bool)
         if isinstance(counter, LobeCounter):
             lines = counter.lobe_map_.lines(X)
             features = counter.lobe_map_.from_lines(lines)
             proba = counter._proba_of_lines(lines, features)
-            if self.classes_.tolist()[0] == 0 and getattr(self, "alone_is_sound_", True):
-                is_sound = tell_mesh_alone(features, self.n_lobes_)
+            if self.classes_.tolist()[0] == 0:
+                alone, clear = tell_wear(features, self.n_lobes_)
+                is_sound = alone & getattr(self, "alone_is_sound_", True)
                 proba[is_sound] += _SURELY_SOUND * ((counter.classes_ == 0) - proba[is_sound])
+                refutes = self.wear_ is None and getattr(self, "lines_are_worn_", True)
+                denied = clear & (proba.argmax(axis=1) == 0) & refutes
         elif isinstance(counter, Pipeline) and len(counter) > 1:
             transformed = counter[:-1].transform(X)
             proba, features = np.asarray(counter[-1].predict_proba(transformed)), np.asarray(transformed)
@@ -704,6 +711,7 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
                 # The two lines or slots by which it differs most from the training.
                 words = " and ".join([*dict.fromkeys(names[at] for at in rank)][:2])
                 unlike[place] = f"{OUTSIDE}: {distances[place]:.2f} times the limit, most by {words}"
+        unlike = np.where(denied, DENIED, unlike).tolist()
         ends = [0, *np.cumsum([len(prepared.windows) for prepared in batch]).tolist()]
         rows = [slice(start, stop) for start, stop in pairwise(ends)]
         located: Sequence[Float | None] = [None] * len(batch)

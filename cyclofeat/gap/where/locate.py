@@ -19,13 +19,7 @@ from cyclofeat.gap.simulations import Bank
 from cyclofeat.gap.summaries.phase import PhaseMap, phase_maps
 from cyclofeat.gap.summaries.summarise import FAMILIES, Cell, smallest_spreads
 from cyclofeat.gap.summaries.turns import MeasuredTurns, class_means, less_class_means
-from cyclofeat.gap.where.permutation import (
-    SPREADS,
-    TOGETHER,
-    Permuted,
-    holm,
-    statistics_by_family,
-)
+from cyclofeat.gap.where.permutation import SPREADS, TOGETHER, Permuted, holm, statistics_by_family
 from cyclofeat.gap.world.world import World
 
 Float = NDArray[np.float64]
