@@ -29,7 +29,7 @@ from benchmarks.spoiled._run import (
 )
 from cyclofeat.models import load_default_model, load_model
 
-_GOALS = {"spoiled": {WRONG: 0.01, SURE: 0.0026}, "unspoiled": {REFUSED: 0.03}}
+_GOALS = {"spoiled": {WRONG: 0.01, SURE: 6 / 2304}, "unspoiled": {REFUSED: 0.03}}
 
 
 def page(found: Mapping[str, Found]) -> str:

@@ -351,17 +351,9 @@ def state_of(
         ends: list[float | None] = [*(time for _, time in begun[1:]), None]
         alarms = tuple((time, end) for (now, time), end in zip(begun, ends, strict=False) if now)
     return GearboxState(
-        gearbox=rows[0].gearbox,
-        n_recordings=len(rows),
-        n_refused=len(rows) - len(counted),
-        first=first,
-        last=last,
-        defect_count=counts[-1] if counts else None,
+        gearbox=rows[0].gearbox, n_recordings=len(rows), n_refused=len(rows) - len(counted),
+        first=first, last=last, defect_count=counts[-1] if counts else None,
         wear_um=counted[-1].answer.get("wear_um") if counted else None,
-        baseline=baseline,
-        recordings_per_month=rate,
-        rule=rule,
-        no_rule=no_rule,
-        alarm=bool(alarms) and alarms[-1][1] is None,
-        alarms=alarms,
-    )
+        baseline=baseline, recordings_per_month=rate, rule=rule, no_rule=no_rule,
+        alarm=bool(alarms) and alarms[-1][1] is None, alarms=alarms,
+    )  # fmt: skip

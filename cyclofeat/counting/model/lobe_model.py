@@ -125,6 +125,9 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         Fitted counter of windows; its ``classes_`` are the numbers of worn lobes.
     domain_ : TrainingDomain or None
         Fitted to the features that the counter sees; None where there was one assembly only.
+    alone_is_sound_, lines_are_worn_ : bool
+        Of a :class:`LobeCounter`: whether lines of the mesh alone tell a sound disc, and clear lobe lines
+        that it is none. False where training holds the contrary, of faint wear or of sound discs with flaws.
     wear_ : RadialWear or None
         Count and depth from several windows in a row, with ``wear_um``.
     card_ : dict
