@@ -240,6 +240,7 @@ def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list
         followed.append(follow_speed(middle, sampling_rate, nominal, n_lobes, searched=True))
     clear = sorted((one for one in followed if one.evidence >= _LEAST), key=lambda one: -one.evidence)
     shaft = (n_lobes + 1) / n_lobes  # the speed whose shaft has its lines at this one's lobe lines
+    # Lobe lines that reach further leave out the sound disc whose shaft has its lines at the lowest of them.
     beyond = [one.speed_hz * shaft / 2 for one in clear if one.fits and one.reaches]
     clear = [one for one in clear if not any(_is_same_speed(one.speed_hz, other) for other in beyond)]
     best = next((one for one in clear if one.fits), None)
@@ -374,8 +375,8 @@ def _fit_discs(record: _Record, angle: Float) -> tuple[float, bool]:
     # as far as those: the mesh line then tells which disc it is. In a current their size does.
     mesh_db, even_rms = _shaft_lines(windows, n_lobes)
     if record.small is not None:
-        *beside, slower = (one.worn for one in others)
-        likely = max(like_worn.worn + _SOUND, max(beside) - _WORN, slower - _RICHER)
+        *elsewhere, slower = (one.worn for one in others)
+        likely = max(like_worn.worn + _SOUND, max(elsewhere) - _WORN, slower - _RICHER)
         margin = this.quiet - likely if even_rms < record.small else -math.inf
         return min(margin, this.mesh - _MESH), reaches
     others = [like_worn._replace(sound=-math.inf, quiet=-math.inf), *others]
@@ -572,10 +573,11 @@ def _likeliest_control(
 
 
 def _power_between_lines(record: _Record) -> float:
-    """Return the mean power between the lines of lobes and shaft over all there, as a logarithm."""
+    """Return the logarithm of the mean power between lines of lobes and shaft, over that with the lines."""
     orders, power = periodogram(record.torque, record.rate, "hann")
     lobe = lobe_frequency(1.0, record.n_lobes)
     apart = np.minimum(*(np.abs(orders - line * np.round(orders / line)) for line in (1.0, lobe)))
     held = (orders > _FIRST_COMPARED) & (orders < lobe * record.last_lobe)
-    between = held & (apart > _LINE_WIDTH * orders[1])
-    return float(np.log(power[between].mean() / power[held].mean())) if between.any() else 0.0
+    between = power[held & (apart > _LINE_WIDTH * orders[1])]
+    # Lines of few turns leave nothing between them, and a dead sensor has no power.
+    return float(np.log(between.mean() / power[held].mean())) if between.any() else 0.0

@@ -244,14 +244,15 @@ def test_every_reason_is_explained_on_its_page():
     root = Path(__file__).parents[2]
     page = " ".join((root / "docs" / "howto" / "refused.rst").read_text(encoding="utf-8").split())
     model = root / "cyclofeat" / "counting" / "model"
-    text = "".join((model / name).read_text(encoding="utf-8") for name in ("_verdicts.py", "turning.py"))
+    files = "_verdicts.py", "turning.py", "lobe_count.py"
+    text = "".join((model / name).read_text(encoding="utf-8") for name in files)
     for words in (
         "of the samples are lost", "of the samples are clipped", "the torque changes only", "are too coarse",
         "a low-pass filter has removed what lobe lines", "the torque jumps", "the noise changes by a factor",
         "hides worn lobes", "the lobes pause within the window", "the speed changes",
         "the angle jumps or stands still within the window", "the angle jitters by", "its angle turns at",
         "than the angle says", "its windows have another count from some time on",
-        "its windows disagree about the count",
+        "its windows disagree about the count", "but no worn lobe is counted",
         "windows have its count", "no lobe, mesh or shaft lines stand out within",
         "its lines could as well be those of a disc at another speed than the stated",
     ):  # fmt: skip

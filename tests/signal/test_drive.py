@@ -122,8 +122,9 @@ def test_a_control_is_not_taken_for_one_that_answers_more():
     assert np.median(errors) < 0.005
 
 
-def test_nothing_is_followed_in_a_constant_current():
-    assert follow_motor(np.full(16_000, 3.0), RATE, HERTZ).evidence <= 0
+@pytest.mark.parametrize("beside", [[], [4.0, 2.0, 5.0, 2.0] * 75])
+def test_nothing_is_followed_in_a_current_that_is_constant_but_for_its_ends(beside):
+    assert follow_motor(np.r_[beside, np.full(32_000, 3.0), beside], RATE, HERTZ).evidence <= 0
 
 
 def test_a_current_that_is_too_short_is_an_error():

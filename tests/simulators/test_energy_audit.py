@@ -20,14 +20,9 @@ from cyclofeat.simulators.tables import kernel_input, pin_centres, rest_state
 STEEL = CycloidalGearbox.steel()
 CONSERVATIVE = STEEL.replace(contact_law="conservative")
 RUBBING = CONSERVATIVE.replace(
-    sleeve_friction=0.1,
-    sleeve_static_friction=0.15,
-    sleeve_viscous_friction=5.0,
-    journal_friction=0.02,
-    input_bearing_torque=0.1,
-    output_bearing_torque=0.5,
-    output_bearing_viscosity=0.01,
-)
+    sleeve_friction=0.1, sleeve_static_friction=0.15, sleeve_viscous_friction=5.0, journal_friction=0.02,
+    input_bearing_torque=0.1, output_bearing_torque=0.5, output_bearing_viscosity=0.01,
+)  # fmt: skip
 RNG = np.random.default_rng(40)
 UNEQUAL = CONSERVATIVE.replace(
     pin_radial_errors=RNG.normal(0, 1e-5, 16), pin_tangential_errors=RNG.normal(0, 1e-5, 16),
