@@ -245,22 +245,13 @@ class MeasuredRig:
         """Return the comparison with the world's model at a condition; noise and drift may differ anyway."""
         speed_hz = condition.speed_rpm / 60
         return Comparison(
-            sampling_rate=self.sampling_rate,
-            rig=world.rig.at(condition.speed_rpm, condition.load_nm),
-            duration=self.n_lobes / speed_hz,
-            input_speed_hz=speed_hz,
-            direction=condition.direction,
-            quantity=self.quantity,
-            may_differ=(*world.may_differ, *NOISE_AND_DRIFT),
-            defect_counts=world.defect_counts,
-            wheels=world.wheels,
-            tachometer=self.has_tachometer,
-            one_assembly=settings.one_assembly or self.of_one_assembly(condition),
-            n_bank=settings.n_bank,
-            random_state=settings.seed,
-            n_jobs=settings.n_jobs,
-            cache=settings.cache,
-        )
+            sampling_rate=self.sampling_rate, rig=world.rig.at(condition.speed_rpm, condition.load_nm),
+            duration=self.n_lobes / speed_hz, input_speed_hz=speed_hz, direction=condition.direction,
+            quantity=self.quantity, may_differ=(*world.may_differ, *NOISE_AND_DRIFT),
+            defect_counts=world.defect_counts, wheels=world.wheels, tachometer=self.has_tachometer,
+            one_assembly=settings.one_assembly or self.of_one_assembly(condition), n_bank=settings.n_bank,
+            random_state=settings.seed, n_jobs=settings.n_jobs, cache=settings.cache,
+        )  # fmt: skip
 
     def bank(self, comparison: Comparison) -> Bank:
         """Return the first output turn of each recording at a comparison's condition, as if simulated."""

@@ -49,7 +49,7 @@ _WORN, _SOUND, _THAN_ALIKE, _THAN_NONE, _MESH, _RICHER, _SECOND = 6.0, 1.0, 3.0,
 # dB by which the first mesh line of a sound disc stands out, at a stated speed and in a search; a lobe line
 # rarely does. In a current it may be lost, but there its even lines are below this share of the mean; a worn
 # disc at more speeds, those _BESIDE, may be more probable by _WORN, and at 15/16 by _RICHER.
-_MESH_DB, _SEARCHED_MESH_DB, _SMALL = 3.0, 8.0, 0.04
+_MESH_DB, _SEARCHED_MESH_DB, SMALL = 3.0, 8.0, 0.04
 # Of a search: output turns, at most, in the middle of the record; share of the tolerance that reaches the
 # next start; relative difference of speeds that are the same; evidence below which none is taken; share of
 # the most evidence from which another is possible too, and multiple of it that lines of no disc have at most.
@@ -373,7 +373,7 @@ def _fit_discs(record: _Record, angle: Float) -> tuple[float, bool]:
         return min(worn - other - _WORN, worn - like - _THAN_ALIKE), reaches
     # Lines of the shaft alone may be lobe lines of a worn disc at another speed. With little noise they reach
     # as far as those: the mesh line then tells which disc it is. In a current their size does.
-    mesh_db, even_rms = _shaft_lines(windows, n_lobes)
+    mesh_db, even_rms = shaft_lines(windows, _SAMPLES_PER_TURN, n_lobes)
     if record.small is not None:
         *elsewhere, slower = (one.worn for one in others)
         likely = max(like_worn.worn + _SOUND, max(elsewhere) - _WORN, slower - _RICHER)
@@ -387,10 +387,13 @@ def _fit_discs(record: _Record, angle: Float) -> tuple[float, bool]:
     return min(margin, this.mesh - _MESH), reaches
 
 
-def _shaft_lines(windows: Float, n_lobes: int) -> tuple[float, float]:
-    """Return by how many dB the first mesh line is above even ones beside it, and the rms of even ones."""
-    mesh, turns = n_lobes + 1, windows.shape[1] / _SAMPLES_PER_TURN
-    spectrum = periodogram(windows, _SAMPLES_PER_TURN, "hann")[1].mean(axis=0) / turns
+def shaft_lines(windows: Float, per_turn: float, n_lobes: int) -> tuple[float, float]:
+    """Return by how many dB the first mesh line is above even ones beside it, and the rms of even ones.
+
+    ``windows`` are over the angle, with so many samples ``per_turn`` of the input.
+    """
+    mesh, turns = n_lobes + 1, windows.shape[1] / per_turn
+    spectrum = periodogram(windows, per_turn, "hann")[1].mean(axis=0) / turns
     bins = np.round(np.arange(max(_LAST_SHAFT_LINE, mesh + 2) + 1) * turns).astype(int)
     power = spectrum[bins - 1] + spectrum[bins] + spectrum[bins + 1] + np.finfo(float).tiny
     level = 10 * np.log10(power)
@@ -496,7 +499,7 @@ def follow_motor(current: Float, sampling_rate: float, nominal_hz: float, n_lobe
     """
     record = _reduce_record(current, sampling_rate, nominal_hz, n_lobes)
     multiples = (*_MULTIPLES, *_BESIDE, n_lobes / (n_lobes + 1))
-    record = replace(record, small=_SMALL * abs(float(current.mean())), multiples=multiples)
+    record = replace(record, small=SMALL * abs(float(current.mean())), multiples=multiples)
     thinned, rate = record.torque, record.rate
     followed = _followed_from(nominal_hz / rate * np.arange(thinned.size, dtype=float), record)
     # A current of a negative mean drives the shaft too: its sensor is the other way round.

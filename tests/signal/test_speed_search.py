@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cyclofeat.signal.speed import follow_speed, search_speed
+from cyclofeat.signal.speed import follow_speed, search_speed, shaft_lines
 
 RATE = 4_000.0
 
@@ -117,6 +117,12 @@ def test_a_speed_at_the_end_of_the_range_is_not_believed(worn, beside):
     assert near.fits
     assert 60 * near.speed_hz == pytest.approx(330, rel=2e-3)
     assert not follow_speed(torque(330.0, 20, worn=worn), RATE, 330 / 60 / (1 + beside)).fits
+
+
+def test_even_lines_of_the_shaft_have_their_root_mean_square():
+    turned = 2 * np.pi * np.arange(2 * 15 * 128).reshape(2, -1) / 128
+    windows = 3 * np.cos(6 * turned) + 4 * np.cos(20 * turned) + 9 * np.cos(7 * turned) + 22
+    assert shaft_lines(windows, 128, 15)[1] == pytest.approx(5 / 2**0.5)
 
 
 def test_lines_of_the_shaft_alone_are_no_disc():

@@ -204,18 +204,15 @@ def pin_energy(phi, omega, state, wheel, contact, mounts, memory):
 @pytest.mark.parametrize(
     ("gearbox", "defects"),
     [
-        (CONSERVATIVE, LobeDefects.healthy()),
-        (CONSERVATIVE, WORN),
+        (CONSERVATIVE, LobeDefects.healthy()), (CONSERVATIVE, WORN), (RUBBING, WORN), (UNEQUAL, WORN),
         (CONSERVATIVE, LobeDefects.worn((0, 4), wheels=(0,), depth=0.4)),
         (CONSERVATIVE, LobeDefects.worn(7, wear_um=100)),
         (CONSERVATIVE, LobeDefects.removed(7, wheels=(0,))),
         (CONSERVATIVE.with_brake(0.02, 1e4, 0.05), WORN),
-        (RUBBING, WORN),
-        (UNEQUAL, WORN),
         (UNEQUAL, LobeDefects.worn((0, 3, 8), wheels=(0,), depth=0.5)),
         (UNEQUAL, LobeDefects.removed(3, wheels=(1,))),
     ],
-)
+)  # fmt: skip
 def test_conservative_law_balances(gearbox: CycloidalGearbox, defects: LobeDefects) -> None:
     """1e-3 was asked for; only the quadrature is left."""
     audit = energy_audit(gearbox, defects, duration=0.12)

@@ -215,7 +215,7 @@ class PreparedWindows:
     doubt: str  # why the speed is doubted, else empty
     notes: tuple[str, ...]  # what the reader should know
     first_angle: float  # of the input at the recording's first window in rad
-    by_tachometer: bool  # whether that tells the angle, not lines of the torque
+    is_sure: bool  # whether a sound disc's lines cannot be those of a worn one at another speed
 
     @property
     def absolute(self) -> bool:

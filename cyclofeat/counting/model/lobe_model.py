@@ -57,7 +57,7 @@ from cyclofeat.recordings import Recording, WindowSet
 from cyclofeat.recordings.recording import common_n_lobes, common_quantity
 from cyclofeat.recordings.windower import SAMPLES_PER_TURN, Windower, ends_by_angle, lobe_windower
 from cyclofeat.signal.lobes import N_LINES, LobeLines, lobe_frequency, tell_wear
-from cyclofeat.signal.speed import FOLLOWED_TOLERANCE
+from cyclofeat.signal.speed import FOLLOWED_TOLERANCE, SMALL, shaft_lines
 from cyclofeat.signal.windows import Float
 
 # Samples of windows that are counted together.
@@ -602,7 +602,12 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         stops = ends_by_angle(windows.start_angle, *length, turning.angle, recording.sampling_rate)
         faults = window_faults(recording, windows, stops, self.n_lobes_)
         doubt = turning.doubt or self._untrained_speed(turning.speed_hz)
-        known = doubt, tuple(notes), float(windows.start_angle[0]), not turning.note
+        _, even_rms = shaft_lines(windows.X, windows.sampling_rate, self.n_lobes_)
+        # A worn disc that turns at 15/8 of the speed would have larger lines there. At the output, rotor and
+        # torque meter may hide them.
+        is_small = even_rms < SMALL * abs(float(recording.torque.mean()))
+        is_sure = not turning.note or (recording.quantity == "input_torque" and is_small)
+        known = doubt, tuple(notes), float(windows.start_angle[0]), is_sure
         return PreparedWindows(windows, stops, faults, *known)
 
     def _count_prepared(self, batch: Sequence[PreparedWindows]) -> list[LobeCount]:
@@ -705,7 +710,7 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
             features = features_seen(counter, X)
         distances, unlike = np.full(len(X), np.nan), [OUTSIDE] * len(X)
         if self.domain_ is not None:
-            limit = [_QUIET if prepared.by_tachometer else 1.0 for prepared in batch for _ in prepared.faults]
+            limit = [_QUIET if prepared.is_sure else 1.0 for prepared in batch for _ in prepared.faults]
             distances = self.domain_.distance(features) / np.where(is_sound, limit, 1.0)
             outside = np.flatnonzero(distances > 1)
             names = feature_words(counter, features.shape[1]) if outside.size else []
