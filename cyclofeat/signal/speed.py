@@ -390,11 +390,13 @@ def _fit_discs(record: _Record, angle: Float) -> tuple[float, bool]:
 def shaft_lines(windows: Float, per_turn: float, n_lobes: int) -> tuple[float, float]:
     """Return by how many dB the first mesh line is above even ones beside it, and the rms of even ones.
 
-    ``windows`` are over the angle, with so many samples ``per_turn`` of the input.
+    ``windows`` are over the angle, with so many samples ``per_turn`` of the input. Lines that these do not
+    hold have no power.
     """
     mesh, turns = n_lobes + 1, windows.shape[1] / per_turn
     spectrum = periodogram(windows, per_turn, "hann")[1].mean(axis=0) / turns
     bins = np.round(np.arange(max(_LAST_SHAFT_LINE, mesh + 2) + 1) * turns).astype(int)
+    spectrum = np.append(spectrum, np.zeros(bins[-1] + 2))
     power = spectrum[bins - 1] + spectrum[bins] + spectrum[bins + 1] + np.finfo(float).tiny
     level = 10 * np.log10(power)
     of_even = np.sqrt(power[_FIRST_SHAFT_LINE : _LAST_SHAFT_LINE + 1 : 2].sum())
