@@ -242,16 +242,16 @@ def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list
     shaft = (n_lobes + 1) / n_lobes  # the speed whose shaft has its lines at this one's lobe lines
     # Lobe lines that reach further leave out the sound disc whose shaft has its lines at the lowest of them.
     beyond = [one.speed_hz * shaft / 2 for one in clear if one.fits and one.reaches]
-    clear = [one for one in clear if not any(_is_same_speed(one.speed_hz, other) for other in beyond)]
+    clear = [one for one in clear if not _is_one_of(one.speed_hz, beyond)]
     best = next((one for one in clear if one.fits), None)
     if best is None or clear[0].evidence > _MORE * best.evidence:
         return []
     alike = [best.speed_hz * factor for factor in (shaft, 2 / shaft, shaft / 2)]
     possible = [best]
     for one in clear:
-        new = not any(_is_same_speed(one.speed_hz, other.speed_hz) for other in possible)
+        new = not _is_one_of(one.speed_hz, [other.speed_hz for other in possible])
         likely = one.evidence >= _POSSIBLE * best.evidence
-        if new and likely and (one.fits or any(_is_same_speed(one.speed_hz, other) for other in alike)):
+        if new and likely and (one.fits or _is_one_of(one.speed_hz, alike)):
             possible.append(one)
     whole = [follow_speed(torque, sampling_rate, one.speed_hz, n_lobes) for one in possible]
     return whole if whole[0].fits else []
@@ -264,8 +264,8 @@ def _cut_middle(torque: Float, length: float) -> Float:
     return torque[first : first + n_samples]
 
 
-def _is_same_speed(speed: float, other: float) -> bool:
-    return abs(speed / other - 1) <= _SAME
+def _is_one_of(speed: float, others: Sequence[float]) -> bool:
+    return any(abs(speed / other - 1) <= _SAME for other in others)
 
 
 def _follow_until_fit(record: _Record, attempts: Sequence[_Attempt]) -> FollowedSpeed:
@@ -375,7 +375,7 @@ def _fit_discs(record: _Record, angle: Float) -> tuple[float, bool]:
     # as far as those: the mesh line then tells which disc it is. In a current their size does.
     mesh_db, even_rms = shaft_lines(windows, _SAMPLES_PER_TURN, n_lobes)
     if record.small is not None:
-        *elsewhere, slower = (one.worn for one in others)
+        *elsewhere, slower = (one.worn for one in others)  # the last at 15/16 of the speed for 15 lobes
         likely = max(like_worn.worn + _SOUND, max(elsewhere) - _WORN, slower - _RICHER)
         margin = this.quiet - likely if even_rms < record.small else -math.inf
         return min(margin, this.mesh - _MESH), reaches

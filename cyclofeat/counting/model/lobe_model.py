@@ -602,11 +602,12 @@ class LobeModel(WithCard, PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
         stops = ends_by_angle(windows.start_angle, *length, turning.angle, recording.sampling_rate)
         faults = window_faults(recording, windows, stops, self.n_lobes_)
         doubt = turning.doubt or self._untrained_speed(turning.speed_hz)
-        _, even_rms = shaft_lines(windows.X, windows.sampling_rate, self.n_lobes_)
+        is_sure = not turning.note
         # A worn disc that turns at 15/8 of the speed would have larger lines there. At the output, rotor and
         # torque meter may hide them.
-        is_small = even_rms < SMALL * abs(float(recording.torque.mean()))
-        is_sure = not turning.note or (recording.quantity == "input_torque" and is_small)
+        if not is_sure and recording.quantity == "input_torque":
+            _, even_rms = shaft_lines(windows.X, windows.sampling_rate, self.n_lobes_)
+            is_sure = even_rms < SMALL * abs(float(recording.torque.mean()))
         known = doubt, tuple(notes), float(windows.start_angle[0]), is_sure
         return PreparedWindows(windows, stops, faults, *known)
 
